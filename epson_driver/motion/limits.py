@@ -1,0 +1,44 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The bounds that every commanded motion stays within (docs/invariants.md, 2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of n joints: arrays of shape (n,), in rad, rad/s, rad/s², rad/s³ (or m …).
+
+    Raises ValueError that names the joint, the quantity and the value if the lengths differ, a
+    number is not finite, a range is empty, or a limit is not positive.
+    """
+
+    names: tuple[str, ...]
+    position_min: Array
+    position_max: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+    def __post_init__(self) -> None:
+        if not self.names or len(set(self.names)) != len(self.names):
+            raise ValueError(f'joint names must be there and differ: {self.names}')
+        for quantity in ('position_min', 'position_max', 'velocity', 'acceleration', 'jerk'):
+            values = np.array(getattr(self, quantity), dtype=float)
+            if values.shape != (len(self.names),):
+                raise ValueError(f'{quantity}: {values.size} values for {len(self.names)} joints')
+            for name, value in zip(self.names, values, strict=True):
+                if not np.isfinite(value):
+                    raise ValueError(f'{name}: {quantity} = {value} is not finite')
+                if not quantity.startswith('position') and value <= 0.0:
+                    raise ValueError(f'{name}: {quantity} = {value} must be positive')
+            values.flags.writeable = False
+            object.__setattr__(self, quantity, values)
+        for name, low, high in zip(self.names, self.position_min, self.position_max, strict=True):
+            if low >= high:
+                raise ValueError(f'{name}: position range {low} … {high} is empty')

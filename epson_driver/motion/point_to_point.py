@@ -1,0 +1,116 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Straight moves in joint space from rest to rest, and stops on the way, inside every limit.
+
+All joints start and end together (SPEL+ `Go`). The move is one jerk-limited motion along the
+line, with the limits of the joint that binds; so a stop stays on the line too.
+"""
+
+import numpy as np
+from ruckig import ControlInterface, InputParameter, Result, Ruckig
+from ruckig import Trajectory as RuckigTrajectory
+
+from epson_driver.motion.limits import Array, JointLimits
+
+SHORTEST_MOVE = 1e-9
+"""A line shorter than this (rad, in the joint that moves most) is no move."""
+
+
+class LineMotion:
+    """A motion along a line, as a function of the time since it began.
+
+    `duration` is in s. Made by `go` and `stop`, not directly.
+    """
+
+    def __init__(
+        self,
+        limits: JointLimits,
+        origin: Array,
+        direction: Array,
+        course: RuckigTrajectory | None,
+        end: Array,
+    ) -> None:
+        self._limits = limits
+        self._origin = origin
+        self._direction = direction
+        self._course = course
+        self._end = end
+        self.duration: float = 0.0 if course is None else course.duration
+
+    def at(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
+        if self._course is None or time >= self.duration:
+            zeros = np.zeros_like(self._end)
+            return self._end.copy(), zeros, zeros.copy()
+        (s,), (v,), (a,) = self._course.at_time(max(time, 0.0))
+        direction = self._direction
+        return self._origin + s * direction, v * direction, a * direction
+
+    def stop(self, time: float) -> 'LineMotion':
+        """Return the fastest stop along the line from this motion's state at `time`."""
+        if self._course is None or time >= self.duration:
+            return LineMotion(self._limits, self._end, self._direction, None, self._end)
+        state = self._course.at_time(max(time, 0.0))
+        inp = _bounds_along(self._direction, self._limits, 1.0, 1.0)
+        inp.control_interface = ControlInterface.Velocity
+        inp.current_position, inp.current_velocity, inp.current_acceleration = state
+        inp.target_velocity = [0.0]
+        course = _solve(inp)
+        (s,), _, _ = course.at_time(course.duration)
+        end = self._origin + s * self._direction
+        return LineMotion(self._limits, self._origin, self._direction, course, end)
+
+
+def go(
+    limits: JointLimits, start: Array, target: Array, speed: float = 1.0, accel: float = 1.0
+) -> LineMotion:
+    """Return the fastest move from rest at `start` to rest at `target`, shapes (n,), rad.
+
+    `speed` and `accel` are fractions (0, 1] of the velocity and of the acceleration limits, as
+    SPEL+'s percentages. Raises ValueError for other fractions, wrong lengths, numbers that are not
+    finite, and a target outside the position limits.
+    """
+    for name, value in (('speed', speed), ('accel', accel)):
+        if not 0.0 < value <= 1.0:
+            raise ValueError(f'{name} = {value}: must be in (0, 1]')
+    for name, vector in (('start', start), ('target', target)):
+        if vector.shape != (len(limits.names),):
+            raise ValueError(f'{name}: {vector.size} values for {len(limits.names)} joints')
+        if not np.all(np.isfinite(vector)):
+            raise ValueError(f'{name} = {vector.tolist()}: not finite')
+    outside = (target < limits.position_min) | (target > limits.position_max)
+    if outside.any():
+        joint = int(np.argmax(outside))
+        raise ValueError(
+            f'{limits.names[joint]}: target {target[joint]:.6g} is outside the limits '
+            f'{limits.position_min[joint]:.6g} … {limits.position_max[joint]:.6g} rad'
+        )
+    difference = target - start
+    length = float(np.max(np.abs(difference)))
+    if length < SHORTEST_MOVE:
+        return LineMotion(limits, start, np.zeros_like(start), None, target)
+    direction = difference / length
+    inp = _bounds_along(direction, limits, speed, accel)
+    inp.current_position = [0.0]
+    inp.target_position = [length]
+    return LineMotion(limits, start, direction, _solve(inp), target)
+
+
+def _bounds_along(
+    direction: Array, limits: JointLimits, speed: float, accel: float
+) -> InputParameter:
+    share = np.abs(direction)
+    moving = share > 0.0
+    inp = InputParameter(1)
+    inp.max_velocity = [float(np.min(limits.velocity[moving] / share[moving])) * speed]
+    inp.max_acceleration = [float(np.min(limits.acceleration[moving] / share[moving])) * accel]
+    inp.max_jerk = [float(np.min(limits.jerk[moving] / share[moving])) * accel]
+    return inp
+
+
+def _solve(inp: InputParameter) -> RuckigTrajectory:
+    course = RuckigTrajectory(1)
+    result = Ruckig(1).calculate(inp, course)
+    if result not in (Result.Working, Result.Finished):
+        raise RuntimeError(f'ruckig: {result} for {inp}')
+    return course

@@ -1,0 +1,115 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A planned trajectory, and everything that can be wrong with it before it is sent."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion.limits import Array, JointLimits
+
+LIMIT_TOLERANCE = 1e-6
+"""Relative excess of a limit that is taken for rounding: plans are often made at the limit."""
+
+_QUANTITIES = (('positions', 'rad'), ('velocities', 'rad/s'), ('accelerations', 'rad/s²'))
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """n points of m joints; times in s from the start, non-negative and strictly increasing.
+
+    positions: shape (n, m), rad. velocities, accelerations: the same shape, or None if the plan
+    has none. times: shape (n,), s.
+    """
+
+    joint_names: tuple[str, ...]
+    times: Array
+    positions: Array
+    velocities: Array | None = None
+    accelerations: Array | None = None
+
+    @property
+    def duration(self) -> float:
+        """Time from the start to the last point, s."""
+        return float(self.times[-1])
+
+    def in_order(self, joint_names: tuple[str, ...]) -> 'Trajectory':
+        """Return the same trajectory with its joints in another order (the same set of names)."""
+        columns = [self.joint_names.index(name) for name in joint_names]
+        return Trajectory(
+            joint_names,
+            self.times,
+            self.positions[:, columns],
+            None if self.velocities is None else self.velocities[:, columns],
+            None if self.accelerations is None else self.accelerations[:, columns],
+        )
+
+
+def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
+    """Yield a sentence for everything that forbids executing the trajectory.
+
+    The joints must be in the order of the limits. Each sentence names the point (counted from 0),
+    the joint, the value and the limit. Accelerations must be finite, but are not held against a
+    limit: the points are a plan to follow, not the motion itself.
+    """
+    not_finite = list(_not_finite(trajectory))
+    yield from not_finite
+    if not_finite:
+        return
+    yield from _times(trajectory)
+    yield from _beyond(
+        trajectory.positions, limits.position_min, limits.position_max, 'position', 'rad', limits
+    )
+    if trajectory.velocities is not None:
+        yield from _beyond(
+            trajectory.velocities, -limits.velocity, limits.velocity, 'velocity', 'rad/s', limits
+        )
+    yield from _too_fast(trajectory, limits)
+
+
+def _not_finite(trajectory: Trajectory) -> Iterator[str]:
+    for index in np.flatnonzero(~np.isfinite(trajectory.times)):
+        yield f'point {index}: time_from_start = {trajectory.times[index]} is not finite'
+    for quantity, unit in _QUANTITIES:
+        values = getattr(trajectory, quantity)
+        if values is not None:
+            for point, joint in np.argwhere(~np.isfinite(values)):
+                name = trajectory.joint_names[joint]
+                value = f'{values[point, joint]} {unit}'
+                yield f'point {point}, {name}: {quantity} = {value} is not finite'
+
+
+def _times(trajectory: Trajectory) -> Iterator[str]:
+    times = trajectory.times
+    if times[0] < 0.0:
+        yield f'point 0: time_from_start = {times[0]:g} s is negative'
+    for index in np.flatnonzero(np.diff(times) <= 0.0) + 1:
+        yield (
+            f'point {index}: time_from_start = {times[index]:g} s is not after the '
+            f'{times[index - 1]:g} s of the point before: times must strictly increase'
+        )
+
+
+def _beyond(
+    values: Array, low: Array, high: Array, quantity: str, unit: str, limits: JointLimits
+) -> Iterator[str]:
+    slack = LIMIT_TOLERANCE * (high - low)
+    for point, joint in np.argwhere((values < low - slack) | (values > high + slack)):
+        value = f'{values[point, joint]:.6g} {unit}'
+        allowed = f'{low[joint]:.6g} … {high[joint]:.6g} {unit}'
+        where = f'point {point}, {limits.names[joint]}'
+        yield f'{where}: {quantity} {value} is outside the limits {allowed}'
+
+
+def _too_fast(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
+    steps = np.diff(trajectory.times)
+    if np.any(steps <= 0.0):
+        return
+    speeds = np.abs(np.diff(trajectory.positions, axis=0)) / steps[:, None]
+    for segment, joint in np.argwhere(speeds > limits.velocity * (1.0 + LIMIT_TOLERANCE)):
+        yield (
+            f'points {segment} to {segment + 1}, {limits.names[joint]}: '
+            f'{speeds[segment, joint]:.6g} rad/s would be needed, the velocity limit is '
+            f'{limits.velocity[joint]:.6g} rad/s'
+        )

@@ -1,0 +1,72 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers of the simple message protocol (REP-I0004 message ids, REP-I0006 structures)."""
+
+from enum import IntEnum, IntFlag
+
+MAX_JOINTS = 10
+"""Every message that carries joint data carries ten values; unused ones are 0.0."""
+
+
+class MessageType(IntEnum):
+    """Message ids this package knows a layout for; every other id is carried as `Opaque`."""
+
+    PING = 1
+    GET_VERSION = 2
+    JOINT_POSITION = 10
+    JOINT_TRAJ_PT = 11
+    JOINT_TRAJ = 12
+    STATUS = 13
+    JOINT_TRAJ_PT_FULL = 14
+    JOINT_FEEDBACK = 15
+
+
+class CommType(IntEnum):
+    """Second header word: how a message is meant."""
+
+    INVALID = 0
+    TOPIC = 1
+    SERVICE_REQUEST = 2
+    SERVICE_REPLY = 3
+
+
+class ReplyCode(IntEnum):
+    """Third header word: INVALID in topics and requests, SUCCESS or FAILURE in replies."""
+
+    INVALID = 0
+    SUCCESS = 1
+    FAILURE = 2
+
+
+class SpecialSequence(IntEnum):
+    """Negative sequence numbers with a meaning of their own; other negative ones are reserved."""
+
+    START_TRAJECTORY_DOWNLOAD = -1
+    START_TRAJECTORY_STREAMING = -2
+    END_TRAJECTORY = -3
+    STOP_TRAJECTORY = -4
+
+
+class TriState(IntEnum):
+    """Values of the STATUS fields that can be unknown."""
+
+    UNKNOWN = -1
+    FALSE = 0
+    TRUE = 1
+
+
+class Mode(IntEnum):
+    """Values of `Status.mode`. 0 is not a value."""
+
+    UNKNOWN = -1
+    MANUAL = 1
+    AUTO = 2
+
+
+class ValidFields(IntFlag):
+    """Bits of `valid_fields` in JOINT_TRAJ_PT_FULL and JOINT_FEEDBACK."""
+
+    TIME = 1
+    POSITION = 2
+    VELOCITY = 4
+    ACCELERATION = 8

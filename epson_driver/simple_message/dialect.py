@@ -1,0 +1,32 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How a controller writes numbers: byte order and width of reals are its own, not negotiated."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class ByteOrder(Enum):
+    """Order of the bytes of every int and real; the value is `struct`'s prefix."""
+
+    LITTLE = '<'
+    BIG = '>'
+
+
+class Real(Enum):
+    """Width of `shared_real`; the value is `struct`'s code."""
+
+    FLOAT32 = 'f'
+    FLOAT64 = 'd'
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """Byte order and real width of one controller. EPSON's RC620 (x86): little endian, float32."""
+
+    byte_order: ByteOrder = ByteOrder.LITTLE
+    real: Real = Real.FLOAT32
+
+
+LITTLE_ENDIAN = Dialect()
+BIG_ENDIAN = Dialect(ByteOrder.BIG)

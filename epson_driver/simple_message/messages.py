@@ -1,0 +1,115 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The messages' bodies as values. Joint data is in rad (or m), always ten numbers, time in s.
+
+A class lists its fields in the order of the wire; `layouts.py` says how wide each is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from epson_driver.simple_message.constants import MAX_JOINTS, Mode, TriState
+
+ZEROS: tuple[float, ...] = (0.0,) * MAX_JOINTS
+
+
+def joint_data(values: Sequence[float]) -> tuple[float, ...]:
+    """Fill joint values up to the ten that the wire carries, with 0.0."""
+    if len(values) > MAX_JOINTS:
+        raise ValueError(f'{len(values)} joints: a message carries at most {MAX_JOINTS}')
+    return tuple(values) + ZEROS[len(values) :]
+
+
+class Message:
+    """Base of every message body, for types only. A vendor's message is one more subclass."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Ping(Message):
+    """PING (1). The C++ library sends no body, REP-I0006 ten zeros: both are `Ping`."""
+
+    padding: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class GetVersion(Message):
+    """GET_VERSION (2). The request is empty; the reply carries (major, minor, patch)."""
+
+    version: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class JointPosition(Message):
+    """JOINT_POSITION (10): where the joints are; also the usual body of a reply."""
+
+    sequence: int = 0
+    joints: tuple[float, ...] = ZEROS
+
+
+@dataclass(frozen=True, slots=True)
+class JointTrajPt(Message):
+    """JOINT_TRAJ_PT (11): one point of a trajectory.
+
+    `velocity` is a fraction of the joints' maximum speed, (0, 1]; `duration` is the time from the
+    point before, s. A negative `sequence` is a `SpecialSequence`.
+    """
+
+    sequence: int
+    joints: tuple[float, ...] = ZEROS
+    velocity: float = 0.0
+    duration: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class JointTraj(Message):
+    """JOINT_TRAJ (12): a whole trajectory in one message, at most 200 points."""
+
+    points: tuple[JointTrajPt, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Status(Message):
+    """STATUS (13). The tri-state fields hold `TriState` numbers, `mode` a `Mode` number."""
+
+    drives_powered: int = TriState.UNKNOWN
+    e_stopped: int = TriState.UNKNOWN
+    error_code: int = 0
+    in_error: int = TriState.UNKNOWN
+    in_motion: int = TriState.UNKNOWN
+    mode: int = Mode.UNKNOWN
+    motion_possible: int = TriState.UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class JointTrajPtFull(Message):
+    """JOINT_TRAJ_PT_FULL (14). `valid_fields` are `ValidFields` bits, `time` is from the start."""
+
+    robot_id: int
+    sequence: int
+    valid_fields: int
+    time: float = 0.0
+    positions: tuple[float, ...] = ZEROS
+    velocities: tuple[float, ...] = ZEROS
+    accelerations: tuple[float, ...] = ZEROS
+
+
+@dataclass(frozen=True, slots=True)
+class JointFeedback(Message):
+    """JOINT_FEEDBACK (15): like JOINT_TRAJ_PT_FULL, as measured, without a sequence."""
+
+    robot_id: int
+    valid_fields: int
+    time: float = 0.0
+    positions: tuple[float, ...] = ZEROS
+    velocities: tuple[float, ...] = ZEROS
+    accelerations: tuple[float, ...] = ZEROS
+
+
+@dataclass(frozen=True, slots=True)
+class Opaque(Message):
+    """Any other message, or a reply whose body is not a message of its type: bytes, untouched."""
+
+    msg_type: int
+    body: bytes = b''

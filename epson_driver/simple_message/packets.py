@@ -1,0 +1,104 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages with their header: packets to bytes, frames to packets."""
+
+import struct
+from dataclasses import dataclass
+
+from epson_driver.simple_message.constants import CommType, ReplyCode
+from epson_driver.simple_message.dialect import LITTLE_ENDIAN, Dialect, Real
+from epson_driver.simple_message.errors import BodyError, HeaderError
+from epson_driver.simple_message.framer import HEADER_SIZE, Frame
+from epson_driver.simple_message.layouts import LAYOUT_OF_CLASS, LAYOUT_OF_TYPE
+from epson_driver.simple_message.messages import Message, Opaque
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """A message and how it is meant. `dialect` is how a received packet was written."""
+
+    message: Message
+    comm_type: CommType
+    reply_code: ReplyCode = ReplyCode.INVALID
+    dialect: Dialect = LITTLE_ENDIAN
+
+    @property
+    def msg_type(self) -> int:
+        """The message id of REP-I0004."""
+        if isinstance(self.message, Opaque):
+            return self.message.msg_type
+        return LAYOUT_OF_CLASS[type(self.message)].msg_type
+
+
+def topic(message: Message) -> Packet:
+    """Return a packet that expects no reply."""
+    return Packet(message, CommType.TOPIC)
+
+
+def request(message: Message) -> Packet:
+    """Return a packet that the peer must answer."""
+    return Packet(message, CommType.SERVICE_REQUEST)
+
+
+def reply(message: Message, code: ReplyCode) -> Packet:
+    """Return an answer to a request."""
+    return Packet(message, CommType.SERVICE_REPLY, code)
+
+
+def encode(packet: Packet, dialect: Dialect) -> bytes:
+    """Return the whole frame in the given dialect, length prefix included.
+
+    Raises FieldError where a value does not fit the wire.
+    """
+    message = packet.message
+    if isinstance(message, Opaque):
+        body = message.body
+    else:
+        body = LAYOUT_OF_CLASS[type(message)].encode(message, dialect)
+    prefix = struct.pack(
+        dialect.byte_order.value + '4i',
+        HEADER_SIZE + len(body),
+        packet.msg_type,
+        packet.comm_type,
+        packet.reply_code,
+    )
+    return prefix + body
+
+
+def check_header(frame: Frame) -> tuple[CommType, ReplyCode]:
+    """Apply the header rules of REP-I0006. Raises HeaderError, which names the field."""
+    if frame.msg_type <= 0:
+        raise HeaderError('msg_type', frame.msg_type, 'must be positive (0 is reserved)')
+    if frame.comm_type not in (CommType.TOPIC, CommType.SERVICE_REQUEST, CommType.SERVICE_REPLY):
+        raise HeaderError(
+            'comm_type', frame.comm_type, 'must be 1 (topic), 2 (request) or 3 (reply)'
+        )
+    comm_type = CommType(frame.comm_type)
+    if comm_type is CommType.SERVICE_REPLY:
+        if frame.reply_code not in (ReplyCode.SUCCESS, ReplyCode.FAILURE):
+            raise HeaderError(
+                'reply_code', frame.reply_code, 'must be 1 (success) or 2 (failure) in a reply'
+            )
+    elif frame.reply_code != ReplyCode.INVALID:
+        raise HeaderError('reply_code', frame.reply_code, 'must be 0 in topics and requests')
+    return comm_type, ReplyCode(frame.reply_code)
+
+
+def decode(frame: Frame) -> Packet:
+    """Return the packet of a frame.
+
+    A message type without a layout becomes `Opaque`. So does the body of a reply that is not a
+    message of its type: replies with no body are common, and REP-I0006 gives the body of a
+    FAILURE no meaning. In topics and requests a wrong body is a BodyError.
+    """
+    comm_type, reply_code = check_header(frame)
+    layout = LAYOUT_OF_TYPE.get(frame.msg_type)
+    message: Message = Opaque(frame.msg_type, frame.body)
+    real = Real.FLOAT32
+    if layout is not None:
+        try:
+            message, real = layout.decode(frame.body, frame.byte_order)
+        except BodyError:
+            if comm_type is not CommType.SERVICE_REPLY:
+                raise
+    return Packet(message, comm_type, reply_code, Dialect(frame.byte_order, real))
