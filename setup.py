@@ -7,6 +7,7 @@ one command, `epson_driver`, so that no `client` or `demo` lands in a user's bin
 lib/epson_driver/ holds launchers (scripts/), so that `ros2 run` works over a pip environment too.
 """
 
+import os
 import sys
 from pathlib import Path
 
@@ -21,7 +22,7 @@ def data_files():
     """Return (target folder, files) for everything that is installed beside the code."""
     yield 'share/ament_index/resource_index/packages', [f'resource/{NAME}']
     yield f'share/{NAME}', ['package.xml']
-    for top in ('config', 'urdf', 'launch'):
+    for top in filter(os.path.isdir, ('config', 'urdf', 'launch')):
         for folder in [Path(top), *(p for p in sorted(Path(top).rglob('*')) if p.is_dir())]:
             files = [str(path) for path in sorted(folder.iterdir()) if path.is_file()]
             if files:

@@ -1,3 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
 """Connections to a controller, from the client's side. asyncio, no ROS."""
+
+from epson_driver.link.link import Link, Trace
+from epson_driver.link.states import LinkState
+from epson_driver.link.statistics import LinkStatistics
+
+__all__ = ['Link', 'LinkState', 'LinkStatistics', 'Trace']

@@ -1,0 +1,65 @@
+# Everything a newcomer needs: `make demo` and `make test`. Both create .venv on first use; nothing else is changed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# byte code is made when a module is first used: most of what is installed never is
+INSTALL := $(PIP) install --no-compile
+
+INTERFACES := interfaces/control_msgs interfaces/industrial_msgs
+INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
+PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
+	$(shell find $(wildcard epson_driver config launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
+
+# Fast DDS would multicast on every network otherwise.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
+.PHONY: demo test lint clean help
+
+help:
+	@echo "make demo    a planned trajectory through ROS 2 to a simulated EPSON controller, and a report"
+	@echo "             (other arguments: make demo ARGS='--trajectory FILE')"
+	@echo "make test    all tests"
+	@echo "make lint    ruff and mypy"
+	@echo "make clean   remove what the others made"
+	@echo "PYTHON=...   the interpreter to use, 3.11 or newer (now: $(PYTHON))"
+
+demo: $(VENV)/.run
+	$(BIN)/epson_driver demo $(ARGS)
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-report.png
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.packages: requirements/runtime.txt requirements/constraints.txt interfaces/requirements-build.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "$(PYTHON) is too old: Python 3.11 or newer is needed (make PYTHON=...)" >&2; exit 1; }
+	@for compiler in "$${CC:-cc}" "$${CXX:-c++}"; do command -v $$compiler >/dev/null || \
+		{ echo "no $$compiler: the ROS message packages need a C and a C++ compiler (Debian: apt install build-essential)" >&2; exit 1; }; done
+	@echo "installing into $(VENV), about a minute on first use"
+	@$(PYTHON) -m venv $(VENV)
+	@$(INSTALL) -c requirements/constraints.txt -r requirements/runtime.txt -r interfaces/requirements-build.txt
+	@touch $@
+
+$(VENV)/.interfaces: $(VENV)/.packages $(INTERFACE_FILES)
+	@echo "building control_msgs and industrial_msgs"
+	@$(INSTALL) --no-build-isolation --no-deps --force-reinstall $(addprefix ./,$(INTERFACES))
+	@touch $@
+
+$(VENV)/.run: $(VENV)/.interfaces $(PACKAGE_FILES)
+	@rm -rf build
+	@$(INSTALL) --no-build-isolation --no-deps .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.run requirements/dev.txt
+	@echo "installing the test tools"
+	@$(INSTALL) -c requirements/constraints.txt -r requirements/dev.txt
+	@touch $@

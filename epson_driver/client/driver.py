@@ -1,0 +1,327 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The driver without ROS: links, robot state, arm gate and the running goal, in one event loop.
+
+Everything here runs in the loop's thread. The ROS node calls in with `call_soon_threadsafe` and is
+told what happened through `Events`.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
+from epson_driver.client.execution import Execution, Settings
+from epson_driver.client.goal import End, ErrorCode, Goal, GoalRefusedError, Outcome, check_start
+from epson_driver.client.points import trajectory_points
+from epson_driver.client.robot_state import JointSample, RobotState
+from epson_driver.link import Link, LinkState
+from epson_driver.motion import JointLimits
+from epson_driver.simple_message import (
+    ByteOrder,
+    JointFeedback,
+    JointPosition,
+    Packet,
+    ReplyCode,
+    Status,
+    ValidFields,
+)
+
+SHUT_DOWN_TIMEOUT = 0.5
+"""How long the arm may take to stop before the process ends all the same, s."""
+
+STATUS_TIMEOUT = 1.0
+"""A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
+
+WORST_FIRST = (
+    LinkState.DISCONNECTED,
+    LinkState.BACKING_OFF,
+    LinkState.CONNECTING,
+    LinkState.CONNECTED,
+)
+"""`~/link_state` is the worse of the two links' states."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Where the controller is and what it expects. An io or remote port of 0 is not used."""
+
+    host: str
+    motion_port: int
+    state_port: int
+    remote_port: int
+    byte_order: ByteOrder | None
+    state_timeout: float
+    limits: JointLimits
+
+
+class Events(Protocol):
+    """What the driver tells its owner, in the loop's thread."""
+
+    def on_joints(self, sample: JointSample) -> None:
+        """Joints came. Every state message is one call."""
+
+    def on_status(self, status: Status) -> None:
+        """A status came; also an all-unknown one when there is none to be had any more."""
+
+    def on_link_state(self, name: str, why: str) -> None:
+        """The state of the links together changed."""
+
+
+@dataclass(eq=False)
+class Ticket:
+    """A goal that was handed in: `on_end` is given its outcome, once; `on_feedback` every sample."""
+
+    goal: Goal
+    on_end: Callable[[Outcome], None]
+    on_feedback: Callable[[Execution, JointSample], None]
+    execution: Execution | None = None
+    outcome: Outcome | None = None
+
+
+class Driver:
+    """Drives one controller. `run` until cancelled; the other methods are called meanwhile.
+
+    `execution_settings` and `start_tolerance` (rad) may be changed at any time and hold from the
+    next goal on.
+    """
+
+    def __init__(
+        self, configuration: Configuration, events: Events, execution_settings: Settings
+    ) -> None:
+        self.configuration = configuration
+        self.execution_settings = execution_settings
+        self.start_tolerance = 0.05
+        self.gate = ArmGate()
+        self.robot = RobotState(len(configuration.limits.names))
+        self._events = events
+        order = configuration.byte_order
+        self.state_link = Link(
+            'state',
+            configuration.host,
+            configuration.state_port,
+            on_packet=self._on_state_packet,
+            on_state=self._on_state_link,
+            receive_timeout=configuration.state_timeout,
+            byte_order=order,
+        )
+        self.motion_link = Link(
+            'motion',
+            configuration.host,
+            configuration.motion_port,
+            on_packet=self._on_motion_packet,
+            on_state=self._on_motion_link,
+            byte_order=order,
+        )
+        self._link_state = LinkState.DISCONNECTED
+        self._ticket: Ticket | None = None
+        self._next: Ticket | None = None
+        self._waiters: list[asyncio.Future[None]] = []
+
+    async def run(self) -> None:
+        """Keep the links alive until cancelled. On the way out the arm is stopped."""
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self.state_link.run())
+                tasks.create_task(self.motion_link.run())
+                tasks.create_task(self._watch_status())
+        finally:
+            self.fault('the driver ended')
+
+    async def shut_down(self) -> None:
+        """Stop the arm and end the running goal when it stands, or after half a second."""
+        self.gate.close('the driver is shutting down')
+        await self.stop_running('the driver was shut down', SHUT_DOWN_TIMEOUT)
+        self.fault('the driver was shut down')
+
+    def submit(self, ticket: Ticket) -> None:
+        """Execute a checked goal; a running one is stopped first and ends as aborted."""
+        try:
+            self._check_ready()
+        except GoalRefusedError as refusal:
+            ticket.on_end(refusal.outcome)
+            return
+        if self._ticket is None:
+            self._start(ticket)
+            return
+        if self._next is not None:
+            self.end_waiting('replaced by a newer goal before it could start')
+        self._next = ticket
+        if self._ticket.execution is not None:
+            self._ticket.execution.stop('replaced by a new goal', self._now())
+
+    def cancel(self, ticket: Ticket) -> None:
+        """Stop the goal's motion; it ends as canceled when the arm stands."""
+        if ticket is self._next:
+            self.end_waiting('canceled before it could start', End.CANCELED)
+        elif ticket is self._ticket and ticket.execution is not None:
+            ticket.execution.cancel(self._now())
+
+    def _check_ready(self) -> None:
+        """Raise GoalRefusedError unless the arm may move now."""
+        if self.gate.reason is not None:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                f'the arm is not enabled ({self.gate.reason}): call ~/enable',
+            )
+        if self.robot.sample is None:
+            raise GoalRefusedError(ErrorCode.INVALID_GOAL, 'no joint state from the controller')
+
+    def _start(self, ticket: Ticket) -> None:
+        limits = self.configuration.limits
+        trajectory = ticket.goal.trajectory
+        try:
+            self._check_ready()
+            sample = self.robot.sample
+            if sample is None:
+                raise AssertionError('checked')
+            check_start(trajectory, sample.positions, limits, self.start_tolerance)
+        except GoalRefusedError as refusal:
+            ticket.on_end(refusal.outcome)
+            return
+        self._ticket = ticket
+        ticket.execution = Execution(
+            ticket.goal,
+            trajectory_points(trajectory, sample.positions, limits),
+            self.execution_settings,
+            self.motion_link.post,
+            lambda outcome: self._on_end(ticket, outcome),
+            self._now(),
+        )
+        ticket.execution.start()
+
+    def _on_end(self, ticket: Ticket, outcome: Outcome) -> None:
+        self._ticket = None
+        ticket.outcome = outcome
+        self._wake()
+        ticket.on_end(outcome)
+        if self._next is not None:
+            following, self._next = self._next, None
+            self._start(following)
+
+    def end_waiting(self, why: str, end: End = End.ABORTED) -> None:
+        """End the goal that waits for the running one to stop."""
+        ticket, self._next = self._next, None
+        if ticket is not None:
+            code = ErrorCode.SUCCESSFUL if end is End.CANCELED else ErrorCode.INVALID_GOAL
+            ticket.on_end(Outcome(end, code, why))
+
+    def fault(self, why: str) -> None:
+        """Close the arm gate and end what runs or waits; the arm stays still until enabled."""
+        if self.gate.close(why):
+            _log.warning('arm disabled: %s', why)
+        self.end_waiting(why)
+        if self._ticket is not None and self._ticket.execution is not None:
+            execution = self._ticket.execution
+            execution.fault(f'{why} (on the way to point {execution.target})')
+
+    @property
+    def busy(self) -> bool:
+        """True while a goal runs."""
+        return self._ticket is not None
+
+    async def stop_running(self, why: str, timeout: float) -> Outcome | None:
+        """Stop the running goal, if any. Returns its outcome; None if there is none in time."""
+        ticket = self._ticket
+        if ticket is None or ticket.execution is None:
+            return None
+        ticket.execution.stop(why, self._now())
+        try:
+            async with asyncio.timeout(timeout):
+                while ticket.outcome is None:
+                    await self.next_change()
+        except TimeoutError:
+            return None
+        return ticket.outcome
+
+    async def next_change(self) -> None:
+        """Wait until a status came or a goal ended."""
+        waiter = asyncio.get_running_loop().create_future()
+        self._waiters.append(waiter)
+        await waiter
+
+    def _wake(self) -> None:
+        waiters, self._waiters = self._waiters, []
+        for waiter in waiters:
+            if not waiter.done():
+                waiter.set_result(None)
+
+    def _on_state_packet(self, packet: Packet) -> None:
+        now = self._now()
+        self.motion_link.dialect = self.state_link.dialect
+        message = packet.message
+        if isinstance(message, Status):
+            self._take_status(message, now)
+        elif isinstance(message, JointPosition):
+            self._take_joints(message.joints, None, now)
+        elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
+            measured = message.valid_fields & ValidFields.VELOCITY
+            self._take_joints(message.positions, message.velocities if measured else None, now)
+
+    def _take_joints(
+        self, positions: tuple[float, ...], velocities: tuple[float, ...] | None, now: float
+    ) -> None:
+        try:
+            sample = self.robot.on_joints(positions, now, velocities)
+        except ValueError as error:
+            self.state_link.statistics.bad_frames['joints'] += 1
+            _log.warning('joint state dropped: %s', error)
+            return
+        self._events.on_joints(sample)
+        if self._ticket is not None and self._ticket.execution is not None:
+            self._ticket.on_feedback(self._ticket.execution, sample)
+            self._ticket.execution.on_state(self.robot, now)
+
+    def _take_status(self, status: Status, now: float) -> None:
+        self.robot.on_status(status, now)
+        if (why := what_forbids_motion(status)) is not None:
+            self.fault(why)
+        self._events.on_status(status)
+        self._wake()
+
+    def _on_motion_packet(self, packet: Packet) -> None:
+        """Take a topic, or a reply that nobody waits for: a late no is still a no."""
+        ticket = self._ticket
+        if packet.reply_code is ReplyCode.FAILURE and ticket is not None and ticket.execution:
+            ticket.execution.on_unsolicited_failure()
+
+    def _on_state_link(self, state: LinkState, why: str) -> None:
+        if state is not LinkState.CONNECTED:
+            self.robot.clear()
+        self._on_link(self.state_link, why)
+
+    def _on_motion_link(self, _state: LinkState, why: str) -> None:
+        self._on_link(self.motion_link, why)
+
+    def _on_link(self, link: Link, why: str) -> None:
+        level = logging.INFO if link.connected else logging.DEBUG
+        if link.state is LinkState.BACKING_OFF and link.statistics.connections:
+            self.fault(f'the {link.name} link was lost: {why}')
+        _log.log(level, '%s link %s: %s', link.name, link.state.value, why)
+        links = (self.state_link, self.motion_link)
+        combined = min((each.state for each in links), key=WORST_FIRST.index)
+        if combined is not self._link_state:
+            self._link_state = combined
+            self._events.on_link_state(combined.value, why)
+            if combined is not LinkState.CONNECTED:
+                self._events.on_status(Status())
+
+    async def _watch_status(self) -> None:
+        """Once a second, say that the status is unknown while there is none."""
+        while True:
+            await asyncio.sleep(STATUS_TIMEOUT)
+            now = self._now()
+            if self.robot.status is not None and now - self.robot.status_time < STATUS_TIMEOUT:
+                continue
+            if self.robot.status is not None:
+                self.robot.status = None
+                self.fault(f'no STATUS for {STATUS_TIMEOUT:g} s')
+            self._events.on_status(Status())
+
+    @staticmethod
+    def _now() -> float:
+        return asyncio.get_running_loop().time()

@@ -1,0 +1,213 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A goal: what was asked, checked, in the controller's joint order; and how it ended."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits, Trajectory, problems
+
+MENTIONED = 5
+"""So many violations are spelled out in a goal's error text; the rest is counted."""
+
+
+class ErrorCode(IntEnum):
+    """Result codes of control_msgs/action/FollowJointTrajectory."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class End(Enum):
+    """How a goal ends, once (docs/invariants.md, 5)."""
+
+    SUCCEEDED = 'succeeded'
+    CANCELED = 'canceled'
+    ABORTED = 'aborted'
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a goal ended, its result code, and a sentence that says why."""
+
+    end: End
+    code: ErrorCode
+    text: str
+
+
+class GoalRefusedError(ValueError):
+    """A goal that is not executed. `code` is its result code, the text names what is wrong."""
+
+    def __init__(self, code: ErrorCode, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+    @property
+    def outcome(self) -> Outcome:
+        """The goal's end."""
+        return Outcome(End.ABORTED, self.code, str(self))
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """A checked trajectory in the controller's joint order and what counts as having done it.
+
+    goal_tolerance: shape (n,), rad; inf where it is not checked. goal_time: s after the planned
+    end within which the arm must be there; 0 means no limit.
+    """
+
+    trajectory: Trajectory
+    goal_tolerance: Array
+    goal_time: float
+
+
+def trajectory_from_message(message: Any, joint_names: Sequence[str]) -> Trajectory:
+    """Return a trajectory_msgs/JointTrajectory as a Trajectory in the order of `joint_names`.
+
+    Raises GoalRefusedError: INVALID_JOINTS unless the names are the same set, INVALID_GOAL if
+    there are no points, a point has no positions, or an array has the wrong length.
+    """
+    names = tuple(message.joint_names)
+    if len(set(names)) != len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise GoalRefusedError(
+            ErrorCode.INVALID_JOINTS, f'joint_names has {", ".join(twice)} twice'
+        )
+    missing = [name for name in joint_names if name not in names]
+    unknown = [name for name in names if name not in joint_names]
+    if missing or unknown:
+        raise GoalRefusedError(
+            ErrorCode.INVALID_JOINTS,
+            '; '.join(
+                [f'joint_names lacks {", ".join(missing)}'] * bool(missing)
+                + [f'unknown joints in joint_names: {", ".join(map(repr, unknown))}']
+                * bool(unknown)
+            ),
+        )
+    if not message.points:
+        raise GoalRefusedError(ErrorCode.INVALID_GOAL, 'the trajectory has no points')
+    trajectory = Trajectory(
+        names,
+        np.array([duration_in_s(point.time_from_start) for point in message.points]),
+        _table(message.points, 'positions', names),
+        _optional(message.points, 'velocities', names),
+        _optional(message.points, 'accelerations', names),
+    )
+    return trajectory.in_order(tuple(joint_names))
+
+
+def _optional(points: Sequence[Any], quantity: str, names: Sequence[str]) -> Array | None:
+    """Return None if no point has the quantity; one point that has it obliges the others."""
+    if not any(len(getattr(point, quantity)) for point in points):
+        return None
+    return _table(points, quantity, names)
+
+
+def _table(points: Sequence[Any], quantity: str, names: Sequence[str]) -> Array:
+    for index, point in enumerate(points):
+        count = len(getattr(point, quantity))
+        if count != len(names):
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                f'point {index}: {count} {quantity} for {len(names)} joints',
+            )
+    return np.array([getattr(point, quantity) for point in points], dtype=float)
+
+
+def duration_in_s(message: Any) -> float:
+    """Return a builtin_interfaces Duration or Time in s."""
+    seconds: float = message.sec + message.nanosec * 1e-9
+    return seconds
+
+
+def check_limits(
+    trajectory: Trajectory, limits: JointLimits, *, may_end_moving: bool = False
+) -> None:
+    """Raise GoalRefusedError INVALID_GOAL that names point, joint, value and limit."""
+    found = list(problems(trajectory, limits))
+    if not found and not may_end_moving:
+        found = list(_end_velocities(trajectory))
+    if found:
+        raise GoalRefusedError(ErrorCode.INVALID_GOAL, _listed(found))
+
+
+def _end_velocities(trajectory: Trajectory) -> Iterable[str]:
+    if trajectory.velocities is None:
+        return
+    last = len(trajectory.times) - 1
+    for name, velocity in zip(trajectory.joint_names, trajectory.velocities[-1], strict=True):
+        if abs(velocity) > 1e-4:
+            yield (
+                f'point {last}, {name}: the last velocity, {velocity:.6g} rad/s, must be 0 '
+                f'(or set allow_nonzero_velocity_at_trajectory_end)'
+            )
+
+
+def check_start(
+    trajectory: Trajectory, actual: Array, limits: JointLimits, tolerance: float
+) -> None:
+    """Raise GoalRefusedError INVALID_GOAL unless the trajectory starts where the arm is.
+
+    A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad); a later
+    one must be reachable from there in its time.
+    """
+    offset = np.abs(trajectory.positions[0] - actual)
+    time = float(trajectory.times[0])
+    found = [
+        f'{name}: the trajectory starts at {start:.6g} rad, the joint is at {value:.6g} rad: '
+        + (
+            f'{difference:.6g} rad apart, the limit is {tolerance:g} rad'
+            if time == 0.0
+            else f'to be there after {time:g} s it would need {difference / time:.6g} rad/s, '
+            f'the velocity limit is {velocity:.6g} rad/s'
+        )
+        for name, start, value, difference, velocity in zip(
+            trajectory.joint_names,
+            trajectory.positions[0],
+            actual,
+            offset,
+            limits.velocity,
+            strict=True,
+        )
+        if difference > max(tolerance, velocity * time)
+    ]
+    if found:
+        raise GoalRefusedError(ErrorCode.INVALID_GOAL, _listed(found))
+
+
+def goal_tolerances(message: Iterable[Any], joint_names: Sequence[str], defaults: Array) -> Array:
+    """Return the tolerances in rad of a goal's JointTolerance[], over the configured `defaults`.
+
+    As in joint_trajectory_controller: 0 takes the default, negative switches the check off.
+    Raises GoalRefusedError for a joint that is not there or a number that is not finite.
+    """
+    tolerances = np.where(defaults > 0.0, defaults, np.inf)
+    for entry in message:
+        if entry.name not in joint_names:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_JOINTS, f'goal_tolerance names the unknown joint {entry.name!r}'
+            )
+        if not np.isfinite(entry.position):
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                f'goal_tolerance, {entry.name}: position = {entry.position} is not finite',
+            )
+        if entry.position != 0.0:
+            index = joint_names.index(entry.name)
+            tolerances[index] = entry.position if entry.position > 0.0 else np.inf
+    return tolerances
+
+
+def _listed(found: Sequence[str]) -> str:
+    text = '; '.join(islice(found, MENTIONED))
+    rest = len(found) - MENTIONED
+    return f'{text}; and {rest} more' if rest > 0 else text

@@ -1,0 +1,366 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The ROS 2 node: topics, services and the action on one side, the `Driver` on the other.
+
+Two threads: rclpy's executor serves ROS in one; the driver's event loop runs in the other, and
+publishes from there. What crosses is handed over with `call_soon_threadsafe` one way, and an rclpy
+future the other way.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState
+from diagnostic_msgs.msg import DiagnosticArray
+from industrial_msgs.msg import RobotStatus
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from epson_driver.client import messages, parameters
+from epson_driver.client.diagnostics import Diagnostics
+from epson_driver.client.driver import Configuration, Driver, Ticket
+from epson_driver.client.execution import Execution, Settings
+from epson_driver.client.goal import (
+    End,
+    ErrorCode,
+    Goal,
+    GoalRefusedError,
+    Outcome,
+    check_limits,
+    duration_in_s,
+    goal_tolerances,
+    trajectory_from_message,
+)
+from epson_driver.client.robot_state import JointSample
+from epson_driver.client.services import ServiceError, Services
+from epson_driver.robots import load_robot_model
+from epson_driver.simple_message import ByteOrder, Status
+
+FEEDBACK_PERIOD = 0.05
+"""Action feedback and controller state, s: joint_trajectory_controller's 20 Hz."""
+
+LATEST_START = 1.0
+"""A trajectory stamped further ahead is refused: it would move when nobody expects it, s."""
+
+BYTE_ORDERS = {'auto': None, 'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}
+
+
+class ClientNode:
+    """Connects an rclpy node with a driver. Make it in the driver's event loop.
+
+    Raises ValueError or FileNotFoundError for parameters that cannot be used.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._loop = asyncio.get_running_loop()
+        self._parameters = parameters.declare(node)
+        self.driver = Driver(self._configuration(), self, self._settings())
+        self._apply_settings()
+        self._services = Services(self.driver)
+        self._tickets: dict[bytes, Ticket] = {}
+        self._next_feedback = 0.0
+        self._limits = self.driver.configuration.limits
+        self._joint_state = messages.JointStateWriter(self._limits.names)
+        self._clock = node.get_clock()
+        self._diagnostics = Diagnostics(self.driver, node.get_fully_qualified_name().lstrip('/'))
+        self._make_publishers()
+        self._make_entry_points()
+        self.on_link_state(self.driver.state_link.state.value, 'starting')
+
+    async def run(self) -> None:
+        """Drive the controller until cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self.driver.run())
+            tasks.create_task(self._publish_diagnostics())
+
+    # --- setting up -------------------------------------------------------------------------
+
+    def _configuration(self) -> Configuration:
+        values = self._parameters
+        model = load_robot_model(values['robot_model'])
+        names = tuple(values['joint_names'])
+        if len(names) != len(model.joint_names):
+            raise ValueError(
+                f'parameter joint_names has {len(names)} names, but {model.name} has '
+                f'{len(model.joint_names)} joints'
+            )
+        return Configuration(
+            host=values['robot_ip'],
+            motion_port=values['motion_port'],
+            state_port=values['state_port'],
+            remote_port=values['remote_port'],
+            byte_order=BYTE_ORDERS[values['byte_order']],
+            state_timeout=values['state_timeout'],
+            limits=replace(model.limits, names=names),
+        )
+
+    def _settings(self) -> Settings:
+        return Settings(
+            stopped_velocity=self._parameters['constraints.stopped_velocity_tolerance'],
+            reply_timeout=self._parameters['reply_timeout'],
+        )
+
+    def _apply_settings(self) -> None:
+        self.driver.execution_settings = self._settings()
+        self.driver.start_tolerance = self._parameters['start_tolerance']
+
+    def _make_publishers(self) -> None:
+        node = self._node
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._joint_states = node.create_publisher(JointState, 'joint_states', 10)
+        self._robot_status = node.create_publisher(RobotStatus, 'robot_status', 10)
+        self._controller_state = node.create_publisher(
+            JointTrajectoryControllerState, '~/controller_state', 10
+        )
+        self._link_state = node.create_publisher(String, '~/link_state', latched)
+        self._diagnostic_array = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def _make_entry_points(self) -> None:
+        node = self._node
+        group = ReentrantCallbackGroup()
+        for name in ('stop', 'enable', 'disable', 'reset_error'):
+            method = getattr(self._services, name)
+            node.create_service(
+                Trigger, f'~/{name}', self._trigger(name, method), callback_group=group
+            )
+        for topic in ('~/joint_trajectory', 'joint_path_command'):
+            node.create_subscription(
+                JointTrajectory, topic, self._on_trajectory, 10, callback_group=group
+            )
+        self._action = ActionServer(
+            node,
+            FollowJointTrajectory,
+            '~/follow_joint_trajectory',
+            self._execute,
+            goal_callback=lambda goal: GoalResponse.ACCEPT,  # refusals need a result to say why
+            cancel_callback=self._cancel,
+            callback_group=group,
+        )
+        node.add_on_set_parameters_callback(self._on_set_parameters)
+
+    # --- from ROS: these run in the executor's thread ---------------------------------------
+
+    def _trigger(
+        self, name: str, method: Callable[[], Coroutine[Any, Any, str]]
+    ) -> Callable[[Any, Any], Coroutine[Any, Any, Any]]:
+        async def serve(_request: Any, response: Any) -> Any:
+            try:
+                response.message = await self._in_loop(method())
+                response.success = True
+            except ServiceError as error:
+                response.message = str(error)
+                response.success = False
+            self._node.get_logger().info(f'~/{name}: {response.message}')
+            return response
+
+        return serve
+
+    async def _in_loop(self, coroutine: Coroutine[Any, Any, str]) -> str:
+        """Run a coroutine in the driver's loop and wait for it in rclpy's executor."""
+        done = Future()
+
+        def finish(task: 'asyncio.Task[str]') -> None:
+            error = task.exception()
+            if error is None:
+                self._resolve(done, (task.result(), None))
+            else:
+                self._resolve(done, ('', error))
+
+        def begin() -> None:
+            self._loop.create_task(coroutine).add_done_callback(finish)
+
+        self._loop.call_soon_threadsafe(begin)
+        text, error = await done
+        if error is not None:
+            raise error
+        answer: str = text
+        return answer
+
+    async def _execute(self, goal_handle: Any) -> FollowJointTrajectory.Result:
+        """Hand a goal to the driver and wait for its outcome."""
+        key = bytes(goal_handle.goal_id.uuid)
+        done = Future()
+        try:
+            ticket = Ticket(
+                self._checked(goal_handle.request),
+                lambda outcome: self._resolve(done, outcome),
+                partial(self._on_feedback, goal_handle),
+            )
+        except GoalRefusedError as refusal:
+            outcome = refusal.outcome
+        else:
+            self._tickets[key] = ticket
+            self._loop.call_soon_threadsafe(self.driver.submit, ticket)
+            if goal_handle.is_cancel_requested:
+                self._loop.call_soon_threadsafe(self.driver.cancel, ticket)
+            outcome = await done
+            del self._tickets[key]
+        self._log_outcome(outcome)
+        if outcome.end is End.SUCCEEDED:
+            goal_handle.succeed()
+        elif outcome.end is End.CANCELED and goal_handle.status == GoalStatus.STATUS_CANCELING:
+            goal_handle.canceled()
+        else:
+            goal_handle.abort()
+        return messages.result(outcome)
+
+    def _cancel(self, goal_handle: Any) -> CancelResponse:
+        ticket = self._tickets.get(bytes(goal_handle.goal_id.uuid))
+        if ticket is not None:
+            self._loop.call_soon_threadsafe(self.driver.cancel, ticket)
+        return CancelResponse.ACCEPT
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        """Execute a trajectory without an action client; one without points stops the arm."""
+        if not message.points:
+            self._loop.call_soon_threadsafe(self._begin_stop)
+            return
+        try:
+            goal = self._checked(FollowJointTrajectory.Goal(trajectory=message))
+        except GoalRefusedError as refusal:
+            self._log_outcome(refusal.outcome)
+            return
+        ticket = Ticket(goal, self._log_outcome, partial(self._on_feedback, None))
+        self._loop.call_soon_threadsafe(self.driver.submit, ticket)
+
+    def _checked(self, request: FollowJointTrajectory.Goal) -> Goal:
+        """Return the goal of a request. Raises GoalRefusedError."""
+        values = self._parameters
+        names = self._limits.names
+        if request.multi_dof_trajectory.points:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL, 'multi_dof_trajectory has points: not supported'
+            )
+        trajectory = trajectory_from_message(request.trajectory, names)
+        check_limits(
+            trajectory,
+            self._limits,
+            may_end_moving=values['allow_nonzero_velocity_at_trajectory_end'],
+        )
+        self._check_stamp(request.trajectory.header.stamp, trajectory.duration)
+        if request.path_tolerance:
+            self._node.get_logger().warning('path_tolerance is not checked yet')
+        defaults = np.array([values[f'constraints.{name}.goal'] for name in names])
+        goal_time = duration_in_s(request.goal_time_tolerance)
+        return Goal(
+            trajectory,
+            goal_tolerances(request.goal_tolerance, names, defaults),
+            max(goal_time, 0.0) if goal_time != 0.0 else values['constraints.goal_time'],
+        )
+
+    def _check_stamp(self, stamp: Any, duration: float) -> None:
+        start = duration_in_s(stamp)
+        if start == 0.0:
+            return
+        ahead = start - self._clock.now().nanoseconds * 1e-9
+        if ahead + duration < 0.0:
+            raise GoalRefusedError(
+                ErrorCode.OLD_HEADER_TIMESTAMP,
+                f'header.stamp: the trajectory ended {-ahead - duration:.3g} s ago',
+            )
+        if ahead > LATEST_START:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                f'header.stamp is {ahead:.3g} s in the future: a start later than in '
+                f'{LATEST_START:g} s is not supported',
+            )
+
+    def _on_set_parameters(self, changes: list[Any]) -> SetParametersResult:
+        # ranges and read-only flags were checked by rclpy from the descriptors
+        self._parameters |= {
+            parameter.name: parameter.value
+            for parameter in changes
+            if parameter.name in self._parameters
+        }
+        self._loop.call_soon_threadsafe(self._apply_settings)
+        return SetParametersResult(successful=True)
+
+    # --- from the driver: these run in the loop's thread ------------------------------------
+
+    def on_joints(self, sample: JointSample) -> None:
+        """Publish `joint_states`, stamped with the time of arrival."""
+        stamp = self._clock.now().to_msg()
+        self._joint_states.publish(self._joint_state.write(sample, stamp))
+
+    def on_status(self, status: Status) -> None:
+        """Publish `robot_status`."""
+        stamp = self._clock.now().to_msg()
+        self._robot_status.publish(messages.robot_status(status, stamp))
+
+    def on_link_state(self, name: str, why: str) -> None:
+        """Publish `~/link_state`."""
+        self._node.get_logger().info(f'link {name}: {why}')
+        self._link_state.publish(String(data=name))
+
+    def _on_feedback(self, goal_handle: Any, execution: Execution, sample: JointSample) -> None:
+        """Publish action feedback and `~/controller_state`, at most every FEEDBACK_PERIOD."""
+        if sample.time < self._next_feedback:
+            return
+        self._next_feedback = sample.time + FEEDBACK_PERIOD
+        stamp = self._clock.now().to_msg()
+        self._controller_state.publish(messages.controller_state(execution, sample, stamp))
+        if goal_handle is not None:
+            goal_handle.publish_feedback(messages.feedback(execution, sample, stamp))
+
+    def _begin_stop(self) -> None:
+        task = self._loop.create_task(self._services.stop())
+        task.add_done_callback(self._log_stop)
+
+    def _log_stop(self, task: 'asyncio.Task[str]') -> None:
+        error = task.exception()
+        logger = self._node.get_logger()
+        if error is None:
+            logger.info(f'empty trajectory: {task.result()}')
+        else:
+            logger.error(f'empty trajectory: {error}')
+
+    async def _publish_diagnostics(self) -> None:
+        while True:
+            stamp = self._clock.now().to_msg()
+            self._diagnostic_array.publish(self._diagnostics.build(stamp, self._loop.time()))
+            await asyncio.sleep(1.0)
+
+    # --- both -------------------------------------------------------------------------------
+
+    def _resolve(self, future: Future, value: object) -> None:
+        """Give a result to a coroutine that waits in the executor's thread."""
+        future.set_result(value)
+        self._node.executor.wake()
+
+    def _log_outcome(self, outcome: Outcome) -> None:
+        logger = self._node.get_logger()
+        log = logger.info if outcome.end is End.SUCCEEDED else logger.warning
+        log(f'goal {outcome.end.value}: {outcome.text}')
+
+
+class RosLogHandler(logging.Handler):
+    """Sends the records of Python's logging through the node's logger."""
+
+    def __init__(self, logger: Any) -> None:
+        super().__init__()
+        self._write = {
+            logging.DEBUG: logger.debug,
+            logging.INFO: logger.info,
+            logging.WARNING: logger.warning,
+            logging.ERROR: logger.error,
+            logging.CRITICAL: logger.fatal,
+        }
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record."""
+        self._write.get(record.levelno, self._write[logging.INFO])(self.format(record))

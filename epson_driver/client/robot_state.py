@@ -1,0 +1,85 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the controller reported last, how old it is, and how fast the joints move."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.simple_message import Status, TriState
+
+VELOCITY_WINDOW = 0.04
+"""Time over which the velocity is fitted, s: single differences of positions that come every
+5 ms would show the network's jitter rather than the arm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointSample:
+    """Measured joints. positions, velocities: shape (n,), rad and rad/s. time: monotonic, s."""
+
+    time: float
+    positions: Array
+    velocities: Array
+
+
+class RobotState:
+    """The newest joints and status, for `joints` joints. Times are the event loop's, s.
+
+    Emptied when the link is lost: nothing stale can be taken for fresh (docs/invariants.md, 6).
+    """
+
+    def __init__(self, joints: int) -> None:
+        self._joints = joints
+        self._history: deque[tuple[float, tuple[float, ...]]] = deque()
+        self.sample: JointSample | None = None
+        self.status: Status | None = None
+        self.status_time = 0.0
+
+    def clear(self) -> None:
+        """Forget everything: the link is gone."""
+        self._history.clear()
+        self.sample = None
+        self.status = None
+
+    def on_joints(
+        self, data: tuple[float, ...], now: float, velocities: tuple[float, ...] | None = None
+    ) -> JointSample:
+        """Take the ten joint values of a message, and velocities if it measured them.
+
+        Raises ValueError that names the joint if a value is not finite.
+        """
+        positions = np.array(data[: self._joints])
+        bad = ~np.isfinite(positions)
+        if bad.any():
+            joint = int(np.argmax(bad))
+            raise ValueError(f'joint {joint + 1}: position {positions[joint]} is not finite')
+        history = self._history
+        history.append((now, data[: self._joints]))
+        while history[0][0] < now - VELOCITY_WINDOW and len(history) > 2:
+            history.popleft()
+        rates = self._slope() if velocities is None else np.array(velocities[: self._joints])
+        self.sample = JointSample(now, positions, rates)
+        return self.sample
+
+    def on_status(self, status: Status, now: float) -> None:
+        """Take a STATUS message."""
+        self.status = status
+        self.status_time = now
+
+    @property
+    def in_motion(self) -> int:
+        """`TriState`: does the controller say that the arm moves? UNKNOWN without a status."""
+        return TriState.UNKNOWN if self.status is None else self.status.in_motion
+
+    def _slope(self) -> Array:
+        """Return the slope of a straight line through the samples of the window, rad/s."""
+        if self._history[-1][0] - self._history[0][0] < VELOCITY_WINDOW / 4:
+            return np.zeros(self._joints)
+        times = np.array([time for time, _ in self._history])
+        times -= times.mean()
+        positions = np.array([values for _, values in self._history])
+        positions -= positions[0]
+        slope: Array = times @ positions / (times @ times)
+        return slope

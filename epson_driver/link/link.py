@@ -1,0 +1,239 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A TCP connection to one port of a controller that comes back by itself."""
+
+import asyncio
+import contextlib
+import logging
+import socket
+from collections.abc import Callable
+
+from epson_driver.link.replies import PendingReplies, Waiting, sequence_of
+from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
+from epson_driver.link.statistics import LinkStatistics
+from epson_driver.simple_message import (
+    ByteOrder,
+    CommType,
+    Dialect,
+    Frame,
+    FrameError,
+    Framer,
+    JointFeedback,
+    JointPosition,
+    Message,
+    Opaque,
+    Packet,
+    Ping,
+    ReplyCode,
+    SimpleMessageError,
+    decode,
+    encode,
+    reply,
+    request,
+)
+
+READ_SIZE = 65536
+CONNECT_TIMEOUT = 1.0
+PROVEN_AFTER = 1.0
+"""A connection that lasted this long, s, makes the next retry immediate. One that was closed
+sooner (a controller that has its one client already) leaves the back-off where it was."""
+
+SHOWS_DIALECT = (JointPosition, JointFeedback)
+"""Messages of every state server that carry reals, so that their length shows the width."""
+
+Trace = Callable[[str, bytes], None]
+"""Called with 'sent' or 'received' and the bytes, as they went over the wire."""
+
+_log = logging.getLogger(__name__)
+
+
+class Link:
+    """Keeps one connection alive and turns its bytes into packets.
+
+    `run` connects, receives, and connects again until it is cancelled. The callbacks are called
+    in the event loop: `on_packet` with every topic and every reply that nobody waits for,
+    `on_state` after each change with the new state and a sentence that says why.
+
+    `receive_timeout` in s closes a connection that has been silent for longer; None waits for
+    ever (then only the keepalive notices a peer that vanished). `byte_order` None detects the
+    peer's from its first bytes, anew for each connection. The attribute `dialect` is how requests
+    are written; it follows what is received, and may be set.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        host: str,
+        port: int,
+        *,
+        on_packet: Callable[[Packet], None],
+        on_state: Callable[[LinkState, str], None],
+        byte_order: ByteOrder | None = None,
+        receive_timeout: float | None = None,
+        trace: Trace | None = None,
+    ) -> None:
+        self.name = name
+        self.host = host
+        self.port = port
+        self.state = LinkState.DISCONNECTED
+        self.dialect = Dialect(byte_order or ByteOrder.LITTLE)
+        self.statistics = LinkStatistics()
+        self._byte_order = byte_order
+        self._on_packet = on_packet
+        self._on_state = on_state
+        self._receive_timeout = receive_timeout
+        self._trace = trace
+        self._pending = PendingReplies()
+        self._writer: asyncio.StreamWriter | None = None
+        self._attempt = 0
+        self._last_received = 0.0
+
+    @property
+    def connected(self) -> bool:
+        """True while requests can be sent."""
+        return self.state is LinkState.CONNECTED
+
+    async def run(self) -> None:
+        """Keep the link alive until this is cancelled."""
+        loop = asyncio.get_running_loop()
+        self._step(LinkEvent.OPEN, f'connecting to {self.host}:{self.port}')
+        try:
+            while True:
+                began = loop.time()
+                established = await self._connect_and_receive()
+                if established and loop.time() - established > PROVEN_AFTER:
+                    self._attempt = 0
+                pause = back_off(self._attempt) - (loop.time() - began)
+                self._attempt += 1
+                await asyncio.sleep(max(pause, 0.0))
+                self._step(LinkEvent.RETRY, f'attempt {self._attempt}')
+        finally:
+            self._step(LinkEvent.CLOSE, 'closed')
+
+    def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> None:
+        """Send a request; `on_reply` gets its reply and the time (loop's, s), if it comes.
+
+        Raises ConnectionError if the link is not connected, FieldError if a value does not fit.
+        """
+        if self._writer is None:
+            raise ConnectionError(f'{self.name} link is {self.state.value}')
+        packet = request(message)
+        data = encode(packet, self.dialect)
+        now = asyncio.get_running_loop().time()
+        self._pending.add(Waiting(packet.msg_type, sequence_of(message), now, on_reply))
+        self._write(self._writer, data)
+
+    async def _connect_and_receive(self) -> float | None:
+        """Return when the connection was established (loop time, s), or None if it was not."""
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout(CONNECT_TIMEOUT):
+                reader, writer = await asyncio.open_connection(self.host, self.port)
+        except (OSError, TimeoutError) as error:
+            why = str(error) or f'no answer within {CONNECT_TIMEOUT:g} s'
+            self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
+            return None
+        established = loop.time()
+        _configure(writer.get_extra_info('socket'))
+        self._writer = writer
+        self._last_received = established
+        self.statistics.connections += 1
+        self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
+        try:
+            why = await self._receive(reader)
+        finally:
+            self._writer = None
+            self._pending.clear()
+            writer.close()
+        self._step(LinkEvent.LOST, f'{self.host}:{self.port}: {why}')
+        return established
+
+    async def _receive(self, reader: asyncio.StreamReader) -> str:
+        """Receive until the connection ends; return why it did."""
+        framer = Framer(self._byte_order)
+        try:
+            async with asyncio.timeout(self._receive_timeout) as silence:
+                while data := await reader.read(READ_SIZE):
+                    self._received(data)
+                    if self._receive_timeout is not None:
+                        silence.reschedule(self._last_received + self._receive_timeout)
+                    framer.receive_data(data)
+                    while (frame := framer.next_frame()) is not None:
+                        self._dispatch(frame)
+        except FrameError as error:
+            self._bad_frame(error)
+            return str(error)
+        except TimeoutError:
+            return f'silent for {self._receive_timeout:g} s'
+        except OSError as error:
+            return str(error)
+        return 'closed by the controller'
+
+    def _received(self, data: bytes) -> None:
+        self._last_received = asyncio.get_running_loop().time()
+        self.statistics.bytes_received += len(data)
+        if self._trace is not None:
+            self._trace('received', data)
+
+    def _dispatch(self, frame: Frame) -> None:
+        self.statistics.frames_received += 1
+        try:
+            packet = decode(frame)
+        except SimpleMessageError as error:
+            self._bad_frame(error)
+            return
+        if isinstance(packet.message, SHOWS_DIALECT):
+            self.dialect = packet.dialect
+        if packet.comm_type is CommType.SERVICE_REQUEST:
+            self._answer(packet)
+        elif packet.comm_type is CommType.TOPIC:
+            self._on_packet(packet)
+        else:
+            self._settle(packet)
+
+    def _settle(self, packet: Packet) -> None:
+        waiting = self._pending.take(packet)
+        if waiting is None:
+            self.statistics.unsolicited_replies += 1
+            self._on_packet(packet)
+            return
+        self.statistics.reply_latencies.append(self._last_received - waiting.sent)
+        waiting.on_reply(packet, self._last_received)
+
+    def _answer(self, packet: Packet) -> None:
+        """REP-I0006: a PING is echoed, any other request to a client fails."""
+        if isinstance(packet.message, Ping):
+            answer = reply(Ping(packet.message.padding), ReplyCode.SUCCESS)
+        else:
+            answer = reply(Opaque(packet.msg_type), ReplyCode.FAILURE)
+        if self._writer is not None:
+            self._write(self._writer, encode(answer, packet.dialect))
+
+    def _write(self, writer: asyncio.StreamWriter, data: bytes) -> None:
+        writer.write(data)
+        self.statistics.frames_sent += 1
+        self.statistics.bytes_sent += len(data)
+        if self._trace is not None:
+            self._trace('sent', data)
+
+    def _bad_frame(self, error: SimpleMessageError) -> None:
+        self.statistics.bad_frames[error.field] += 1
+        _log.warning('%s link: bad frame: %s', self.name, error)
+
+    def _step(self, event: LinkEvent, why: str) -> None:
+        self.state = TRANSITIONS[self.state, event]
+        self._on_state(self.state, why)
+
+
+def _configure(connection: socket.socket) -> None:
+    """No delay for small frames; a peer that vanished without a word is noticed in about 3 s."""
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in (
+        ('TCP_KEEPIDLE', 1),
+        ('TCP_KEEPINTVL', 1),
+        ('TCP_KEEPCNT', 2),
+        ('TCP_USER_TIMEOUT', 3000),
+    ):
+        with contextlib.suppress(AttributeError, OSError):  # not on every platform
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)

@@ -1,0 +1,88 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which request a reply answers. Controllers answer in different ways, so the rule is wide.
+
+* FANUC copies the request's sequence into a JOINT_POSITION; EPSON's program leaves it zero; ABB
+  sends a header of the request's own type and no body. A sequence that is one of those waiting
+  decides; otherwise the oldest request that the reply's type can answer.
+* FANUC also sends a second, negative reply for a point that it has acknowledged and then could not
+  reach. A sequence that was answered a moment ago does not answer the next request.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from epson_driver.simple_message import Message, MessageType, Packet
+
+ANSWERED_BY: dict[int, frozenset[int]] = {
+    MessageType.JOINT_TRAJ_PT: frozenset({MessageType.JOINT_TRAJ_PT, MessageType.JOINT_POSITION}),
+    MessageType.JOINT_TRAJ_PT_FULL: frozenset(
+        {MessageType.JOINT_TRAJ_PT_FULL, MessageType.JOINT_POSITION}
+    ),
+}
+"""Types of reply per type of request; a type that is not listed is answered by itself."""
+
+REMEMBERED = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """A request without its reply. `sent` is the loop's time, s."""
+
+    msg_type: int
+    sequence: int | None
+    sent: float
+    on_reply: Callable[[Packet, float], None]
+
+
+class PendingReplies:
+    """The requests on one link that wait for their reply, oldest first."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Waiting] = deque()
+        self._answered: deque[int] = deque(maxlen=REMEMBERED)
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add(self, waiting: Waiting) -> None:
+        """Remember a request that is being sent."""
+        if waiting.sequence in self._answered:  # a new trajectory counts from 0 again
+            self._answered.clear()
+        self._waiting.append(waiting)
+
+    def take(self, reply: Packet) -> Waiting | None:
+        """Remove and return the request that the reply answers; None if it answers none."""
+        found = self._find(reply)
+        if found is not None:
+            self._waiting.remove(found)
+            if found.sequence:
+                self._answered.append(found.sequence)
+        return found
+
+    def clear(self) -> None:
+        """Forget all: the link is gone, no reply will come."""
+        self._waiting.clear()
+        self._answered.clear()
+
+    def _find(self, reply: Packet) -> Waiting | None:
+        sequence = sequence_of(reply.message)
+        able = [
+            waiting
+            for waiting in self._waiting
+            if reply.msg_type in ANSWERED_BY.get(waiting.msg_type, {waiting.msg_type})
+        ]
+        if sequence:
+            for waiting in able:
+                if waiting.sequence == sequence:
+                    return waiting
+            if sequence in self._answered:
+                return None
+        return able[0] if able else None
+
+
+def sequence_of(message: Message) -> int | None:
+    """Return a message's sequence, or None if it has none."""
+    sequence: int | None = getattr(message, 'sequence', None)
+    return sequence
