@@ -1,0 +1,121 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What happened in a demo run, in figures and as a picture, from the joint states that came."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from epson_driver.motion import Array, Trajectory
+
+STILL = 0.03
+"""Below this share of the run's highest speed the arm counts as stopped."""
+
+DEVIATION_ALLOWED = 0.02
+"""How far from a waypoint the nearest joint state may be, rad: between two of them, 5 ms apart,
+the arm moves on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Joint states in the order they came: times (k,), s; positions, velocities (k, n)."""
+
+    times: Array
+    positions: Array
+    velocities: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """The run in numbers. Times in s, angles in rad."""
+
+    planned: float
+    moved: float
+    waypoint_deviation: float
+    end_deviation: float
+    stops: int
+    rate: float
+    longest_gap: float
+    waypoint_times: Array
+    begin: float
+
+
+def measure(trajectory: Trajectory, run: Recording) -> Figures:
+    """Return the figures of a run; the joints of both are in the same order."""
+    speeds = _speeds(run)
+    moving = np.flatnonzero(speeds > STILL * speeds.max())
+    first, last = int(moving[0]), int(moving[-1])
+    still = speeds[first : last + 1] <= STILL * speeds.max()
+    distances, times = _waypoints(trajectory, run, first)
+    gaps = np.diff(run.times)
+    return Figures(
+        planned=trajectory.duration,
+        moved=float(run.times[last] - run.times[first]),
+        waypoint_deviation=float(distances.max()),
+        end_deviation=float(np.abs(run.positions[-1] - trajectory.positions[-1]).max()),
+        stops=int(np.count_nonzero(np.diff(still.astype(int)) == 1)),
+        rate=float(len(gaps) / (run.times[-1] - run.times[0])),
+        longest_gap=float(gaps.max()),
+        waypoint_times=times,
+        begin=float(run.times[first]),
+    )
+
+
+def _speeds(run: Recording) -> Array:
+    """Return the fastest joint's speed at each state, from its neighbours, shape (k,)."""
+    steps = np.abs(run.positions[2:] - run.positions[:-2]).max(axis=1)
+    between = np.maximum(run.times[2:] - run.times[:-2], 1e-3)
+    return np.pad(steps / between, 1)
+
+
+def _waypoints(trajectory: Trajectory, run: Recording, first: int) -> tuple[Array, Array]:
+    """Return how near each waypoint was passed, and when; waypoints are passed in their order."""
+    distances, times = [], []
+    start = max(first - 1, 0)
+    for index, waypoint in enumerate(trajectory.positions):
+        left = len(trajectory.positions) - index
+        window = max((len(run.times) - start) * 3 // left, 2)
+        ahead = np.abs(run.positions[start : start + window] - waypoint).max(axis=1)
+        start += int(np.argmin(ahead))
+        distances.append(float(ahead.min()))
+        times.append(float(run.times[start]))
+    return np.array(distances), np.array(times)
+
+
+def draw(path: Path, trajectory: Trajectory, run: Recording, figures: Figures) -> None:
+    """Write the picture: measured positions and velocities over time, waypoints as dots."""
+    import matplotlib as mpl
+
+    mpl.use('Agg')
+    from matplotlib import pyplot as plt
+
+    figure, (above, below) = plt.subplots(2, 1, figsize=(11, 7.5), sharex=True)
+    shown = run.times >= figures.begin - 0.2
+    times = run.times[shown] - figures.begin
+    for joint, name in enumerate(trajectory.joint_names):
+        (line,) = above.plot(times, run.positions[shown, joint], label=name, linewidth=1.4)
+        above.plot(
+            figures.waypoint_times - figures.begin,
+            trajectory.positions[:, joint],
+            'o',
+            color=line.get_color(),
+            markersize=3.5 if len(trajectory.times) <= 60 else 1.5,
+        )
+        below.plot(times, run.velocities[shown, joint], color=line.get_color(), linewidth=1.2)
+    above.set_ylabel('position [rad]')
+    above.set_title(
+        f'{len(trajectory.times)} points, planned {figures.planned:.2f} s, '
+        f'executed in {figures.moved:.2f} s, {figures.stops} stops on the way '
+        '(dots: waypoints, where the arm passed them)',
+        fontsize=10.5,
+    )
+    above.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
+    below.set_ylabel('velocity [rad/s]')
+    below.set_xlabel('time since the arm began to move [s]')
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+        axes.margins(x=0.01)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

@@ -1,0 +1,157 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Starting the executables as processes that disturb nobody: free ports, a free ROS domain."""
+
+import contextlib
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+SAFE_DOMAINS = range(1, 102)
+"""ROS domains whose ports lie below the ephemeral range of every common system."""
+
+END_TIMEOUT = 5.0
+
+
+class RunError(RuntimeError):
+    """What was started cannot go on; the text says why."""
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Where a simulated controller listens, as its `listening` line says."""
+
+    motion: int
+    state: int
+    io: int
+    remote: int
+
+
+def free_ros_domain() -> int:
+    """Return a ROS_DOMAIN_ID that no participant on this machine uses now.
+
+    Each domain has UDP ports of its own, 250 apart from 7400 on (DDSI-RTPS 9.6.1); the first
+    participant takes 7410.
+    """
+    for domain in random.sample(SAFE_DOMAINS, len(SAFE_DOMAINS)):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(('', 7410 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    raise RunError('every ROS domain from 1 to 101 is in use on this machine')
+
+
+def ros_environment(domain: int) -> dict[str, str]:
+    """Return the environment for processes that keep to this machine and to one ROS domain."""
+    return os.environ | {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'PYTHONUNBUFFERED': '1',
+    }
+
+
+class Process:
+    """One executable of this package, running. Its stderr (and stdout) go to a log file."""
+
+    def __init__(
+        self, name: str, arguments: Sequence[str], log: Path, environment: dict[str, str]
+    ) -> None:
+        self.name = name
+        self.log = log
+        with log.open('ab') as file:
+            self._popen = subprocess.Popen(  # noqa: S603 - our own executable
+                [sys.executable, '-m', 'epson_driver.cli', name, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE if name == 'sim_controller' else file,
+                stderr=file,
+                env=environment,
+            )
+
+    @property
+    def returncode(self) -> int | None:
+        """The exit code; None while it runs."""
+        return self._popen.poll()
+
+    def kill(self) -> None:
+        """End it with SIGKILL, as a crash or a power cut does."""
+        self._popen.kill()
+        self._popen.wait()
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """End it as Ctrl-C does and return its exit code; after 5 s, end it with SIGKILL."""
+        if self._popen.poll() is None:
+            self._popen.send_signal(number)
+        try:
+            return self._popen.wait(END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            return -signal.SIGKILL
+        finally:
+            if self._popen.stdout is not None:
+                self._popen.stdout.close()
+
+    def ports(self) -> Ports:
+        """Return the ports of a sim_controller, once it listens.
+
+        Raises RunError with its log if it ends instead.
+        """
+        if self._popen.stdout is None:
+            raise ValueError(f'{self.name} does not listen')
+        line = self._popen.stdout.readline().decode()
+        if not line.startswith('listening '):
+            self._popen.wait()
+            raise RunError(f'{self.name} did not start:\n{line}{self.log_text()}')
+        words = dict(word.split('=') for word in line.split()[1:])
+        return Ports(**{key: int(value) for key, value in words.items()})
+
+    def log_text(self) -> str:
+        """Return what it has logged so far."""
+        return self.log.read_text(encoding='utf-8', errors='replace')
+
+
+def sim_controller(
+    log: Path,
+    *arguments: str,
+    ports: Ports | None = None,
+    environment: dict[str, str] | None = None,
+) -> Process:
+    """Start a simulated controller, on free ports unless `ports` says which."""
+    wanted = ports or Ports(0, 0, 0, 0)
+    numbers = [
+        word
+        for name in ('motion', 'state', 'io', 'remote')
+        for word in (f'--{name}-port', str(getattr(wanted, name)))
+    ]
+    return Process('sim_controller', [*numbers, *arguments], log, environment or dict(os.environ))
+
+
+def client(log: Path, ports: Ports, domain: int, **parameters: object) -> Process:
+    """Start the ROS 2 node for a controller on these ports. Parameters: `__` for a dot."""
+    values = {
+        'motion_port': ports.motion,
+        'state_port': ports.state,
+        'io_port': ports.io,
+        'remote_port': ports.remote,
+    } | {name.replace('__', '.'): value for name, value in parameters.items()}
+    arguments = ['--ros-args']
+    for name, value in values.items():
+        arguments += ['-p', f'{name}:={value}']
+    return Process('client', arguments, log, ros_environment(domain))
+
+
+@contextlib.contextmanager
+def ended_at_exit(*processes: Process) -> Iterator[None]:
+    """End the processes when the block is left, whatever happens in it."""
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.end()

@@ -1,0 +1,153 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a user's program does with the driver: enable it, send a goal, watch the joint states."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import rclpy
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Duration
+from control_msgs.action import FollowJointTrajectory
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from epson_driver.cli.demo_report import Recording
+from epson_driver.cli.processes import RunError
+from epson_driver.motion import Trajectory
+
+READY_TIMEOUT = 30.0
+"""How long anything but the motion itself may take, s."""
+
+
+class RosUser:
+    """A node beside the driver. `check` is called while waiting, and raises if that is in vain."""
+
+    def __init__(self, trajectory: Trajectory, check: Callable[[], None]) -> None:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._trajectory = trajectory
+        self._check = check
+        self._node = rclpy.create_node('demo')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._states: list[Any] = []
+        self._diagnostics: Any = None
+        self._recording = False
+        self._enable = self._node.create_client(Trigger, 'epson_driver/enable')
+        self._action = ActionClient(
+            self._node, FollowJointTrajectory, 'epson_driver/follow_joint_trajectory'
+        )
+        self._node.create_subscription(JointState, 'joint_states', self._on_state, 200)
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown()
+
+    def enable(self) -> None:
+        """Wait until the driver has the robot's state, then enable the arm."""
+        self._recording = True
+        self._wait(self._enable.service_is_ready, 'no ~/enable service')
+        self._wait(lambda: self._states, 'no joint_states')
+        self._wait(self._action.server_is_ready, 'no action server')
+        answer = self._complete(self._enable.call_async(Trigger.Request()))
+        if not answer.success:
+            raise RunError(f'~/enable: {answer.message}')
+        self._states.clear()
+
+    def execute(self, console: Console) -> tuple[str, bool]:
+        """Send the goal, show progress, and return the result's text and whether it succeeded."""
+        goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(self._trajectory))
+        total = len(self._trajectory.times)
+        columns = (
+            TextColumn('{task.description}'),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
+        with Progress(*columns, console=console) as progress:
+            bar = progress.add_task('waypoints', total=total)
+            times = self._trajectory.times
+
+            def on_feedback(message: Any) -> None:
+                passed = message.feedback.desired.time_from_start
+                reached = np.searchsorted(times, passed.sec + passed.nanosec * 1e-9 - 1e-6)
+                progress.update(bar, completed=int(reached))
+
+            handle = self._complete(self._action.send_goal_async(goal, on_feedback))
+            answer = self._complete(handle.get_result_async(), timeout=None)
+            succeeded = answer.status == GoalStatus.STATUS_SUCCEEDED
+            if succeeded:
+                progress.update(bar, completed=total)
+        self._recording = False
+        return answer.result.error_string, succeeded
+
+    def reply_latencies(self) -> dict[str, str]:
+        """Return what the driver's diagnostics say about the replies on the motion link."""
+        self._diagnostics = None
+        self._wait(lambda: self._diagnostics, 'no diagnostics')
+        link = next(s for s in self._diagnostics.status if s.name.endswith('motion link'))
+        return {value.key: value.value for value in link.values}
+
+    def recording(self) -> Recording:
+        """Return the joint states that came while the goal ran, joints in the plan's order."""
+        if not self._states:
+            raise RunError('no joint states came while the goal ran')
+        columns = [self._states[0].name.index(name) for name in self._trajectory.joint_names]
+        return Recording(
+            np.array([s.header.stamp.sec + s.header.stamp.nanosec * 1e-9 for s in self._states]),
+            np.array([s.position for s in self._states])[:, columns],
+            np.array([s.velocity for s in self._states])[:, columns],
+        )
+
+    def _on_state(self, message: Any) -> None:
+        if self._recording:
+            self._states.append(message)
+
+    def _on_diagnostics(self, message: Any) -> None:
+        self._diagnostics = message
+
+    def _wait(self, ready: Callable[[], Any], otherwise: str) -> None:
+        until = time.monotonic() + READY_TIMEOUT
+        while not ready():
+            if time.monotonic() > until:
+                raise RunError(f'{otherwise} within {READY_TIMEOUT:g} s')
+            self._check()
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _complete(self, future: Any, timeout: float | None = READY_TIMEOUT) -> Any:
+        until = None if timeout is None else time.monotonic() + timeout
+        while not future.done():
+            if until is not None and time.monotonic() > until:
+                raise RunError(f'no answer within {timeout:g} s')
+            self._check()
+            self._executor.spin_once(timeout_sec=0.05)
+        return future.result()
+
+
+def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
+    """Return a trajectory as the ROS message."""
+    message = JointTrajectory(joint_names=list(trajectory.joint_names))
+    for index, time_from_start in enumerate(trajectory.times):
+        whole, fraction = divmod(float(time_from_start), 1.0)
+        point = JointTrajectoryPoint(
+            positions=trajectory.positions[index].tolist(),
+            time_from_start=Duration(sec=int(whole), nanosec=round(fraction * 1e9)),
+        )
+        if trajectory.velocities is not None:
+            point.velocities = trajectory.velocities[index].tolist()
+        if trajectory.accelerations is not None:
+            point.accelerations = trajectory.accelerations[index].tolist()
+        message.points.append(point)
+    return message

@@ -1,0 +1,158 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`sim_controller`: a simulated EPSON controller as a plain process."""
+
+import argparse
+import asyncio
+import logging
+import math
+import signal
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from epson_driver.controller.core import Controller
+from epson_driver.controller.points import angles_refusal, clipped
+from epson_driver.controller.profile import ControllerProfileError, load_controller_profile
+from epson_driver.controller.servers import ControllerServers, Ports
+from epson_driver.controller.stderr_log import StderrLog
+from epson_driver.motion import Array, JointLimits
+from epson_driver.robots import RobotModelError, load_robot_model
+from epson_driver.simple_message import ByteOrder, Dialect
+
+_PORTS = Ports()
+_SHORTEST_PERIOD = 0.001
+
+
+def main() -> int:
+    """Run until SIGINT or SIGTERM; return 0 then, 1 if a port cannot be opened."""
+    parser = _parser()
+    args = parser.parse_args(_with_start_joined(sys.argv[1:]))
+    if args.motion == 'smooth':
+        parser.error('--motion smooth is not available yet: use --motion ptp')
+    try:
+        model = load_robot_model(args.robot)
+        profile = load_controller_profile(args.controller)
+        start = None if args.start is None else _start(args.start, model.limits)
+    except (OSError, RobotModelError, ControllerProfileError, _StartError) as error:
+        parser.error(str(error))
+    byte_order = profile.byte_order
+    if args.byte_order is not None:
+        byte_order = ByteOrder[args.byte_order.upper()]
+    controller = Controller(model, profile, start, Dialect(byte_order))
+    ports = Ports(args.motion_port, args.state_port, args.io_port, args.remote_port)
+    log = StderrLog()
+    logging.basicConfig(level=logging.INFO, handlers=[log])
+    try:
+        return asyncio.run(_run(controller, args.host, ports, args.state_period))
+    finally:
+        log.finish()
+
+
+async def _run(controller: Controller, host: str, ports: Ports, state_period: float | None) -> int:
+    loop = asyncio.get_running_loop()
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    servers = ControllerServers(controller, state_period)
+    try:
+        ports = await servers.open(host, ports)
+    except OSError as error:
+        print(f'sim_controller: {error}', file=sys.stderr)
+        return 1
+    print('listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True)
+    moving = asyncio.create_task(servers.run())
+    stopped = asyncio.create_task(stop.wait())
+    try:
+        await asyncio.wait((moving, stopped), return_when=asyncio.FIRST_COMPLETED)
+        if moving.done():
+            await moving  # it ends only with an error, and nothing works without it
+    finally:
+        moving.cancel()
+        await servers.close()
+    return 0
+
+
+class _StartError(ValueError):
+    """A --start that is not one angle per joint within the limits."""
+
+
+def _start(text: str, limits: JointLimits) -> Array:
+    try:
+        start = np.array([float(part) for part in text.split(',')])
+    except ValueError as cause:
+        raise _StartError(f'--start {text}: must be numbers separated by commas, rad') from cause
+    if start.shape != (len(limits.names),):
+        raise _StartError(f'--start {text}: {start.size} angles for {len(limits.names)} joints')
+    refusal = angles_refusal(start, limits)
+    if refusal is not None:
+        raise _StartError(f'--start: {refusal.sentence}')
+    return clipped(start, limits)
+
+
+def _with_start_joined(arguments: Sequence[str]) -> list[str]:
+    """Make `--start -1.0,0.2` one word: argparse takes a leading minus for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] == '--start':
+            joined[-1] = f'--start={argument}'
+        else:
+            joined.append(argument)
+    return joined
+
+
+def _port(text: str) -> int:
+    port = int(text) if text.isdecimal() else -1
+    if not 0 <= port <= 65_535:
+        raise argparse.ArgumentTypeError(f'{text}: must be a port from 0 to 65535')
+    return port
+
+
+def _period(text: str) -> float:
+    try:
+        period = float(text)
+    except ValueError:
+        period = math.nan
+    if not _SHORTEST_PERIOD <= period < math.inf:
+        raise argparse.ArgumentTypeError(f'{text}: must be at least {_SHORTEST_PERIOD:g} s')
+    return period
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='sim_controller',
+        description='A simulated EPSON controller. SIGINT or SIGTERM ends it.',
+        allow_abbrev=False,
+    )
+    parser.add_argument('--host', default='127.0.0.1', help='address to listen on (%(default)s)')
+    for name, default in _PORTS._asdict().items():
+        text = f'{name} port, 0 for any free one (%(default)s)'
+        parser.add_argument(
+            f'--{name}-port', type=_port, default=default, metavar='PORT', help=text
+        )
+    parser.add_argument(
+        '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
+    )
+    parser.add_argument(
+        '--controller', default='rc620', help='controller profile, or a .yaml file (%(default)s)'
+    )
+    parser.add_argument(
+        '--motion',
+        choices=('smooth', 'ptp'),
+        default='ptp',
+        help='ptp stops at every point (%(default)s); smooth is not available yet',
+    )
+    parser.add_argument(
+        '--byte-order', choices=('little', 'big'), help="of all messages (the profile's)"
+    )
+    parser.add_argument(
+        '--state-period',
+        type=_period,
+        metavar='SECONDS',
+        help="time between two state messages (the profile's, 0.005 for rc620)",
+    )
+    parser.add_argument(
+        '--start', metavar='Q1,…,Q6', help='initial joint angles, rad, as in -1.0,0.2,0,0,0,0'
+    )
+    return parser
