@@ -59,7 +59,8 @@ async def _drive(node: Node, executor_thread: threading.Thread) -> int:
     waiting = asyncio.create_task(ended.wait())
     await asyncio.wait([running, waiting], return_when=asyncio.FIRST_COMPLETED)
     if not running.done():
-        await client.driver.shut_down()
+        with contextlib.suppress(TimeoutError):  # then the results are lost, but not the time
+            await client.shut_down()
     running.cancel()
     waiting.cancel()
     with contextlib.suppress(asyncio.CancelledError):

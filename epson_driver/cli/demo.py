@@ -114,8 +114,10 @@ def _run(
             finally:
                 user.close()
         round_trips = _ping(ports)
+    if not succeeded:
+        raise RunError(f'the goal was not reached: {text}')
     figures = measure(trajectory, run)
-    right = succeeded and figures.waypoint_deviation <= DEVIATION_ALLOWED
+    right = figures.waypoint_deviation <= DEVIATION_ALLOWED
     console.print(_table(trajectory, figures, text, latencies, round_trips))
     draw(arguments.picture, trajectory, run, figures)
     console.print(f'picture: {arguments.picture}', highlight=False)

@@ -80,6 +80,14 @@ class Process:
         """The exit code; None while it runs."""
         return self._popen.poll()
 
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for its end and return its exit code. Raises subprocess.TimeoutExpired."""
+        return self._popen.wait(timeout)
+
+    def send(self, number: int) -> None:
+        """Send it a signal."""
+        self._popen.send_signal(number)
+
     def kill(self) -> None:
         """End it with SIGKILL, as a crash or a power cut does."""
         self._popen.kill()

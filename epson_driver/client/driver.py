@@ -21,6 +21,7 @@ from epson_driver.link import Link, LinkState
 from epson_driver.motion import JointLimits
 from epson_driver.simple_message import (
     ByteOrder,
+    CommType,
     JointFeedback,
     JointPosition,
     Packet,
@@ -74,7 +75,7 @@ class Events(Protocol):
 
 @dataclass(eq=False)
 class Ticket:
-    """A goal that was handed in: `on_end` is given its outcome, once; `on_feedback` every sample."""
+    """A goal handed in: `on_end` is given its outcome, once; `on_feedback` every sample."""
 
     goal: Goal
     on_end: Callable[[Outcome], None]
@@ -199,6 +200,8 @@ class Driver:
         ticket.outcome = outcome
         self._wake()
         ticket.on_end(outcome)
+        if ticket.execution is not None and not ticket.execution.at_rest:
+            self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
         if self._next is not None:
             following, self._next = self._next, None
             self._start(following)
@@ -251,6 +254,8 @@ class Driver:
                 waiter.set_result(None)
 
     def _on_state_packet(self, packet: Packet) -> None:
+        if packet.comm_type is not CommType.TOPIC:  # nothing was asked (REP-I0006)
+            return
         now = self._now()
         self.motion_link.dialect = self.state_link.dialect
         message = packet.message
@@ -280,6 +285,8 @@ class Driver:
         self.robot.on_status(status, now)
         if (why := what_forbids_motion(status)) is not None:
             self.fault(why)
+        elif self._ticket is not None and self._ticket.execution is not None:
+            self._ticket.execution.on_state(self.robot, now)
         self._events.on_status(status)
         self._wake()
 
@@ -287,7 +294,7 @@ class Driver:
         """Take a topic, or a reply that nobody waits for: a late no is still a no."""
         ticket = self._ticket
         if packet.reply_code is ReplyCode.FAILURE and ticket is not None and ticket.execution:
-            ticket.execution.on_unsolicited_failure()
+            ticket.execution.on_unsolicited_failure(self._now())
 
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:
@@ -307,14 +314,19 @@ class Driver:
         if combined is not self._link_state:
             self._link_state = combined
             self._events.on_link_state(combined.value, why)
-            if combined is not LinkState.CONNECTED:
+            if not self.state_link.connected:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Once a second, say that the status is unknown while there is none."""
+        """Once a second, drop what is too old, and say so while there is no status."""
         while True:
             await asyncio.sleep(STATUS_TIMEOUT)
             now = self._now()
+            sample = self.robot.sample
+            patience = max(STATUS_TIMEOUT, self.configuration.state_timeout)
+            if sample is not None and now - sample.time >= patience:
+                self.robot.sample = None
+                self.fault(f'no joint state for {patience:g} s')
             if self.robot.status is not None and now - self.robot.status_time < STATUS_TIMEOUT:
                 continue
             if self.robot.status is not None:

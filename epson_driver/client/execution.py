@@ -11,6 +11,8 @@ Rules:
 4. Cancel, stop and replacement send STOP at once, never behind a pending reply, and end the goal
    when the arm stands. A fault sends STOP and ends the goal at once: it cannot wait for an arm
    that it may no longer see.
+5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIME at most: it
+   has the reason.
 
 The object has no clock and no I/O: it is told what happened and when, and it sends through the
 callable it was given.
@@ -35,6 +37,7 @@ class State(Enum):
 
     STREAMING = 'streaming'
     SETTLING = 'settling'
+    REFUSED = 'refused'
     CANCELING = 'canceling'
     STOPPING = 'stopping'
     SUCCEEDED = 'succeeded'
@@ -46,6 +49,7 @@ class Event(Enum):
     """What happens to a goal."""
 
     LAST_REPLY = 'last reply'
+    REFUSAL = 'refusal'
     AT_GOAL = 'at the goal'
     CANCEL = 'cancel'
     STOP = 'stop'
@@ -55,10 +59,13 @@ class Event(Enum):
 
 TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.STREAMING, Event.LAST_REPLY): State.SETTLING,
+    (State.STREAMING, Event.REFUSAL): State.REFUSED,
     (State.STREAMING, Event.CANCEL): State.CANCELING,
     (State.STREAMING, Event.STOP): State.STOPPING,
     (State.STREAMING, Event.FAULT): State.ABORTED,
+    (State.REFUSED, Event.FAULT): State.ABORTED,
     (State.SETTLING, Event.AT_GOAL): State.SUCCEEDED,
+    (State.SETTLING, Event.REFUSAL): State.REFUSED,
     (State.SETTLING, Event.CANCEL): State.CANCELING,
     (State.SETTLING, Event.STOP): State.STOPPING,
     (State.SETTLING, Event.FAULT): State.ABORTED,
@@ -76,6 +83,9 @@ REST_TIME = 0.05
 
 SETTLE_TIME = 1.0
 """How long an arm may stand beside the goal after the last reply before that is a failure, s."""
+
+CAUSE_TIME = 0.09
+"""How long a refused goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
 
 MOVED = 1e-4
 """A change of position that shows that the arm moves, rad: well above an encoder's step."""
@@ -125,6 +135,10 @@ class Execution:
         self._alive_at: Array | None = None
         self._standing_since: float | None = None
         self._settling_since: float | None = None
+        self._refusal = ''
+        self._refused_at = 0.0
+        self.at_rest = False
+        """The goal has ended and the arm stands: not after a fault."""
         self._left = False
         self._must_leave = _must_leave(goal)
 
@@ -148,7 +162,7 @@ class Execution:
             return
         self._alive = now
         if packet.reply_code is not ReplyCode.SUCCESS:
-            self.fault(f'the controller refused {self._name(index)} (FAILURE reply)')
+            self._refuse(f'the controller refused {self._name(index)} (FAILURE reply)', now)
             return
         self.point += 1
         if self.point < len(self._points):
@@ -158,11 +172,11 @@ class Execution:
             self._standing_since = None
             self._step(Event.LAST_REPLY)
 
-    def on_unsolicited_failure(self) -> None:
+    def on_unsolicited_failure(self, now: float) -> None:
         """The controller sent a negative reply for something it had acknowledged before."""
-        self.fault(
-            f'the controller withdrew an acknowledgement on the way to {self._name(self.target)}'
-        )
+        if self.state in (State.STREAMING, State.SETTLING):
+            where = self._name(self.target)
+            self._refuse(f'the controller withdrew an acknowledgement before {where}', now)
 
     def on_state(self, robot: RobotState, now: float) -> None:
         """New joints or a new status came."""
@@ -172,7 +186,10 @@ class Execution:
         distance = np.abs(sample.positions - self.goal.trajectory.positions[-1])
         self._left = self._left or float(distance.max()) >= self._must_leave
         self._watch_rest(sample, robot, now)
-        if self._standing_since is not None and now - self._standing_since >= REST_TIME:
+        if self.state is State.REFUSED:
+            self._look_for_cause(robot, now)
+            return
+        if self._standing_since is not None and sample.time - self._standing_since >= REST_TIME:
             if self.state is State.SETTLING:
                 self._judge(distance, now)
             elif self.state in (State.CANCELING, State.STOPPING):
@@ -193,11 +210,29 @@ class Execution:
         """Something forbids going on: send STOP, and end now."""
         if self.ended:
             return
-        outcome = Outcome(End.ABORTED, code, why)
-        self.state = TRANSITIONS[self.state, Event.FAULT]  # before STOP: sending may fail, too
+        refused = self.state is State.REFUSED
+        outcome = Outcome(End.ABORTED, code, f'{self._refusal}: {why}' if refused else why)
+        self.state = TRANSITIONS[self.state, Event.FAULT]
+        if not refused:
+            self._send_stop()
+        self._on_end(outcome)
+
+    def _refuse(self, why: str, now: float) -> None:
+        self._refusal, self._refused_at = why, now
+        self._step(Event.REFUSAL)
+        self._send_stop()
+
+    def _look_for_cause(self, robot: RobotState, now: float) -> None:
+        """End a refused goal with what the first status after the refusal says, if it comes."""
+        if robot.status is not None and robot.status_time > self._refused_at:
+            error = robot.status.error_code
+            self.fault(f'controller error {error}' if error else 'it reports no error')
+        elif now - self._refused_at > CAUSE_TIME:
+            self.fault('no status came that says why')
+
+    def _send_stop(self) -> None:
         with contextlib.suppress(ConnectionError):  # without a link the controller stops itself
             self._send(STOP, lambda _packet, _now: None)
-        self._on_end(outcome)
 
     def _stop(self, event: Event, outcome: Outcome, now: float) -> None:
         if (self.state, event) not in TRANSITIONS:
@@ -232,10 +267,12 @@ class Execution:
         moving = float(np.abs(sample.velocities).max()) >= self._settings.stopped_velocity
         if moving or robot.in_motion == TriState.TRUE or self._settling_since is None:
             self._standing_since = None
-        elif self._standing_since is None and (
-            robot.in_motion == TriState.UNKNOWN or robot.status_time > self._settling_since
+        elif (
+            self._standing_since is None
+            and sample.time > self._settling_since
+            and (robot.in_motion == TriState.UNKNOWN or robot.status_time > self._settling_since)
         ):
-            self._standing_since = now
+            self._standing_since = sample.time
 
     def _judge(self, distance: Array, now: float) -> None:
         """All points are acknowledged and the arm stands: decide whether it is at the goal."""
@@ -291,6 +328,7 @@ class Execution:
     def _step(self, event: Event, outcome: Outcome | None = None) -> None:
         self.state = TRANSITIONS[self.state, event]
         if outcome is not None:
+            self.at_rest = True
             self._on_end(outcome)
 
     def _name(self, index: int) -> str:

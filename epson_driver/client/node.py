@@ -53,6 +53,9 @@ from epson_driver.simple_message import ByteOrder, Status
 FEEDBACK_PERIOD = 0.05
 """Action feedback and controller state, s: joint_trajectory_controller's 20 Hz."""
 
+RESULTS_TIMEOUT = 0.3
+"""How long the end of the process waits for results to be sent, s."""
+
 LATEST_START = 1.0
 """A trajectory stamped further ahead is refused: it would move when nobody expects it, s."""
 
@@ -87,6 +90,21 @@ class ClientNode:
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self.driver.run())
             tasks.create_task(self._publish_diagnostics())
+
+    async def shut_down(self) -> None:
+        """Stop the arm, and let every goal's result leave before ROS is shut down.
+
+        Raises TimeoutError if that takes longer than RESULTS_TIMEOUT.
+        """
+        await self.driver.shut_down()
+        executor = self._node.executor
+        async with asyncio.timeout(RESULTS_TIMEOUT):
+            waiting = True
+            while waiting:  # and once more: the last result leaves right after its ticket
+                waiting = bool(self._tickets)
+                passed = asyncio.Event()
+                executor.create_task(self._loop.call_soon_threadsafe, passed.set)
+                await passed.wait()
 
     # --- setting up -------------------------------------------------------------------------
 
@@ -209,7 +227,6 @@ class ClientNode:
             if goal_handle.is_cancel_requested:
                 self._loop.call_soon_threadsafe(self.driver.cancel, ticket)
             outcome = await done
-            del self._tickets[key]
         self._log_outcome(outcome)
         if outcome.end is End.SUCCEEDED:
             goal_handle.succeed()
@@ -217,6 +234,7 @@ class ClientNode:
             goal_handle.canceled()
         else:
             goal_handle.abort()
+        self._tickets.pop(key, None)
         return messages.result(outcome)
 
     def _cancel(self, goal_handle: Any) -> CancelResponse:
@@ -343,9 +361,11 @@ class ClientNode:
         self._node.executor.wake()
 
     def _log_outcome(self, outcome: Outcome) -> None:
-        logger = self._node.get_logger()
-        log = logger.info if outcome.end is End.SUCCEEDED else logger.warning
-        log(f'goal {outcome.end.value}: {outcome.text}')
+        text = f'goal {outcome.end.value}: {outcome.text}'
+        if outcome.end is End.SUCCEEDED:  # a line each: rclpy allows a line one severity
+            self._node.get_logger().info(text)
+        else:
+            self._node.get_logger().warning(text)
 
 
 class RosLogHandler(logging.Handler):
@@ -353,14 +373,16 @@ class RosLogHandler(logging.Handler):
 
     def __init__(self, logger: Any) -> None:
         super().__init__()
-        self._write = {
-            logging.DEBUG: logger.debug,
-            logging.INFO: logger.info,
-            logging.WARNING: logger.warning,
-            logging.ERROR: logger.error,
-            logging.CRITICAL: logger.fatal,
-        }
+        self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record."""
-        self._write.get(record.levelno, self._write[logging.INFO])(self.format(record))
+        """Write one record. One line per severity: rclpy allows each line of code just one."""
+        text = self.format(record)
+        if record.levelno >= logging.ERROR:
+            self._logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(text)
+        elif record.levelno >= logging.INFO:
+            self._logger.info(text)
+        else:
+            self._logger.debug(text)

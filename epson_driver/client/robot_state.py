@@ -50,16 +50,15 @@ class RobotState:
 
         Raises ValueError that names the joint if a value is not finite.
         """
-        positions = np.array(data[: self._joints])
-        bad = ~np.isfinite(positions)
-        if bad.any():
-            joint = int(np.argmax(bad))
-            raise ValueError(f'joint {joint + 1}: position {positions[joint]} is not finite')
+        positions = _finite('position', data[: self._joints])
+        measured = None
+        if velocities is not None:
+            measured = _finite('velocity', velocities[: self._joints])
         history = self._history
         history.append((now, data[: self._joints]))
         while history[0][0] < now - VELOCITY_WINDOW and len(history) > 2:
             history.popleft()
-        rates = self._slope() if velocities is None else np.array(velocities[: self._joints])
+        rates = self._slope() if measured is None else measured
         self.sample = JointSample(now, positions, rates)
         return self.sample
 
@@ -83,3 +82,12 @@ class RobotState:
         positions -= positions[0]
         slope: Array = times @ positions / (times @ times)
         return slope
+
+
+def _finite(quantity: str, data: tuple[float, ...]) -> Array:
+    values = np.array(data)
+    bad = ~np.isfinite(values)
+    if bad.any():
+        joint = int(np.argmax(bad))
+        raise ValueError(f'joint {joint + 1}: {quantity} {values[joint]} is not finite')
+    return values

@@ -114,7 +114,7 @@ class Services:
             await execute(self._driver.configuration.host, port, commands, timeout=ANSWER_TIMEOUT)
         except (RemoteError, OSError, TimeoutError) as error:
             where = f'remote port {self._driver.configuration.host}:{port}'
-            raise ServiceError(f'{where}: {error or "no answer"}: {by_hand}') from error
+            raise ServiceError(f'{where}: {str(error) or "no answer"}: {by_hand}') from error
 
     async def _wait_for_status(self, good: Callable[[Status], bool], otherwise: str) -> Status:
         try:

@@ -88,23 +88,23 @@ def go(
     difference = target - start
     length = float(np.max(np.abs(difference)))
     if length < SHORTEST_MOVE:
-        return LineMotion(limits, start, np.zeros_like(start), None, target)
+        return LineMotion(limits, start.copy(), np.zeros_like(start), None, target.copy())
     direction = difference / length
     inp = _bounds_along(direction, limits, speed, accel)
     inp.current_position = [0.0]
     inp.target_position = [length]
-    return LineMotion(limits, start, direction, _solve(inp), target)
+    return LineMotion(limits, start.copy(), direction, _solve(inp), target.copy())
 
 
 def _bounds_along(
     direction: Array, limits: JointLimits, speed: float, accel: float
 ) -> InputParameter:
     share = np.abs(direction)
-    moving = share > 0.0
     inp = InputParameter(1)
-    inp.max_velocity = [float(np.min(limits.velocity[moving] / share[moving])) * speed]
-    inp.max_acceleration = [float(np.min(limits.acceleration[moving] / share[moving])) * accel]
-    inp.max_jerk = [float(np.min(limits.jerk[moving] / share[moving])) * accel]
+    with np.errstate(divide='ignore', over='ignore'):  # a joint that hardly moves never binds
+        inp.max_velocity = [float(np.min(limits.velocity / share)) * speed]
+        inp.max_acceleration = [float(np.min(limits.acceleration / share)) * accel]
+        inp.max_jerk = [float(np.min(limits.jerk / share)) * accel]
     return inp
 
 

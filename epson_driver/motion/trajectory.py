@@ -53,6 +53,9 @@ def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     the joint, the value and the limit. Accelerations must be finite, but are not held against a
     limit: the points are a plan to follow, not the motion itself.
     """
+    if not len(trajectory.times):
+        yield 'the trajectory has no points'
+        return
     not_finite = list(_not_finite(trajectory))
     yield from not_finite
     if not_finite:

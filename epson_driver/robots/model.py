@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot model read from config/robots/NAME.yaml, validated."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,14 +56,14 @@ def load_robot_model(name: str) -> RobotModel:
     with path.open(encoding='utf-8') as file:
         try:
             data = yaml.safe_load(file)
-        except yaml.YAMLError as cause:
+        except (yaml.YAMLError, ValueError) as cause:  # ValueError: not UTF-8, no such date
             raise RobotModelError(f'{path}: not YAML: {cause}') from cause
     return _parse(data, path)
 
 
 def _parse(data: Any, path: Path) -> RobotModel:
     reader = _Reader(path)
-    names = tuple(reader.get(data, 'joint_names', list))
+    names = reader.names(data, 'joint_names')
     limits = reader.get(data, 'limits', dict)
     columns: dict[str, Array] = {}
     provenance: dict[str, Provenance] = {}
@@ -111,6 +112,12 @@ class _Reader:
             raise self.error(where + key, block[key], f'must be a {kind.__name__}')
         return block[key]
 
+    def names(self, block: Any, key: str) -> tuple[str, ...]:
+        names = self.get(block, key, list)
+        if not names or not all(isinstance(name, str) for name in names):
+            raise self.error(key, names, 'must be a list of names')
+        return tuple(names)
+
     def numbers(self, block: Any, key: str, where: str, count: int) -> Array:
         values = self.get(block, key, list, where + '.')
         if len(values) != count:
@@ -118,6 +125,8 @@ class _Reader:
         for value in values:
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise self.error(f'{where}.{key}', value, 'must be a number')
+            if not abs(value) <= sys.float_info.max:
+                raise self.error(f'{where}.{key}', value, 'must be finite')
         return np.array(values, dtype=float)
 
     def provenance(self, block: Any, where: str, count: int) -> Provenance:

@@ -55,14 +55,14 @@ class Framer:
         self._max_length = max_length
         self._buffer = bytearray()
         self._start = 0
-        self._failure: FrameError | None = None
+        self._bad_length: int | None = None
 
     def receive_data(self, data: bytes) -> None:
         """Append bytes from the stream. Nothing is parsed before `next_frame`.
 
         After a FrameError bytes are dropped: the memory stays bounded whatever the peer sends.
         """
-        if self._failure is not None:
+        if self._bad_length is not None:
             return
         if self._start:
             del self._buffer[: self._start]
@@ -75,8 +75,8 @@ class Framer:
         Raises FrameError for an impossible length, now and at every later call: what follows it
         cannot be told apart from anything else.
         """
-        if self._failure is not None:
-            raise self._failure
+        if self._bad_length is not None:
+            raise self._error(self._bad_length)
         buffered = len(self._buffer) - self._start
         if buffered < PREFIX_SIZE:
             return None
@@ -107,9 +107,10 @@ class Framer:
     def _fail(self, length: int) -> FrameError:
         self._buffer.clear()
         self._start = 0
-        self._failure = FrameError(
-            'length',
-            length,
-            f'must be {HEADER_SIZE} … {self._max_length}; is the byte order right?',
-        )
-        return self._failure
+        self._bad_length = length
+        return self._error(length)
+
+    def _error(self, length: int) -> FrameError:
+        # A new one each time: an error that is raised again grows its traceback for ever.
+        rule = f'must be {HEADER_SIZE} … {self._max_length}; is the byte order right?'
+        return FrameError('length', length, rule)

@@ -166,8 +166,14 @@ class TrajectoryLayout:
         points = message.points  # type: ignore[attr-defined]
         if len(points) > MAX_TRAJECTORY_POINTS:
             raise FieldError('points', len(points), f'at most {MAX_TRAJECTORY_POINTS}')
-        count = struct.pack(dialect.byte_order.value + 'i', len(points))
-        return b''.join(self._point.encode(point, dialect) for point in points) + count
+        body = bytearray()
+        for index, point in enumerate(points):
+            try:
+                body += self._point.encode(point, dialect)
+            except FieldError as error:
+                field = f'points[{index}].{error.field}'
+                raise FieldError(field, error.value, error.rule) from error
+        return bytes(body) + struct.pack(dialect.byte_order.value + 'i', len(points))
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
         """Return the message and its real width. Raises BodyError."""

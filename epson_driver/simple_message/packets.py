@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from epson_driver.simple_message.constants import CommType, ReplyCode
 from epson_driver.simple_message.dialect import LITTLE_ENDIAN, Dialect, Real
-from epson_driver.simple_message.errors import BodyError, HeaderError
-from epson_driver.simple_message.framer import HEADER_SIZE, Frame
+from epson_driver.simple_message.errors import BodyError, FieldError, HeaderError
+from epson_driver.simple_message.framer import HEADER_SIZE, MAX_LENGTH, Frame
 from epson_driver.simple_message.layouts import LAYOUT_OF_CLASS, LAYOUT_OF_TYPE
 from epson_driver.simple_message.messages import Message, Opaque
 
@@ -52,7 +52,12 @@ def encode(packet: Packet, dialect: Dialect) -> bytes:
     """
     message = packet.message
     if isinstance(message, Opaque):
+        if not -(2**31) <= message.msg_type < 2**31:
+            raise FieldError('msg_type', message.msg_type, 'must be an int32')
         body = message.body
+        if HEADER_SIZE + len(body) > MAX_LENGTH:
+            rule = f'a frame holds at most {MAX_LENGTH - HEADER_SIZE} bytes of body'
+            raise FieldError('body', f'{len(body)} bytes', rule)
     else:
         body = LAYOUT_OF_CLASS[type(message)].encode(message, dialect)
     prefix = struct.pack(

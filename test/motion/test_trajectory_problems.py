@@ -1,0 +1,194 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What forbids executing a trajectory, said with point, joint, value and limit."""
+
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from epson_driver.motion import JointLimits, Trajectory, problems
+from epson_driver.robots import load_robot_model
+
+NAMES = ('shoulder', 'elbow', 'wrist')
+LIMITS = JointLimits(
+    NAMES,
+    position_min=np.array([-1.0, -2.0, -3.0]),
+    position_max=np.array([1.0, 2.0, 0.5]),
+    velocity=np.array([1.0, 2.0, 4.0]),
+    acceleration=np.array([10.0, 20.0, 40.0]),
+    jerk=np.array([100.0, 200.0, 400.0]),
+)
+NAN = float('nan')
+INF = float('inf')
+PLANS = sorted((Path(__file__).parents[2] / 'config' / 'trajectories').glob('*.yaml'))
+
+
+def trajectory(*changes: tuple[str, Any, float]) -> Trajectory:
+    """Return a good trajectory of four points with some numbers (quantity, index) replaced."""
+    columns = {
+        'times': np.array([0.0, 1.0, 2.0, 3.0]),
+        'positions': np.array([[0.0, 0.0, 0.0], [0.5, 1.0, -1.0], [0.9, 1.9, -2.9], [0.0] * 3]),
+        'velocities': np.zeros((4, 3)),
+        'accelerations': np.zeros((4, 3)),
+    }
+    for quantity, index, value in changes:
+        columns[quantity][index] = value
+    return Trajectory(NAMES, **columns)
+
+
+def test_a_good_trajectory_has_no_problems() -> None:
+    assert list(problems(trajectory(), LIMITS)) == []
+    bare = Trajectory(NAMES, trajectory().times, trajectory().positions)
+    assert list(problems(bare, LIMITS)) == []
+    assert bare.duration == 3.0
+
+
+@pytest.mark.parametrize(
+    ('changes', 'sentences'),
+    [
+        (
+            [('times', 2, NAN)],
+            ['point 2: time_from_start = nan is not finite'],
+        ),
+        (
+            [('positions', (1, 2), NAN)],
+            ['point 1, wrist: positions = nan rad is not finite'],
+        ),
+        (
+            [('velocities', (3, 0), INF)],
+            ['point 3, shoulder: velocities = inf rad/s is not finite'],
+        ),
+        (
+            [('accelerations', (0, 1), -INF)],
+            ['point 0, elbow: accelerations = -inf rad/s² is not finite'],
+        ),
+        (
+            [('positions', (0, 0), NAN), ('positions', (2, 1), INF), ('velocities', (1, 1), 99.0)],
+            [
+                'point 0, shoulder: positions = nan rad is not finite',
+                'point 2, elbow: positions = inf rad is not finite',
+            ],
+        ),
+        (
+            [('times', 0, -0.5)],
+            ['point 0: time_from_start = -0.5 s is negative'],
+        ),
+        (
+            [('times', 2, 1.0)],
+            [
+                'point 2: time_from_start = 1 s is not after the 1 s of the point before: '
+                'times must strictly increase'
+            ],
+        ),
+        (
+            [('times', 3, 1.5)],
+            [
+                'point 3: time_from_start = 1.5 s is not after the 2 s of the point before: '
+                'times must strictly increase'
+            ],
+        ),
+        (
+            [('positions', (1, 0), 1.25), ('positions', (2, 2), -3.5)],
+            [
+                'point 1, shoulder: position 1.25 rad is outside the limits -1 … 1 rad',
+                'point 2, wrist: position -3.5 rad is outside the limits -3 … 0.5 rad',
+                'points 0 to 1, shoulder: 1.25 rad/s would be needed, '
+                'the velocity limit is 1 rad/s',
+            ],
+        ),
+        (
+            [('velocities', (1, 1), 2.5), ('velocities', (2, 0), -1.5)],
+            [
+                'point 1, elbow: velocity 2.5 rad/s is outside the limits -2 … 2 rad/s',
+                'point 2, shoulder: velocity -1.5 rad/s is outside the limits -1 … 1 rad/s',
+            ],
+        ),
+        (
+            [('times', 1, 0.25)],
+            [
+                'points 0 to 1, shoulder: 2 rad/s would be needed, the velocity limit is 1 rad/s',
+                'points 0 to 1, elbow: 4 rad/s would be needed, the velocity limit is 2 rad/s',
+            ],
+        ),
+        ([('accelerations', (1, 1), 1e6)], []),
+    ],
+    ids=lambda x: str(x)[:60],
+)
+def test_invariant_2_each_problem_names_point_joint_value_and_limit(
+    changes: list[tuple[str, Any, float]], sentences: list[str]
+) -> None:
+    assert list(problems(trajectory(*changes), LIMITS)) == sentences
+
+
+def test_a_trajectory_without_points_is_a_problem() -> None:
+    empty = Trajectory(NAMES, np.empty(0), np.empty((0, 3)))
+    assert list(problems(empty, LIMITS)) == ['the trajectory has no points']
+
+
+@pytest.mark.parametrize(('excess', 'count'), [(0.0, 0), (1e-7, 0), (1e-4, 1)])
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_invariant_2_a_limit_is_meant_up_to_rounding(
+    sign: float, excess: float, count: int
+) -> None:
+    fast = trajectory(('velocities', (1, 0), sign * (1.0 + excess)))
+    far = trajectory(('positions', (1, 1), sign * 2.0 * (1.0 + excess)))
+    steep = trajectory(('positions', (1, 0), sign * 0.25), ('times', 1, 0.25 / (1.0 + excess)))
+    steep.positions[2] = steep.positions[1]
+    assert len(list(problems(fast, LIMITS))) == count
+    assert len([text for text in problems(far, LIMITS) if 'position' in text]) == count
+    assert len([text for text in problems(steep, LIMITS) if 'shoulder' in text]) == count
+
+
+@pytest.mark.parametrize('order', [*permutations(range(3))], ids=str)
+def test_in_order_moves_every_column_with_its_name(order: tuple[int, ...]) -> None:
+    columns = np.arange(12.0).reshape(4, 3)
+    given = Trajectory(NAMES, np.arange(4.0), columns, columns + 100.0, columns + 200.0)
+    names = tuple(NAMES[index] for index in order)
+    made = given.in_order(names)
+    assert made.joint_names == names
+    assert made.times is given.times
+    for quantity in ('positions', 'velocities', 'accelerations'):
+        for column, name in enumerate(names):
+            expected = getattr(given, quantity)[:, NAMES.index(name)]
+            np.testing.assert_array_equal(getattr(made, quantity)[:, column], expected)
+
+
+def test_in_order_keeps_what_is_not_there_and_refuses_an_unknown_joint() -> None:
+    bare = Trajectory(NAMES, trajectory().times, trajectory().positions)
+    made = bare.in_order(NAMES[::-1])
+    assert (made.velocities, made.accelerations) == (None, None)
+    with pytest.raises(ValueError, match='not in tuple'):
+        bare.in_order(('shoulder', 'elbow', 'tool'))
+
+
+@pytest.mark.parametrize('path', PLANS, ids=lambda path: path.stem)
+def test_invariant_2_the_planned_trajectories_of_this_package_have_no_problems(
+    path: Path,
+) -> None:
+    plan = yaml.safe_load(path.read_text(encoding='utf-8'))
+    points = plan['points']
+    limits = load_robot_model('c3_a601s').limits
+
+    def table(quantity: str) -> Any:
+        rows = [point[quantity] for point in points]
+        return np.array(rows) if any(rows) else None
+
+    stamps = [point['time_from_start'] for point in points]
+    planned = Trajectory(
+        tuple(plan['joint_names']),
+        np.array([stamp['sec'] + stamp['nanosec'] * 1e-9 for stamp in stamps]),
+        table('positions'),
+        table('velocities'),
+        table('accelerations'),
+    )
+    assert planned.joint_names == limits.names
+    assert len(points) >= 10
+    assert list(problems(planned, limits)) == []
+
+
+def test_the_planned_trajectories_are_there() -> None:
+    assert 'around_pillar_11_points' in [path.stem for path in PLANS]

@@ -1,0 +1,292 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Any segmentation, both byte orders, and whatever else a socket may bring."""
+
+import contextlib
+import struct
+import tracemalloc
+from collections.abc import Sized
+from itertools import pairwise
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from wire_examples import DIALECTS, EXAMPLES, bits, drain, frames_of, packets
+
+from epson_driver.simple_message import (
+    BodyError,
+    ByteOrder,
+    Frame,
+    FrameError,
+    Framer,
+    HeaderError,
+    decode,
+    encode,
+)
+
+STREAM = b''.join(example.little for example in EXAMPLES)
+ORDERS = pytest.mark.parametrize('order', ByteOrder, ids=lambda order: order.name)
+
+
+def held(framer: Framer) -> int:
+    """Return how many bytes the framer keeps, wherever it keeps them."""
+    return sum(len(value) for value in vars(framer).values() if isinstance(value, Sized))
+
+
+def frame_bytes(length: int, order: ByteOrder = ByteOrder.LITTLE) -> bytes:
+    """Return a STATUS-typed frame whose prefix is `length`, with as much body as it promises."""
+    return struct.pack(order.value + '4i', length, 13, 1, 0) + bytes(max(length - 12, 0))
+
+
+def outcome(framer: Framer, chunks: list[bytes]) -> tuple[list[Frame], str]:
+    """Return the frames that the chunks give, and the text of the error that ended them."""
+    frames = []
+    for chunk in chunks:
+        framer.receive_data(chunk)
+        try:
+            while (frame := framer.next_frame()) is not None:
+                frames.append(frame)
+        except FrameError as error:
+            return frames, str(error)
+    return frames, ''
+
+
+def cut(data: bytes, cuts: list[int]) -> list[bytes]:
+    """Return the data in pieces; equal cuts give empty ones."""
+    at = [0, *sorted(min(position, len(data)) for position in cuts), len(data)]
+    return [data[start:end] for start, end in pairwise(at)]
+
+
+def test_one_byte_at_a_time_gives_each_frame_with_its_last_byte() -> None:
+    framer = Framer()
+    ends = []
+    end = 0
+    for item in EXAMPLES:
+        end += len(item.little)
+        ends.append(end)
+    complete = []
+    for position in range(len(STREAM)):
+        framer.receive_data(STREAM[position : position + 1])
+        complete += [position + 1] * len(drain(framer))
+    assert complete == ends
+
+
+@settings(deadline=None, max_examples=60)
+@given(data=st.data())
+def test_any_segmentation_gives_the_same_frames(data: st.DataObject) -> None:
+    dialect = data.draw(st.sampled_from(DIALECTS))
+    sent = data.draw(st.lists(packets(dialect), min_size=1, max_size=5))
+    stream = b''.join(encode(packet, dialect) for packet in sent)
+    cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=12))
+    whole = frames_of(stream)
+    assert [bits(decode(frame).message) for frame in whole] == [bits(p.message) for p in sent]
+    assert outcome(Framer(), cut(stream, cuts)) == (whole, '')
+
+
+@settings(deadline=None)
+@given(
+    stream=st.binary(max_size=200) | st.binary(max_size=20).map(lambda tail: STREAM + tail),
+    cuts=st.lists(st.integers(0, 800), max_size=12),
+)
+def test_any_segmentation_gives_the_same_error(stream: bytes, cuts: list[int]) -> None:
+    assert outcome(Framer(), cut(stream, cuts)) == outcome(Framer(), [stream])
+
+
+@ORDERS
+def test_the_byte_order_is_detected_from_the_first_length(order: ByteOrder) -> None:
+    framer = Framer()
+    assert framer.byte_order is None
+    framer.receive_data(frame_bytes(40, order)[:4])
+    assert framer.next_frame() is None
+    assert framer.byte_order is order
+    framer.receive_data(frame_bytes(40, order)[4:])
+    assert framer.next_frame() == Frame(13, 1, 0, bytes(28), order)
+
+
+@ORDERS
+@settings(deadline=None)
+@given(length=st.integers(12, 65535))
+def test_every_length_that_is_allowed_is_detected_in_its_byte_order(
+    order: ByteOrder, length: int
+) -> None:
+    (frame,) = frames_of(frame_bytes(length, order))
+    assert frame.byte_order is order
+    assert len(frame.body) == length - 12
+
+
+@ORDERS
+def test_a_detected_byte_order_is_kept(order: ByteOrder) -> None:
+    other = ByteOrder.BIG if order is ByteOrder.LITTLE else ByteOrder.LITTLE
+    framer = Framer()
+    framer.receive_data(frame_bytes(40, order) + frame_bytes(40, other))
+    assert framer.next_frame() is not None
+    with pytest.raises(FrameError):
+        framer.next_frame()
+
+
+@ORDERS
+def test_a_given_byte_order_refuses_the_other(order: ByteOrder) -> None:
+    other = ByteOrder.BIG if order is ByteOrder.LITTLE else ByteOrder.LITTLE
+    framer = Framer(other)
+    framer.receive_data(frame_bytes(0x38, order))
+    with pytest.raises(FrameError) as error:
+        framer.next_frame()
+    assert error.value.value == 0x38000000
+    assert str(error.value) == ('length = 939524096: must be 12 … 65535; is the byte order right?')
+
+
+@ORDERS
+@pytest.mark.parametrize('length', [0, -1, -(2**31), 11, 65536, 2**31 - 1])
+def test_invariant_7_an_impossible_length_is_refused(order: ByteOrder, length: int) -> None:
+    framer = Framer(order)
+    framer.receive_data(struct.pack(order.value + 'i', length))
+    with pytest.raises(FrameError) as error:
+        framer.next_frame()
+    assert (error.value.field, error.value.value) == ('length', length)
+
+
+@ORDERS
+@pytest.mark.parametrize('length', [12, 13, 65534, 65535])
+def test_the_outermost_lengths_are_accepted(order: ByteOrder, length: int) -> None:
+    for framer in (Framer(order), Framer()):
+        (frame,) = frames_of(frame_bytes(length, order), framer)
+        assert len(frame.body) == length - 12
+
+
+@pytest.mark.parametrize('prefix', ['00000000', 'ffffffff', '0b000000', '0000000b', '01000001'])
+def test_invariant_7_a_length_that_is_impossible_in_both_orders_is_refused(prefix: str) -> None:
+    framer = Framer()
+    framer.receive_data(bytes.fromhex(prefix))
+    with pytest.raises(FrameError):
+        framer.next_frame()
+    assert framer.byte_order is None
+
+
+def test_a_first_length_of_65536_is_256_of_the_other_byte_order() -> None:
+    (frame,) = frames_of(struct.pack('<i', 65536) + bytes(256))
+    assert frame.byte_order is ByteOrder.BIG
+
+
+@ORDERS
+def test_the_maximum_length_can_be_lowered(order: ByteOrder) -> None:
+    assert frames_of(frame_bytes(64, order), Framer(max_length=64)) != []
+    for framer in (Framer(max_length=64), Framer(order, max_length=64)):
+        with pytest.raises(FrameError, match=r'must be 12 … 64; is the byte order right\?'):
+            frames_of(frame_bytes(65, order), framer)
+
+
+@pytest.mark.parametrize('max_length', [11, 0, -1, 65536])
+def test_a_maximum_length_that_detection_cannot_have_is_refused(max_length: int) -> None:
+    with pytest.raises(ValueError, match=f'max_length = {max_length}: must be 12 … 65535'):
+        Framer(max_length=max_length)
+
+
+def test_whole_frames_before_an_impossible_length_are_given_out() -> None:
+    framer = Framer()
+    framer.receive_data(STREAM + bytes(4) + STREAM)
+    for _ in EXAMPLES:
+        assert framer.next_frame() is not None
+    with pytest.raises(FrameError):
+        framer.next_frame()
+
+
+def test_after_an_error_the_error_repeats_whatever_comes() -> None:
+    framer = Framer(ByteOrder.LITTLE)
+    framer.receive_data(bytes(4))
+    texts = set()
+    for chunk in (b'', STREAM, bytes(4), b'\x38'):
+        with pytest.raises(FrameError) as error:
+            framer.next_frame()
+        texts.add(str(error.value))
+        framer.receive_data(chunk)
+    assert texts == {'length = 0: must be 12 … 65535; is the byte order right?'}
+
+
+def test_invariant_7_memory_is_bounded_after_an_error() -> None:
+    framer = Framer()
+    framer.receive_data(bytes(4))
+
+    def go_on(times: int) -> None:
+        for _ in range(times):
+            framer.receive_data(bytes(65536))
+            try:
+                framer.next_frame()
+            except FrameError:
+                continue
+            raise AssertionError('the error did not repeat')
+
+    tracemalloc.start()
+    try:
+        go_on(100)
+        before, _ = tracemalloc.get_traced_memory()
+        go_on(1000)
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert held(framer) == 0
+    assert after - before < 4096  # an error object that is kept and raised again grows
+
+
+def test_invariant_7_memory_is_bounded_while_a_long_frame_drips_in() -> None:
+    stream = frame_bytes(65535)
+    framer = Framer()
+    for _ in range(3):
+        for at in range(0, len(stream), 1000):
+            chunk = stream[at : at + 1000]
+            framer.receive_data(chunk)
+            assert held(framer) <= 65535 + 4 + len(chunk)
+            drain(framer)
+    assert framer.next_frame() is None
+
+
+@settings(deadline=None, max_examples=200)
+@given(data=st.data(), max_length=st.sampled_from([12, 64, 300, 65535]))
+def test_invariant_7_arbitrary_bytes_raise_nothing_else_and_hold_no_more_memory(
+    data: st.DataObject, max_length: int
+) -> None:
+    order = data.draw(st.sampled_from([None, *ByteOrder]))
+    framer = Framer(order, max_length)
+    broken = False
+    for chunk in data.draw(st.lists(_chunks(), max_size=8)):
+        framer.receive_data(chunk)
+        assert held(framer) <= max_length + 4 + len(chunk)
+        try:
+            while (frame := framer.next_frame()) is not None:
+                assert not broken
+                assert 12 + len(frame.body) <= max_length
+                with contextlib.suppress(HeaderError, BodyError):
+                    packet = decode(frame)
+                    assert len(encode(packet, packet.dialect)) <= 4 + max_length
+        except FrameError:
+            broken = True
+            assert held(framer) == 0
+
+
+@settings(deadline=None)
+@given(garbage=st.binary(min_size=4, max_size=200))
+@example(garbage=bytes(4))
+def test_invariant_7_the_next_connection_is_not_touched_by_the_last(garbage: bytes) -> None:
+    outcome(Framer(), [garbage])
+    assert len(frames_of(STREAM)) == len(EXAMPLES)
+
+
+def _chunks() -> st.SearchStrategy[bytes]:
+    """Return bytes without any sense, frames without any sense, and frames with one bad byte."""
+    word = st.integers(-2, 20) | st.integers(-(2**31), 2**31 - 1)
+    framed = st.builds(
+        lambda order, header, body: (
+            struct.pack(order.value + '4i', 12 + len(body), *header) + body
+        ),
+        st.sampled_from(ByteOrder),
+        st.tuples(word, st.integers(-1, 4), st.integers(-1, 3)),
+        st.sampled_from(
+            [0, 4, 12, 28, 40, 44, 52, 84, 100, 132, 136, 256, 260, 524, 1004]
+        ).flatmap(lambda size: st.binary(min_size=size, max_size=size)),
+    )
+    spoiled = st.builds(
+        lambda wire, at, byte: wire[: at % len(wire)] + bytes([byte]) + wire[at % len(wire) + 1 :],
+        st.sampled_from([side for item in EXAMPLES for side in (item.little, item.big)]),
+        st.integers(0, 200),
+        st.integers(0, 255),
+    )
+    return st.one_of(st.binary(max_size=80), framed, spoiled)

@@ -1,0 +1,41 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures of cells, which end with the test."""
+
+import os
+
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from cell import Cell
+
+
+@pytest.fixture
+def make_cell(tmp_path: Any) -> Iterator[Any]:
+    cells: list[Cell] = []
+
+    def make(*arguments: str, **parameters: Any) -> Cell:
+        cells.append(Cell(tmp_path, *arguments, **parameters))
+        return cells[-1]
+
+    yield make
+    for cell in cells:
+        cell.close()
+
+
+@pytest.fixture
+def cell(make_cell: Any) -> Cell:
+    """A running cell, arm not enabled."""
+    return make_cell().ready()
+
+
+@pytest.fixture(scope='module')
+def shared_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    """One enabled cell for all tests of a module that leave it as they found it."""
+    shared = Cell(tmp_path_factory.mktemp('cell')).ready()
+    shared.peer.enable()
+    yield shared
+    shared.close()

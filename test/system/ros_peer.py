@@ -1,0 +1,201 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a user's program sees of the driver, kept for assertions: a node with its own thread."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Duration
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState
+from diagnostic_msgs.msg import DiagnosticArray
+from industrial_msgs.msg import RobotStatus
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+PATIENCE = 30.0
+JOINTS = [f'joint_{i}' for i in range(1, 7)]
+STATUS_NAMES = {
+    GoalStatus.STATUS_SUCCEEDED: 'succeeded',
+    GoalStatus.STATUS_CANCELED: 'canceled',
+    GoalStatus.STATUS_ABORTED: 'aborted',
+}
+
+
+def trajectory(*points: tuple[float, list[float]], names: list[str] = JOINTS) -> JointTrajectory:
+    """Return a message from (time_from_start in s, positions) pairs."""
+    message = JointTrajectory(joint_names=names)
+    for seconds, positions in points:
+        whole, fraction = divmod(seconds, 1.0)
+        duration = Duration(sec=int(whole), nanosec=round(fraction * 1e9))
+        message.points.append(JointTrajectoryPoint(positions=positions, time_from_start=duration))
+    return message
+
+
+class Goal:
+    """A goal that was sent: feedback as it came, and the result."""
+
+    def __init__(self, peer: 'RosPeer', message: JointTrajectory, **fields: Any) -> None:
+        self.feedback: list[Any] = []
+        self._peer = peer
+        future = peer.action.send_goal_async(
+            FollowJointTrajectory.Goal(trajectory=message, **fields),
+            lambda message: self.feedback.append(message.feedback),
+        )
+        self.handle = peer.complete(future)
+        assert self.handle.accepted
+        self._result = self.handle.get_result_async()
+
+    @property
+    def done(self) -> bool:
+        return self._result.done()
+
+    def cancel(self) -> None:
+        self._peer.complete(self.handle.cancel_goal_async())
+
+    def result(self) -> tuple[str, int, str]:
+        """Return how it ended (`succeeded`, …), the error code, and the error string."""
+        answer = self._peer.complete(self._result)
+        return (
+            STATUS_NAMES[answer.status],
+            answer.result.error_code,
+            answer.result.error_string,
+        )
+
+
+class RosPeer:
+    """Subscribes to all that the driver publishes and keeps it."""
+
+    def __init__(self, domain: int, prefix: str = '', node: str = 'epson_driver') -> None:
+        self._context = Context()
+        self._context.init(domain_id=domain)
+        self._node = Node('peer', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._changed = threading.Condition()
+        self.joint_states: list[JointState] = []
+        self.robot_status: list[RobotStatus] = []
+        self.link_states: list[str] = []
+        self.diagnostics: list[DiagnosticArray] = []
+        self.controller_states: list[JointTrajectoryControllerState] = []
+        latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        driver = f'{prefix}/{node}'
+        for kind, topic, kept, qos in (
+            (JointState, f'{prefix}/joint_states', self.joint_states, 1000),
+            (RobotStatus, f'{prefix}/robot_status', self.robot_status, 100),
+            (DiagnosticArray, '/diagnostics', self.diagnostics, 10),
+            (
+                JointTrajectoryControllerState,
+                f'{driver}/controller_state',
+                self.controller_states,
+                100,
+            ),
+        ):
+            self._node.create_subscription(kind, topic, self._keep(kept.append), qos)
+        self._node.create_subscription(
+            String,
+            f'{driver}/link_state',
+            self._keep(lambda message: self.link_states.append(message.data)),
+            latched,
+        )
+        self.trajectory_topic = self._node.create_publisher(
+            JointTrajectory, f'{driver}/joint_trajectory', 10
+        )
+        self.action = ActionClient(
+            self._node, FollowJointTrajectory, f'{driver}/follow_joint_trajectory'
+        )
+        self._services = {
+            name: self._node.create_client(Trigger, f'{driver}/{name}')
+            for name in ('stop', 'enable', 'disable', 'reset_error')
+        }
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._thread.join(PATIENCE)
+        self._node.destroy_node()
+        self._context.shutdown()
+
+    def _keep(self, store: Callable[[Any], None]) -> Callable[[Any], None]:
+        def callback(message: Any) -> None:
+            with self._changed:
+                store(message)
+                self._changed.notify_all()
+
+        return callback
+
+    def wait_for(self, what: Callable[[], Any], meaning: str, patience: float = PATIENCE) -> Any:
+        """Wait until `what()` is true, checked at each message; fail with `meaning` otherwise."""
+        with self._changed:
+            until = time.monotonic() + patience
+            while not (value := what()):
+                left = until - time.monotonic()
+                assert left > 0, f'{meaning}: not within {patience:g} s'
+                self._changed.wait(min(left, 0.1))
+            return value
+
+    def complete(self, future: Any) -> Any:
+        done = threading.Event()
+        future.add_done_callback(lambda _future: done.set())
+        assert done.wait(PATIENCE), f'no answer within {PATIENCE:g} s'
+        return future.result()
+
+    def wait_until_ready(self) -> None:
+        """Wait for joints, a status of a connected controller, and the driver's entry points."""
+        assert self.action.wait_for_server(PATIENCE)
+        for client in self._services.values():
+            assert client.wait_for_service(PATIENCE)
+        self.wait_for(lambda: self.joint_states, 'joint_states')
+        self.wait_for(
+            lambda: self.robot_status and self.robot_status[-1].mode.val != -1, 'robot_status'
+        )
+        self.wait_for(lambda: 'connected' in self.link_states[-1:], 'link_state connected')
+
+    def call(self, service: str) -> tuple[bool, str]:
+        """Call `~/stop`, `~/enable`, … and return (success, message)."""
+        client = self._services[service]
+        assert client.wait_for_service(PATIENCE)
+        answer = self.complete(client.call_async(Trigger.Request()))
+        return answer.success, answer.message
+
+    def goal(self, message: JointTrajectory, **fields: Any) -> Goal:
+        return Goal(self, message, **fields)
+
+    def enable(self) -> None:
+        success, message = self.call('enable')
+        assert success, message
+
+    def position(self) -> np.ndarray:
+        """Return the newest measured joints that came after this call."""
+        seen = len(self.joint_states)
+        self.wait_for(lambda: len(self.joint_states) > seen, 'a new joint state')
+        return np.array(self.joint_states[-1].position)
+
+    def wait_for_motion(self) -> None:
+        """Wait until the joints really move."""
+        start = self.position()
+        self.wait_for(
+            lambda: np.abs(np.array(self.joint_states[-1].position) - start).max() > 0.01,
+            'motion',
+        )
+
+    def assert_still(self, states: int = 60) -> np.ndarray:
+        """Check that the next joint states are all the same; return the position."""
+        start = self.position()
+        seen = len(self.joint_states)
+        self.wait_for(lambda: len(self.joint_states) >= seen + states, 'more joint states')
+        for state in self.joint_states[seen:]:
+            assert np.array_equal(np.array(state.position), start)
+        return start

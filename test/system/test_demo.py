@@ -1,0 +1,64 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`make demo`, as a newcomer runs it."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from epson_driver.share import share_file
+
+
+def demo(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-m', 'epson_driver.cli', 'demo', *arguments],
+        capture_output=True,
+        text=True,
+        timeout=110,
+        check=False,
+    )
+
+
+def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
+    picture = tmp_path / 'report.png'
+    run = demo(f'--picture={picture}')
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert 'the arm did what was planned' in run.stdout
+    assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+def test_demo_says_what_is_wrong_with_a_file(tmp_path: Path) -> None:
+    missing = demo('--trajectory', str(tmp_path / 'none.yaml'))
+    assert missing.returncode == 1
+    assert 'none.yaml' in missing.stdout
+    plan = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
+    bad = tmp_path / 'bad.yaml'
+    text = plan.read_text(encoding='utf-8')
+    bad.write_text(text.replace('-0.212831978', '-3.212831978'), encoding='utf-8')
+    run = demo('--trajectory', str(bad), f'--picture={tmp_path / "bad.png"}')
+    assert run.returncode == 1
+    words = ' '.join(run.stdout.split())
+    assert 'point 4' in words
+    assert 'joint_1' in words
+    assert '-2.96706' in words
+
+
+def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
+    run = subprocess.Popen(
+        [sys.executable, '-m', 'epson_driver.cli', 'demo', f'--picture={tmp_path / "x.png"}'],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert run.stdout is not None
+    assert 'sim_controller on' in run.stdout.readline()
+    children = Path(f'/proc/{run.pid}/task/{run.pid}/children').read_text().split()
+    run.send_signal(signal.SIGINT)
+    run.stdout.read()
+    assert run.wait(60) == 130
+    assert children
+    until = time.monotonic() + 10
+    while any(Path(f'/proc/{child}').exists() for child in children):
+        assert time.monotonic() < until, 'a child of the demo is still running'
+        time.sleep(0.05)

@@ -1,0 +1,218 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""E-stop, motors off, lost links, killed processes: the arm stays still until it is enabled."""
+
+import signal
+from typing import Any
+
+import numpy as np
+import pytest
+from cell import START, Cell
+from ros_peer import trajectory
+
+FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
+
+
+def far_away() -> Any:
+    return trajectory((0.0, START), (4.0, FAR))
+
+
+def assert_disabled(cell: Cell, *words: str) -> None:
+    """A goal is refused with the reason; nothing moves."""
+    here = cell.peer.assert_still().tolist()
+    there = [here[0] + 0.1, *here[1:]]
+    ended, code, text = cell.peer.goal(trajectory((0.0, here), (1.0, there))).result()
+    assert (ended, code) == ('aborted', -1), text
+    assert 'not enabled' in text
+    for word in words:
+        assert word in text
+    assert np.array_equal(cell.peer.assert_still(), here)
+
+
+def assert_works_after_enable(cell: Cell) -> None:
+    cell.peer.enable()
+    here = cell.peer.position().tolist()
+    there = [here[0] + 0.05, *here[1:]]
+    ended, _, text = cell.peer.goal(trajectory((0.0, here), (0.5, there))).result()
+    assert ended == 'succeeded', text
+
+
+def test_invariant_4_nothing_moves_before_the_first_enable(cell: Cell) -> None:
+    assert_disabled(cell, 'since the driver started')
+    status = cell.peer.robot_status[-1]
+    assert status.drives_powered.val == 0
+    assert_works_after_enable(cell)
+
+
+def test_estop_in_mid_motion(cell: Cell) -> None:
+    peer = cell.peer
+    peer.enable()
+    goal = peer.goal(far_away())
+    peer.wait_for_motion()
+    cell.pendant('estop', 'press')
+    ended, code, text = goal.result()
+    assert (ended, code) == ('aborted', -4)
+    assert 'E-stop' in text
+    peer.wait_for(lambda: peer.robot_status[-1].e_stopped.val == 1, 'e_stopped in robot_status')
+    status = peer.robot_status[-1]
+    assert status.mode.val == 2
+    assert status.drives_powered.val == 0
+    assert list(status.error_codes) == [2261]
+    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
+    assert_disabled(cell, 'E-stop')
+    success, message = peer.call('enable')
+    assert not success
+    assert 'release' in message
+    cell.pendant('estop', 'release')
+    assert_disabled(cell, 'E-stop')
+    assert peer.call('reset_error')[0]
+    peer.wait_for(lambda: peer.robot_status[-1].e_stopped.val == 0, 'E-stop reset')
+    assert_disabled(cell, 'E-stop')
+    assert_works_after_enable(cell)
+
+
+def test_motors_off_in_mid_motion(cell: Cell) -> None:
+    peer = cell.peer
+    peer.enable()
+    goal = peer.goal(far_away())
+    peer.wait_for_motion()
+    cell.pendant('motors', 'off')
+    ended, code, text = goal.result()
+    assert (ended, code) == ('aborted', -4)
+    assert 'motors are off' in text or 'refused' in text
+    peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 0, 'drives off')
+    cell.pendant('motors', 'on')
+    peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 1, 'drives on')
+    assert_disabled(cell, 'motors')
+    assert_works_after_enable(cell)
+
+
+def test_disable_stops_and_switches_the_motors_off(cell: Cell) -> None:
+    peer = cell.peer
+    peer.enable()
+    goal = peer.goal(far_away())
+    peer.wait_for_motion()
+    success, message = peer.call('disable')
+    assert success, message
+    assert goal.result()[0] == 'aborted'
+    peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 0, 'drives off')
+    assert_disabled(cell, '~/disable')
+
+
+def test_controller_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
+    peer = cell.peer
+    peer.enable()
+    goal = peer.goal(far_away())
+    peer.wait_for_motion()
+    cell.controller.kill()
+    ended, code, text = goal.result()
+    assert (ended, code) == ('aborted', -4)
+    assert 'link was lost' in text
+    peer.wait_for(lambda: peer.link_states[-1] != 'connected', 'link_state')
+    # invariant 6: joint_states stop, robot_status says unknown and goes on
+    silent = len(peer.joint_states)
+    statuses = len(peer.robot_status)
+    peer.wait_for(lambda: len(peer.robot_status) >= statuses + 2, 'robot_status while down')
+    assert len(peer.joint_states) == silent
+    for status in peer.robot_status[statuses:]:
+        assert status.mode.val == -1
+        assert status.e_stopped.val == -1
+        assert status.drives_powered.val == -1
+    seen = len(peer.diagnostics)
+    peer.wait_for(lambda: len(peer.diagnostics) > seen, 'diagnostics')
+    arms = [s for s in peer.diagnostics[-1].status if s.name.endswith(': arm')]
+    assert arms[0].level == b'\x03'
+    cell.restart_controller()
+    peer.wait_for(lambda: len(peer.joint_states) > silent, 'joint states after the restart')
+    peer.wait_for(lambda: peer.link_states[-1] == 'connected', 'connected again')
+    assert_disabled(cell, 'link was lost')
+    assert_works_after_enable(cell)
+
+
+def test_client_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
+    peer = cell.peer
+    peer.enable()
+    peer.goal(far_away())
+    peer.wait_for_motion()
+    cell.client.kill()
+    peer.joint_states.clear()
+    peer.robot_status.clear()
+    cell.restart_client()
+    peer.wait_for(lambda: peer.joint_states, 'joint states after the restart')
+    position = peer.assert_still()
+    assert 0.0 < position[0] < 1.4
+    peer.wait_for(
+        lambda: peer.robot_status and peer.robot_status[-1].drives_powered.val == 0,
+        'motors off after a lost client',
+    )
+    assert_disabled(cell, 'since the driver started')
+    assert_works_after_enable(cell)
+
+
+def test_silent_controller_is_noticed(make_cell: Any) -> None:
+    """A stopped process keeps its connections open, as a pulled cable does."""
+    cell = make_cell(state_timeout=0.5).ready()
+    peer = cell.peer
+    peer.enable()
+    goal = peer.goal(far_away())
+    peer.wait_for_motion()
+    cell.controller.send(signal.SIGSTOP)
+    ended, code, text = goal.result()
+    assert (ended, code) == ('aborted', -4)
+    assert 'silent for 0.5 s' in text
+    statuses, states = len(peer.robot_status), len(peer.joint_states)
+    cell.controller.send(signal.SIGCONT)
+    peer.wait_for(lambda: peer.link_states[-1] == 'connected', 'connected again')
+    peer.wait_for(
+        lambda: (
+            len(peer.joint_states) > states
+            and len(peer.robot_status) > statuses
+            and peer.robot_status[-1].in_motion.val == 0
+            and not any(peer.joint_states[-1].velocity)
+        ),
+        'standstill, on the STOP that the driver sent over the motion link',
+    )
+    assert_disabled(cell, 'silent')
+    assert_works_after_enable(cell)
+
+
+def test_refused_point_ends_the_goal(make_cell: Any, tmp_path: Any) -> None:
+    """The controller has narrower limits than the driver knows: its FAILURE is the goal's end."""
+    from epson_driver.share import share_file
+
+    text = share_file('config', 'robots', 'c3_a601s.yaml').read_text(encoding='utf-8')
+    narrow = tmp_path / 'narrow.yaml'
+    narrow.write_text(text.replace('max: [2.9670597283903604', 'max: [0.5'), encoding='utf-8')
+    assert narrow.read_text(encoding='utf-8') != text
+    cell = make_cell(f'--robot={narrow}').ready()
+    peer = cell.peer
+    peer.enable()
+    ended, code, text = peer.goal(
+        trajectory((0.0, START), (0.3, [0.3, *START[1:]]), (1.0, [0.6, *START[1:]]))
+    ).result()
+    assert (ended, code) == ('aborted', -4)
+    assert 'refused point 2 of 3' in text
+    assert '4001' in text
+    assert abs(peer.assert_still()[0] - 0.3) < 1e-6
+    peer.wait_for(lambda: list(peer.robot_status[-1].error_codes) == [4001], 'error 4001')
+    assert peer.call('reset_error')[0]
+    peer.wait_for(lambda: not peer.robot_status[-1].error_codes, 'error gone')
+    assert_works_after_enable(cell)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_client_interrupted_in_mid_motion_stops_the_arm_and_ends_cleanly(
+    cell: Cell, number: int
+) -> None:
+    peer = cell.peer
+    peer.enable()
+    goal = peer.goal(far_away())
+    peer.wait_for_motion()
+    assert cell.client.end(number) == 0
+    ended, _, text = goal.result()
+    assert ended == 'aborted'
+    assert 'shut down' in text
+    cell.restart_client()
+    peer.joint_states.clear()
+    peer.wait_for(lambda: peer.joint_states, 'joint states after the restart')
+    assert peer.assert_still()[0] < 1.4

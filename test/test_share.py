@@ -1,0 +1,65 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Data files are found in the source tree and in an installed prefix."""
+
+import importlib.util
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from epson_driver import share
+from epson_driver.share import share_file
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_a_file_of_the_source_tree_is_found() -> None:
+    path = share_file('config', 'robots', 'c3_a601s.yaml')
+    assert path.is_absolute()
+    assert path.read_bytes() == (ROOT / 'config' / 'robots' / 'c3_a601s.yaml').read_bytes()
+
+
+@pytest.mark.parametrize(
+    ('parts', 'there'),
+    [
+        (('config', 'robots', 'c9.yaml'), r'c3_a601s\b.*'),
+        (('config', 'robots', 'c9.json'), 'nothing'),
+        (('no_such_folder', 'c9.yaml'), 'nothing'),
+        (('config', 'robots'), '.*'),
+    ],
+    ids='/'.join,
+)
+def test_a_file_that_is_not_there_says_where_and_what_else_is(
+    parts: tuple[str, ...], there: str
+) -> None:
+    with pytest.raises(FileNotFoundError, match=rf'^no {parts[-1]} in .*there is: {there}\)$'):
+        share_file(*parts)
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> Callable[..., Path]:
+    """Install share.py and one data file as pip and colcon do; return the function there."""
+    package = tmp_path / 'lib' / 'python3.12' / 'site-packages' / 'epson_driver'
+    package.mkdir(parents=True)
+    shutil.copy(share.__file__, package)
+    data = tmp_path / 'share' / 'epson_driver' / 'config' / 'robots'
+    data.mkdir(parents=True)
+    (data / 'mine.yaml').touch()
+    spec = importlib.util.spec_from_file_location('installed_share', package / 'share.py')
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found: Callable[..., Path] = module.share_file
+    return found
+
+
+def test_a_file_of_an_installed_prefix_is_found(
+    installed: Callable[..., Path], tmp_path: Path
+) -> None:
+    expected = tmp_path / 'share' / 'epson_driver' / 'config' / 'robots' / 'mine.yaml'
+    assert installed('config', 'robots', 'mine.yaml') == expected.resolve()
+    with pytest.raises(FileNotFoundError, match=r'no c3_a601s\.yaml in .* \(there is: mine\)'):
+        installed('config', 'robots', 'c3_a601s.yaml')
