@@ -32,7 +32,8 @@ def text() -> str:
     ]
     for title, file, transitions, start in MACHINES:
         lines = [f'## {title}\n\n`epson_driver/{file}`\n\n```mermaid', 'stateDiagram-v2']
-        names = {state.name: state.value for pair in transitions.items() for state in _states(pair)}
+        states = {state for row in transitions.items() for state in _states(row)}
+        names = {state.name: state.value for state in states}
         lines += [f'    state "{value}" as {name}' for name, value in sorted(names.items())]
         lines.append(f'    [*] --> {start.name}')
         lines += [

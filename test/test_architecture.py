@@ -38,10 +38,11 @@ class Room:
 
 
 NOTHING: frozenset[str] = frozenset()
-GROUND = frozenset({'simple_message', 'motion', 'robots', 'share'})
+GROUND = frozenset({'remote_errors', 'simple_message', 'motion', 'robots', 'share'})
 
 ROOMS = {
     'share': Room(0, NOTHING),
+    'remote_errors': Room(0, NOTHING),
     'simple_message': Room(0, NOTHING),
     'motion': Room(0, NOTHING, frozenset({'numpy', 'ruckig'})),
     'robots': Room(0, frozenset({'motion', 'share'}), frozenset({'numpy', 'yaml'})),

@@ -9,8 +9,9 @@ import numpy as np
 
 from epson_driver.motion import Array, Trajectory
 
-STILL = 0.03
-"""Below this share of the run's highest speed the arm counts as stopped."""
+STILL, MOVING = 0.03, 0.1
+"""Below the first share of the run's typical speed the arm has stopped, above the second it moves
+again; between them the noise of the arrival times decides nothing."""
 
 DEVIATION_ALLOWED = 0.02
 """How far from a waypoint the nearest joint state may be, rad: between two of them, 5 ms apart,
@@ -44,9 +45,8 @@ class Figures:
 def measure(trajectory: Trajectory, run: Recording) -> Figures:
     """Return the figures of a run; the joints of both are in the same order."""
     speeds = _speeds(run)
-    moving = np.flatnonzero(speeds > STILL * speeds.max())
+    moving = np.flatnonzero(speeds > STILL)
     first, last = int(moving[0]), int(moving[-1])
-    still = speeds[first : last + 1] <= STILL * speeds.max()
     distances, times = _waypoints(trajectory, run, first)
     gaps = np.diff(run.times)
     return Figures(
@@ -54,7 +54,7 @@ def measure(trajectory: Trajectory, run: Recording) -> Figures:
         moved=float(run.times[last] - run.times[first]),
         waypoint_deviation=float(distances.max()),
         end_deviation=float(np.abs(run.positions[-1] - trajectory.positions[-1]).max()),
-        stops=int(np.count_nonzero(np.diff(still.astype(int)) == 1)),
+        stops=_stops(speeds),
         rate=float(len(gaps) / (run.times[-1] - run.times[0])),
         longest_gap=float(gaps.max()),
         waypoint_times=times,
@@ -63,10 +63,23 @@ def measure(trajectory: Trajectory, run: Recording) -> Figures:
 
 
 def _speeds(run: Recording) -> Array:
-    """Return the fastest joint's speed at each state, from its neighbours, shape (k,)."""
+    """Return the fastest joint's speed at each state, as a share of the run's median, shape (k,).
+
+    From each state's neighbours. The median, since states that come in a burst look too fast.
+    """
     steps = np.abs(run.positions[2:] - run.positions[:-2]).max(axis=1)
     between = np.maximum(run.times[2:] - run.times[:-2], 1e-3)
-    return np.pad(steps / between, 1)
+    speeds = np.pad(steps / between, 1)
+    typical = np.median(speeds[speeds > 0.0]) if speeds.any() else 1.0
+    return np.asarray(speeds / typical)
+
+
+def _stops(speeds: Array) -> int:
+    """Return how often the arm stopped and moved on."""
+    moving = speeds >= MOVING
+    decided = moving | (speeds <= STILL)
+    begins = np.flatnonzero(np.diff(moving[decided].astype(int)) == 1)
+    return max(len(begins) - 1, 0)
 
 
 def _waypoints(trajectory: Trajectory, run: Recording, first: int) -> tuple[Array, Array]:

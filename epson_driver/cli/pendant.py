@@ -7,7 +7,8 @@ import asyncio
 import sys
 
 from epson_driver.controller.errors import TEXTS
-from epson_driver.link.remote_ethernet import RemoteError, RemoteErrorNumber, execute
+from epson_driver.link.remote_ethernet import RemoteError, execute
+from epson_driver.remote_errors import RemoteErrorNumber
 
 _TIMEOUT = 5.0  # s
 _FLAGS = (
@@ -116,6 +117,13 @@ def _advice(error: RemoteError, host: str, port: int) -> str:
     return str(error)
 
 
+def _port(text: str) -> int:
+    port = int(text) if text.isdecimal() else 0
+    if not 1 <= port <= 65_535:
+        raise argparse.ArgumentTypeError(f'{text}: must be a port from 1 to 65535')
+    return port
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='pendant',
@@ -123,6 +131,6 @@ def _parser() -> argparse.ArgumentParser:
         usage='%(prog)s [-h] [--host HOST] [--port PORT] ' + '|'.join(_WORDS),
     )
     parser.add_argument('--host', default='127.0.0.1', help='the controller (%(default)s)')
-    parser.add_argument('--port', type=int, default=5000, help='its remote port (%(default)s)')
+    parser.add_argument('--port', type=_port, default=5000, help='its remote port (%(default)s)')
     parser.add_argument('action', nargs='+', help=', '.join(_WORDS))
     return parser

@@ -9,41 +9,12 @@ has no such port.
 """
 
 import asyncio
+import os
 from collections.abc import Sequence
-from enum import IntEnum
+
+from epson_driver.remote_errors import MEANINGS
 
 _LONGEST_LINE = 4096
-
-
-class RemoteErrorNumber(IntEnum):
-    """Error numbers of Remote Ethernet."""
-
-    NO_DOLLAR = 10
-    BAD_COMMAND = 11
-    FORMAT = 12
-    PASSWORD = 13
-    COUNT = 14
-    PARAMETER = 15
-    TIMEOUT = 19
-    NOT_READY = 20
-    EXECUTING = 21
-    PASSWORD_NEEDED = 98
-    SYSTEM = 99
-
-
-MEANINGS: dict[int, str] = {
-    RemoteErrorNumber.NO_DOLLAR: 'the command does not begin with $',
-    RemoteErrorNumber.BAD_COMMAND: 'the command is unknown, or nobody is logged in',
-    RemoteErrorNumber.FORMAT: 'the format of the command is wrong',
-    RemoteErrorNumber.PASSWORD: 'the password is wrong',
-    RemoteErrorNumber.COUNT: 'the number of values asked for is wrong',
-    RemoteErrorNumber.PARAMETER: 'a parameter is wrong',
-    RemoteErrorNumber.TIMEOUT: 'the controller took too long',
-    RemoteErrorNumber.NOT_READY: 'the controller does not accept it in its present condition',
-    RemoteErrorNumber.EXECUTING: 'another command is being executed',
-    RemoteErrorNumber.PASSWORD_NEEDED: 'a password is needed',
-    RemoteErrorNumber.SYSTEM: 'system error or communication error',
-}
 
 
 class RemoteError(Exception):
@@ -68,8 +39,8 @@ async def execute(
     async with asyncio.timeout(timeout):
         try:
             reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
-        except OSError as error:
-            raise ConnectionError(f'{host}:{port}: {error.strerror or error}') from error
+        except (OSError, OverflowError) as error:
+            raise ConnectionError(f'{host}:{port}: {_reason(error)}') from error
         try:
             await _ask(reader, writer, f'Login,{password}')
             values = [await _ask(reader, writer, command) for command in commands]
@@ -79,6 +50,12 @@ async def execute(
         finally:
             writer.close()
     return values
+
+
+def _reason(error: OSError | OverflowError) -> str:
+    number = error.errno if isinstance(error, OSError) else None
+    # asyncio's text names the address again; a name that is not found has a negative number.
+    return os.strerror(number) if number is not None and number > 0 else str(error)
 
 
 async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str) -> str:

@@ -1,0 +1,179 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The process `sim_controller`, as a user starts it."""
+
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+
+import pytest
+
+COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'sim_controller']
+FREE = ['--motion-port', '0', '--state-port', '0', '--io-port', '0', '--remote-port', '0']
+LINE = re.compile(r'listening motion=(\d+) state=(\d+) io=(\d+) remote=(\d+)\n')
+
+
+@pytest.fixture
+def start():
+    processes = []
+
+    def start_process(*arguments, stderr=subprocess.DEVNULL):
+        process = subprocess.Popen(
+            [*COMMAND, *FREE, *arguments], stdout=subprocess.PIPE, stderr=stderr, text=True
+        )
+        processes.append(process)
+        match = LINE.fullmatch(process.stdout.readline())
+        assert match
+        names = ('motion', 'state', 'io', 'remote')
+        return process, dict(zip(names, map(int, match.groups()), strict=True))
+
+    yield start_process
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def run(*arguments):
+    return subprocess.run(
+        [*COMMAND, *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def connect(port):
+    return socket.create_connection(('127.0.0.1', port), timeout=60)
+
+
+def receive(sock, count):
+    data = b''
+    while len(data) < count:
+        chunk = sock.recv(count - len(data))
+        assert chunk
+        data += chunk
+    return data
+
+
+def remote(port, *commands):
+    with connect(port) as sock, sock.makefile('rw', newline='\r\n') as lines:
+        answers = []
+        for command in ('$Login,', *commands):
+            lines.write(command + '\r\n')
+            lines.flush()
+            answers.append(lines.readline().strip())
+        return answers[1:]
+
+
+def point(sequence, joints, velocity=0.0):
+    return struct.pack('<5i12f', 64, 11, 2, 0, sequence, *joints, 0, 0, 0, 0, velocity, 0)
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(start, number):
+    process, ports = start()
+    clients = [connect(port) for port in ports.values() for _ in range(2)]
+    assert remote(ports['remote'], '$SetMotorsOn,1') == ['#SetMotorsOn,0']
+    clients[0].sendall(point(0, (1.0, 0, 0, 0, 0, 0), 0.01))
+    receive(clients[2], 600)
+    process.send_signal(number)
+    assert process.wait(timeout=30) == 0
+    for client in clients:
+        client.close()
+
+
+@pytest.mark.parametrize(
+    'arguments', [['--start', '-1.5,0.25,0,0,-0.5,6'], ['--start=-1.5,0.25,0,0,-0.5,6']]
+)
+def test_the_arm_starts_where_it_is_told_to(start, arguments):
+    _, ports = start(*arguments)
+    with connect(ports['state']) as sock:
+        data = receive(sock, 60)
+    assert struct.unpack('<5i10f', data) == (
+        (56, 10, 1, 0, 0, -1.5, 0.25, 0, 0, -0.5, 6, 0, 0, 0, 0)
+    )
+
+
+def test_big_endian_and_another_period(start):
+    _, ports = start('--byte-order', 'big', '--state-period', '0.02')
+    with connect(ports['state']) as sock:
+        assert receive(sock, 16) == bytes.fromhex('00000038 0000000a 00000001 00000000')
+
+
+def test_a_killed_client_stops_the_arm_and_a_new_one_can_go_on(start):
+    _, ports = start()
+    script = (
+        'import socket, struct, sys, time\n'
+        f's = socket.create_connection(("127.0.0.1", {ports["motion"]}))\n'
+        's.sendall(bytes.fromhex(sys.argv[1]))\n'
+        'print("sent", flush=True)\n'
+        'time.sleep(60)\n'
+    )
+    assert remote(ports['remote'], '$SetMotorsOn') == ['#SetMotorsOn,0']
+    data = point(0, (2.0, 0, 0, 0, 0, 0), 0.01).hex()
+    client = subprocess.Popen([sys.executable, '-c', script, data], stdout=subprocess.PIPE)
+    client.stdout.readline()
+    while remote(ports['remote'], '$GetStatus') != ['#GetStatus,00100000010,0000']:
+        time.sleep(0.02)
+    client.kill()
+    client.communicate()
+    while remote(ports['remote'], '$GetMotor,0') != ['#GetMotor,1,0,0']:
+        time.sleep(0.02)
+    assert remote(ports['remote'], '$GetStatus') == ['#GetStatus,00100000001,0000']
+    with connect(ports['motion']) as sock:
+        sock.sendall(point(0, (0.0,) * 6))
+        assert struct.unpack_from('<4i', receive(sock, 60)) == (56, 10, 3, 2)
+        assert remote(ports['remote'], '$SetMotorsOn') == ['#SetMotorsOn,0']
+        sock.sendall(point(0, (0.0,) * 6))
+        assert struct.unpack_from('<4i', receive(sock, 60)) == (56, 10, 3, 1)
+
+
+def test_a_log_that_nobody_reads_stops_nothing(start):
+    process, ports = start(stderr=subprocess.PIPE)
+    refused = point(7, (0.0,) * 6)
+    with connect(ports['motion']) as sock:
+        for _ in range(30):
+            sock.sendall(refused * 100)
+            receive(sock, 6000)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=30) == 0
+
+
+def test_a_port_in_use_is_named(start):
+    _, ports = start()
+    arguments = list(FREE)
+    arguments[3] = str(ports['state'])
+    result = run(*arguments)
+    assert result.returncode == 1
+    assert result.stdout == ''
+    assert f'state port 127.0.0.1:{ports["state"]}: Address already in use' in result.stderr
+    assert 'Traceback' not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        (['--start', '-9,0,0,0,0,0'], 'joint_1 = -9 rad is outside the limits -2.96706 … 2.96706'),
+        (['--start', '0,0,0,0,2.5,0'], 'joint_5 = 2.5 rad is outside the limits'),
+        (['--start', 'nan,0,0,0,0,0'], 'joint_1 = nan rad is outside'),
+        (['--start', '0,0,0'], '3 angles for 6 joints'),
+        (['--start', '1,2,three,0,0,0'], 'must be numbers separated by commas'),
+        (['--start='], 'must be numbers'),
+        (['--start'], 'expected one argument'),
+        (['--motion', 'smooth'], '--motion smooth is not available yet: use --motion ptp'),
+        (['--motion', 'jump'], 'invalid choice'),
+        (['--byte-order', 'middle'], 'invalid choice'),
+        (['--robot', 'c9'], r'no c9.yaml'),
+        (['--controller', 'rc9'], r'no rc9.yaml'),
+        (['--robot', '/nowhere/r.yaml'], '/nowhere/r.yaml'),
+        (['--motion-port', '70000'], 'must be a port from 0 to 65535'),
+        (['--state-period', '0'], 'must be at least 0.001 s'),
+        (['--state-period', 'nan'], 'must be at least 0.001 s'),
+    ],
+)
+def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):
+    result = run(*FREE, *arguments)
+    assert result.returncode == 2
+    assert text in result.stderr
+    assert 'Traceback' not in result.stderr

@@ -1,0 +1,164 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever is sent and whenever it is stopped: the arm stays within every limit."""
+
+import numpy as np
+from controller_bench import LIMITS, STOP, Bench, point
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from epson_driver.controller.states import Condition, RefusedError
+from epson_driver.simple_message import FrameError
+
+DT = 0.001
+SLACK = 1e-5  # of each limit, for the rounding of third differences
+
+fractions = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6)
+STOPS = {
+    'STOP': lambda bench: bench.send(point(STOP)),
+    'wrong sequence': lambda bench: bench.send(point(77)),
+    'motors off': lambda bench: bench.controller.motors_off(),
+    'client lost': lambda bench: bench.controller.disconnected(),
+    'E-stop': lambda bench: bench.controller.estop_press(),
+    'nothing': lambda bench: None,
+}
+
+
+def angles(parts):
+    return LIMITS.position_min + np.array(parts) * (LIMITS.position_max - LIMITS.position_min)
+
+
+def assert_within_limits(samples):
+    """Divided differences are means of the derivatives, so no limit allows them to be larger."""
+    path = np.array(samples)
+    assert np.all(path >= LIMITS.position_min)
+    assert np.all(path <= LIMITS.position_max)
+    for order, limit in enumerate((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk), start=1):
+        differences = np.abs(np.diff(path, order, axis=0)) / DT**order
+        assert np.all(differences <= limit * (1.0 + SLACK)), f'derivative {order}'
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    start=fractions,
+    targets=st.lists(fractions, min_size=1, max_size=3),
+    velocity=st.sampled_from([0.0, 0.05, 1.0]),
+    offset=st.floats(0.0, DT),
+    steps=st.integers(0, 900),
+    stop=st.sampled_from(sorted(STOPS)),
+)
+def test_invariant_2_and_3_every_stop_keeps_every_limit(
+    start, targets, velocity, offset, steps, stop
+):
+    bench = Bench(start=angles(start))
+    bench.send(*(point(i, angles(target), velocity) for i, target in enumerate(targets)))
+    bench.controller.step(offset)
+    samples = [bench.joints]
+    for _ in range(steps):
+        bench.controller.step(DT)
+        samples.append(bench.joints)
+    STOPS[stop](bench)
+    while bench.controller.moving and len(samples) < 1500:
+        bench.controller.step(DT)
+        samples.append(bench.joints)
+    assert_within_limits(samples)
+    if stop != 'nothing':
+        assert not bench.controller.moving
+
+
+ACTIONS = st.one_of(
+    st.tuples(st.just('point'), st.integers(-5, 6), fractions, st.floats(-0.125, 1.125, width=32)),
+    st.tuples(st.just('next'), fractions),
+    st.tuples(st.just('step'), st.floats(0.0, 0.3)),
+    st.tuples(
+        st.sampled_from(['motors_on', 'motors_off', 'estop_press', 'estop_release', 'reset'])
+    ),
+    st.tuples(st.just('reconnect')),
+    st.tuples(st.just('garbage'), st.binary(min_size=1, max_size=80)),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(ACTIONS, max_size=40))
+def test_invariants_1_to_4_and_7_hold_through_any_sequence_of_actions(actions):
+    bench = Bench()
+    controller = bench.controller
+    sequence = 0
+    for action, *arguments in actions:
+        before, was_moving = bench.joints, controller.moving
+        try:
+            if action == 'step':
+                controller.step(*arguments)
+            elif action == 'reconnect':
+                controller.disconnected()
+                controller.connected(bench.sent.extend)
+            elif action == 'garbage':
+                bench.send(*arguments)
+            elif action == 'point':
+                number, parts, velocity = arguments
+                bench.send(point(number, angles(parts), velocity))
+            elif action == 'next':
+                bench.send(point(sequence, angles(arguments[0])))
+            else:
+                getattr(controller, action)()
+        except RefusedError as refusal:
+            assert len(str(refusal)) > 20  # noqa: PT017  the sentence
+        except FrameError:
+            controller.connected(bench.sent.extend)
+        status = controller.status()
+        assert status.in_motion == controller.moving
+        assert status.in_error == (status.error_code != 0)
+        assert status.e_stopped == (status.error_code == 2261)
+        if not was_moving:  # only an accepted point begins a motion
+            assert bench.joints.tolist() == before.tolist() or action in ('point', 'next')
+            assert not controller.moving or (
+                action in ('point', 'next') and controller.condition is Condition.MOTORS_ON
+            )
+        assert np.all(bench.joints >= LIMITS.position_min)
+        assert np.all(bench.joints <= LIMITS.position_max)
+        sequence = sequence + 1 if action == 'next' else 0
+    if controller.condition is not Condition.MOTORS_ON:
+        assert bench.rest() < 1.0
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.binary(max_size=200), max_size=5))
+def test_invariant_7_any_bytes_no_crash_no_motion(chunks):
+    bench = Bench()
+    try:
+        bench.send(*chunks)
+    except FrameError:
+        assert bench.controller.condition is Condition.MOTORS_OFF
+    assert not bench.controller.moving
+    assert bench.joints.tolist() == [0.0] * 6
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, 67), st.integers(0, 255)), min_size=1, max_size=4),
+    st.integers(0, 67),
+)
+def test_invariant_7_a_point_with_wrong_bytes_never_leaves_the_limits(changes, cut):
+    bench = Bench()
+    data = bytearray(point(0, (0.5, 0.5, 0.5), 0.1, 1.0))
+    for index, value in changes:
+        data[index] = value
+    try:
+        bench.send(bytes(data[:cut]), bytes(data[cut:]))
+    except FrameError:
+        return
+    for _ in range(50):
+        bench.controller.step(0.02)
+        assert np.all(bench.joints >= LIMITS.position_min)
+        assert np.all(bench.joints <= LIMITS.position_max)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(-4, 12), max_size=60), st.floats(0.0, 0.05))
+def test_every_request_is_answered_once_and_in_order(sequences, pause):
+    bench = Bench()
+    for index, sequence in enumerate(sequences):
+        bench.send(point(sequence, (0.01 * index,)))
+        bench.controller.step(pause)
+    bench.rest()
+    assert [sequence for sequence, _ in bench.codes()] == sequences
