@@ -4,6 +4,7 @@
 
 import asyncio
 import contextlib
+import gc
 import logging
 import signal
 import sys
@@ -50,6 +51,8 @@ async def _drive(node: Node, executor_thread: threading.Thread) -> int:
     except (ValueError, FileNotFoundError, rclpy.exceptions.ParameterException) as error:
         node.get_logger().fatal(str(error))
         return 1
+    gc.collect()
+    gc.freeze()  # what start-up made is never freed: searching it would hold the loop for 15 ms
     executor_thread.start()
     running = asyncio.create_task(client.run())
     ended = asyncio.Event()

@@ -4,6 +4,7 @@
 
 import argparse
 import asyncio
+import gc
 import logging
 import math
 import signal
@@ -61,6 +62,8 @@ async def _run(controller: Controller, host: str, ports: Ports, state_period: fl
     except OSError as error:
         print(f'sim_controller: {error}', file=sys.stderr)
         return 1
+    gc.collect()
+    gc.freeze()  # what start-up made is never freed: do not search it again in the motion cycle
     print('listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True)
     moving = asyncio.create_task(servers.run())
     stopped = asyncio.create_task(stop.wait())

@@ -5,7 +5,6 @@
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from epson_driver.client.driver import Driver
@@ -51,9 +50,9 @@ class Diagnostics:
             )
         values |= {f'bad frames: {field}': n for field, n in counted.bad_frames.items()}
         if counted.reply_latencies:
-            latencies = np.array(counted.reply_latencies) * 1e3
-            values['reply latency median [ms]'] = f'{np.median(latencies):.2f}'
-            values['reply latency p99 [ms]'] = f'{np.percentile(latencies, 99):.2f}'
+            latencies = sorted(counted.reply_latencies)  # numpy's median imports for 14 ms
+            values['reply latency median [ms]'] = _milliseconds(latencies, 0.5)
+            values['reply latency p99 [ms]'] = _milliseconds(latencies, 0.99)
         level = DiagnosticStatus.OK if link.connected else DiagnosticStatus.ERROR
         return self._status(
             f'{link.name} link', level, link.state.value, values, f'{link.host}:{link.port}'
@@ -93,3 +92,8 @@ class Diagnostics:
             hardware_id=hardware,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
+
+
+def _milliseconds(sorted_seconds: list[float], share: float) -> str:
+    """Return the value below which `share` of the others lie, in ms."""
+    return f'{sorted_seconds[int(share * (len(sorted_seconds) - 1))] * 1e3:.2f}'
