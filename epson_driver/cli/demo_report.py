@@ -46,8 +46,8 @@ def measure(trajectory: Trajectory, run: Recording) -> Figures:
     """Return the figures of a run; the joints of both are in the same order."""
     speeds = _speeds(run)
     moving = np.flatnonzero(speeds > STILL)
-    first, last = int(moving[0]), int(moving[-1])
-    distances, times = _waypoints(trajectory, run, first)
+    first, last = (int(moving[0]), int(moving[-1])) if moving.size else (0, 0)
+    distances, times = _waypoints(trajectory, run)
     gaps = np.diff(run.times)
     return Figures(
         planned=trajectory.duration,
@@ -82,18 +82,25 @@ def _stops(speeds: Array) -> int:
     return max(len(begins) - 1, 0)
 
 
-def _waypoints(trajectory: Trajectory, run: Recording, first: int) -> tuple[Array, Array]:
-    """Return how near each waypoint was passed, and when; waypoints are passed in their order."""
-    distances, times = [], []
-    start = max(first - 1, 0)
+def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
+    """Return how near each waypoint was passed, rad, and when, s; shapes (n,).
+
+    The passages are in the waypoints' order and together the nearest possible (dynamic
+    programming over waypoints and states), so that a path may cross itself.
+    """
+    states = np.arange(len(run.times))
+    came_from = np.empty((len(trajectory.positions), len(states)), dtype=np.int32)
+    cost = np.zeros(len(states))
     for index, waypoint in enumerate(trajectory.positions):
-        left = len(trajectory.positions) - index
-        window = max((len(run.times) - start) * 3 // left, 2)
-        ahead = np.abs(run.positions[start : start + window] - waypoint).max(axis=1)
-        start += int(np.argmin(ahead))
-        distances.append(float(ahead.min()))
-        times.append(float(run.times[start]))
-    return np.array(distances), np.array(times)
+        lowest = np.minimum.accumulate(cost)
+        came_from[index] = np.maximum.accumulate(np.where(cost <= lowest, states, 0))
+        cost = lowest + np.abs(run.positions - waypoint).max(axis=1)
+    passages = [int(np.argmin(cost))]
+    for index in range(len(trajectory.positions) - 1, 0, -1):
+        passages.append(int(came_from[index, passages[-1]]))
+    passages.reverse()
+    distances = np.abs(run.positions[passages] - trajectory.positions).max(axis=1)
+    return distances, run.times[passages]
 
 
 def draw(path: Path, trajectory: Trajectory, run: Recording, figures: Figures) -> None:

@@ -16,17 +16,18 @@ class TrajectoryFileError(ValueError):
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """Return the trajectory of a file.
+    """Return the trajectory of a file; of several documents in it, the first.
 
     Raises OSError if it cannot be read, TrajectoryFileError if it is something else.
     """
     loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times faster, where built
     try:
-        data = yaml.load(path.read_text(encoding='utf-8'), Loader=loader)  # noqa: S506 - safe
+        with path.open(encoding='utf-8') as file:
+            data: Any = next(yaml.load_all(file, Loader=loader), None)
         names = tuple(str(name) for name in data['joint_names'])
         points = data['points']
         if not points:
-            raise TrajectoryFileError(f'{path}: points is empty')
+            raise ValueError('points is empty')
         return Trajectory(
             names,
             np.array([_seconds(point['time_from_start']) for point in points]),
@@ -34,10 +35,14 @@ def read_trajectory(path: Path) -> Trajectory:
             _optional(points, 'velocities', len(names)),
             _optional(points, 'accelerations', len(names)),
         )
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise TrajectoryFileError(f'{path}: not YAML: {error}') from error
-    except (KeyError, TypeError) as error:
-        raise TrajectoryFileError(f'{path}: no JointTrajectory: {error!r}') from error
+    except KeyError as error:
+        raise TrajectoryFileError(f'{path}: no JointTrajectory: {error} is missing') from error
+    except TypeError as error:
+        raise TrajectoryFileError(f'{path}: no JointTrajectory: {error}') from error
+    except ValueError as error:
+        raise TrajectoryFileError(f'{path}: {error}') from error
 
 
 def _seconds(duration: Any) -> float:
@@ -45,11 +50,12 @@ def _seconds(duration: Any) -> float:
 
 
 def _optional(points: list[Any], key: str, joints: int) -> Array | None:
-    return _table(points, key, joints) if points[0].get(key) else None
+    """Return None if no point has the quantity; one point that has it obliges the others."""
+    return _table(points, key, joints) if any(point.get(key) for point in points) else None
 
 
 def _table(points: list[Any], key: str, joints: int) -> Array:
     for index, point in enumerate(points):
         if len(point[key]) != joints:
-            raise TrajectoryFileError(f'point {index}: {len(point[key])} {key}, {joints} joints')
+            raise ValueError(f'point {index}: {len(point[key])} {key}, {joints} joints')
     return np.array([point[key] for point in points], dtype=float)

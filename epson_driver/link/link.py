@@ -38,6 +38,9 @@ PROVEN_AFTER = 1.0
 """A connection that lasted this long, s, makes the next retry immediate. One that was closed
 sooner (a controller that has its one client already) leaves the back-off where it was."""
 
+MAX_UNSENT = 65536
+"""A controller that leaves more bytes than this unread is disconnected (docs/invariants.md, 7)."""
+
 SHOWS_DIALECT = (JointPosition, JointFeedback)
 """Messages of every state server that carry reals, so that their length shows the width."""
 
@@ -113,15 +116,16 @@ class Link:
     def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> None:
         """Send a request; `on_reply` gets its reply and the time (loop's, s), if it comes.
 
-        Raises ConnectionError if the link is not connected, FieldError if a value does not fit.
+        Raises ConnectionError if the link is not connected or the controller does not read,
+        FieldError if a value does not fit.
         """
         if self._writer is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
         packet = request(message)
         data = encode(packet, self.dialect)
         now = asyncio.get_running_loop().time()
-        self._pending.add(Waiting(packet.msg_type, sequence_of(message), now, on_reply))
         self._write(self._writer, data)
+        self._pending.add(Waiting(packet.msg_type, sequence_of(message), now, on_reply))
 
     async def _connect_and_receive(self) -> float | None:
         """Return when the connection was established (loop time, s), or None if it was not."""
@@ -163,8 +167,8 @@ class Link:
         except FrameError as error:
             self._bad_frame(error)
             return str(error)
-        except TimeoutError:
-            return f'silent for {self._receive_timeout:g} s'
+        except TimeoutError as error:  # ours has no text; the keepalive's (ETIMEDOUT) has
+            return str(error) or f'silent for {self._receive_timeout:g} s'
         except OSError as error:
             return str(error)
         return 'closed by the controller'
@@ -210,6 +214,10 @@ class Link:
             self._write(self._writer, encode(answer, packet.dialect))
 
     def _write(self, writer: asyncio.StreamWriter, data: bytes) -> None:
+        """Raises ConnectionError, and ends the connection, if the controller does not read."""
+        if writer.transport.get_write_buffer_size() > MAX_UNSENT:
+            writer.transport.abort()
+            raise ConnectionError('the controller leaves what is sent unread')
         writer.write(data)
         self.statistics.frames_sent += 1
         self.statistics.bytes_sent += len(data)

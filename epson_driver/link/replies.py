@@ -25,6 +25,13 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
 
 REMEMBERED = 16
 
+MOST_WAITING = 64
+"""One point and a STOP wait, rarely more. Beyond this the oldest is given up."""
+
+GIVEN_UP_AFTER = 1.0
+"""When a trajectory begins, the one before it has ended: a reply to it that is still missing this
+long after its request, s, will not come. Otherwise it would take the place of the next one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Waiting:
@@ -40,7 +47,7 @@ class PendingReplies:
     """The requests on one link that wait for their reply, oldest first."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Waiting] = deque()
+        self._waiting: deque[Waiting] = deque(maxlen=MOST_WAITING)
         self._answered: deque[int] = deque(maxlen=REMEMBERED)
 
     def __len__(self) -> int:
@@ -50,6 +57,9 @@ class PendingReplies:
         """Remember a request that is being sent."""
         if waiting.sequence in self._answered:  # a new trajectory counts from 0 again
             self._answered.clear()
+        if waiting.sequence == 0:
+            while self._waiting and waiting.sent - self._waiting[0].sent > GIVEN_UP_AFTER:
+                self._waiting.popleft()
         self._waiting.append(waiting)
 
     def take(self, reply: Packet) -> Waiting | None:

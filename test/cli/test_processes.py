@@ -1,0 +1,113 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Processes on free ports and in a free ROS domain, which leave nothing behind."""
+
+import os
+import signal
+import socket
+
+import pytest
+
+from epson_driver.cli import processes
+from epson_driver.cli.processes import (
+    SAFE_DOMAINS,
+    Ports,
+    RunError,
+    ended_at_exit,
+    free_ros_domain,
+    ros_environment,
+    sim_controller,
+)
+
+
+def domain_port(domain):
+    """Return the port that the first participant of a domain takes (DDSI-RTPS 9.6.1)."""
+    return 7400 + 250 * domain + 10
+
+
+def bound(domain):
+    """Return a socket that keeps a domain busy."""
+    held = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    held.bind(('', domain_port(domain)))
+    return held
+
+
+def test_a_domain_whose_port_is_bound_is_avoided(monkeypatch):
+    taken = free_ros_domain()
+    with bound(taken):
+        other = free_ros_domain()
+        monkeypatch.setattr(processes, 'SAFE_DOMAINS', [taken, other])
+        assert {free_ros_domain() for _ in range(20)} == {other}
+
+
+def test_no_free_domain_is_an_error(monkeypatch):
+    domain = free_ros_domain()
+    monkeypatch.setattr(processes, 'SAFE_DOMAINS', [domain])
+    with bound(domain), pytest.raises(RunError, match='in use'):
+        free_ros_domain()
+
+
+def test_domains_lie_below_the_ephemeral_ports():
+    highest = max(SAFE_DOMAINS)
+    assert min(SAFE_DOMAINS) >= 1  # 0 is everybody's
+    assert domain_port(highest) + 240 < 32768 + 250
+    assert free_ros_domain() in SAFE_DOMAINS
+
+
+def test_the_environment_keeps_to_this_machine_and_domain(monkeypatch):
+    monkeypatch.setenv('SOMETHING_ELSE', 'kept')
+    environment = ros_environment(42)
+    assert environment['ROS_DOMAIN_ID'] == '42'
+    assert environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    assert environment['SOMETHING_ELSE'] == 'kept'
+    assert os.environ.get('ROS_DOMAIN_ID') != '42'
+
+
+def test_a_simulated_controller_starts_on_free_ports_and_ends_cleanly(tmp_path):
+    process = sim_controller(tmp_path / 'log.txt')
+    with ended_at_exit(process):
+        ports = process.ports()
+        assert len({ports.motion, ports.state, ports.io, ports.remote}) == 4
+        for port in (ports.motion, ports.state, ports.io, ports.remote):
+            socket.create_connection(('127.0.0.1', port), timeout=5.0).close()
+        assert process.returncode is None
+        assert process.end() == 0
+    assert process.returncode == 0
+
+
+def test_a_simulated_controller_that_cannot_start_says_why(tmp_path):
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        process = sim_controller(tmp_path / 'log.txt', ports=Ports(port, 0, 0, 0))
+        with ended_at_exit(process), pytest.raises(RunError) as caught:
+            process.ports()
+    text = str(caught.value)
+    assert 'sim_controller did not start' in text
+    assert f'motion port 127.0.0.1:{port}' in text
+
+
+def test_wrong_arguments_are_in_the_error(tmp_path):
+    process = sim_controller(tmp_path / 'log.txt', '--robot', 'no_such_robot')
+    with ended_at_exit(process), pytest.raises(RunError, match='no_such_robot'):
+        process.ports()
+
+
+def test_a_process_is_ended_whatever_happens_in_the_block(tmp_path):
+    process = sim_controller(tmp_path / 'log.txt')
+
+    def work():
+        with ended_at_exit(process):
+            process.ports()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        work()
+    assert process.returncode == 0
+
+
+def test_kill_is_a_crash(tmp_path):
+    process = sim_controller(tmp_path / 'log.txt')
+    with ended_at_exit(process):
+        process.ports()
+        process.kill()
+        assert process.returncode == -signal.SIGKILL

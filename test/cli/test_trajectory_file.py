@@ -1,0 +1,142 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reading planned trajectories, and whether an error says which file and what in it."""
+
+import numpy as np
+import pytest
+
+from epson_driver.cli.trajectory_file import TrajectoryFileError, read_trajectory
+from epson_driver.motion import problems
+from epson_driver.robots import load_robot_model
+from epson_driver.share import share_file
+
+FOLDER = share_file('config', 'trajectories', 'around_pillar_11_points.yaml').parent
+FILES = sorted(FOLDER.glob('*.yaml'))
+
+GOOD = """
+joint_names: [a, b]
+points:
+- positions: [0.0, 1.0]
+  velocities: [0.5, -0.5]
+  time_from_start: {sec: 0, nanosec: 0}
+- positions: [0.1, 1.25]
+  velocities: [0.0, 0.0]
+  time_from_start: {sec: 1, nanosec: 250000000}
+"""
+
+
+def written(folder, text):
+    path = folder / 'plan.yaml'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+def refusal(path):
+    with pytest.raises(TrajectoryFileError) as caught:
+        read_trajectory(path)
+    return str(caught.value)
+
+
+def test_there_are_trajectories():
+    assert len(FILES) >= 5
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
+def test_every_trajectory_of_the_repository_can_be_executed(path):
+    trajectory = read_trajectory(path)
+    limits = load_robot_model('c3_a601s').limits
+    assert set(trajectory.joint_names) == set(limits.names)
+    assert list(problems(trajectory.in_order(limits.names), limits)) == []
+    assert trajectory.duration > 0.0
+
+
+def test_numbers_are_read_as_they_are_written(tmp_path):
+    trajectory = read_trajectory(written(tmp_path, GOOD))
+    assert trajectory.joint_names == ('a', 'b')
+    assert trajectory.times.tolist() == [0.0, 1.25]
+    assert trajectory.positions.tolist() == [[0.0, 1.0], [0.1, 1.25]]
+    assert trajectory.velocities.tolist() == [[0.5, -0.5], [0.0, 0.0]]
+    assert trajectory.accelerations is None
+    assert trajectory.positions.dtype == np.float64
+
+
+def test_what_else_a_message_has_is_left_alone(tmp_path):
+    text = 'header: {stamp: {sec: 1, nanosec: 2}, frame_id: base}\n' + GOOD
+    assert read_trajectory(written(tmp_path, text)).duration == 1.25
+
+
+def test_what_ros2_topic_echo_prints_ends_with_three_dashes(tmp_path):
+    assert read_trajectory(written(tmp_path, GOOD + '---\n')).duration == 1.25
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r'missing\.yaml'):
+        read_trajectory(tmp_path / 'missing.yaml')
+
+
+@pytest.mark.parametrize(
+    ('change', 'word'),
+    [
+        (('joint_names: [a, b]', ''), 'joint_names'),
+        (('points:', 'waypoints:'), 'points'),
+        (('  time_from_start: {sec: 0, nanosec: 0}\n', ''), 'time_from_start'),
+        (('{sec: 0, nanosec: 0}', '{sec: 0}'), 'nanosec'),
+        (('- positions: [0.0, 1.0]\n  vel', '- vel'), 'positions'),
+        (('velocities: [0.0, 0.0]', 'effort: []'), 'velocities'),
+    ],
+)
+def test_a_key_that_is_missing_is_named_with_the_file(tmp_path, change, word):
+    assert change[0] in GOOD
+    path = written(tmp_path, GOOD.replace(*change))
+    text = refusal(path)
+    assert str(path) in text
+    assert word in text
+
+
+def test_no_points(tmp_path):
+    path = written(tmp_path, 'joint_names: [a]\npoints: []\n')
+    assert refusal(path) == f'{path}: points is empty'
+
+
+@pytest.mark.parametrize('text', ['', '[]', '42', 'points: 3', 'joint_names: 1\npoints: [1]'])
+def test_something_else_than_a_trajectory(tmp_path, text):
+    path = written(tmp_path, text)
+    assert str(path) in refusal(path)
+
+
+@pytest.mark.parametrize('text', ['{', 'a: b: c', '\t- x', 'joint_names: ['])
+def test_not_yaml(tmp_path, text):
+    path = written(tmp_path, text)
+    assert str(path) in refusal(path)
+    assert 'not YAML' in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (('[0.1, 1.25]', '[0.1]'), ['point 1', '1 positions', '2 joints']),
+        (('velocities: [0.0, 0.0]', 'velocities: [0.0]'), ['point 1', '1 velocities', '2 joints']),
+    ],
+)
+def test_wrong_lengths_are_named_with_the_file(tmp_path, change, words):
+    assert change[0] in GOOD
+    path = written(tmp_path, GOOD.replace(*change))
+    text = refusal(path)
+    assert all(word in text for word in words)
+    assert str(path) in text
+
+
+@pytest.mark.parametrize(
+    'change',
+    [('[0.1, 1.25]', '[0.1, here]'), ('sec: 1', 'sec: soon'), ('[0.1, 1.25]', '[0.1, []]')],
+)
+def test_what_is_no_number_is_named_with_the_file(tmp_path, change):
+    assert change[0] in GOOD
+    path = written(tmp_path, GOOD.replace(*change))
+    assert str(path) in refusal(path)
+
+
+def test_bytes_that_are_no_text(tmp_path):
+    path = tmp_path / 'plan.yaml'
+    path.write_bytes(b'\xff\xfe\x00joint_names')
+    assert str(path) in refusal(path)

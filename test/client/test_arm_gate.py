@@ -1,0 +1,75 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The arm gate, and which status forbids motion (docs/invariants.md, 4)."""
+
+from itertools import product
+
+import pytest
+
+from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
+from epson_driver.simple_message import Mode, Status, TriState
+
+
+def test_inv4_closed_at_start():
+    """docs/invariants.md, 4."""
+    assert ArmGate().reason == 'not enabled since the driver started'
+
+
+def test_the_first_reason_is_kept():
+    gate = ArmGate()
+    gate.open()
+    assert gate.reason is None
+    assert gate.close('the E-stop is pressed')
+    assert not gate.close('the motors are off')
+    assert gate.reason == 'the E-stop is pressed'
+    gate.open()
+    assert gate.reason is None
+    assert gate.close('the motors are off')
+    assert gate.reason == 'the motors are off'
+
+
+def test_closing_a_gate_that_was_never_open_says_so():
+    gate = ArmGate()
+    assert not gate.close('anything')
+    assert gate.reason == 'not enabled since the driver started'
+
+
+FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
+
+
+@pytest.mark.parametrize(
+    ('fields', 'words'),
+    [
+        ({}, None),
+        ({'e_stopped': 1}, ['E-stop']),
+        ({'e_stopped': 1, 'error_code': 2261}, ['E-stop', '2261']),
+        ({'in_error': 1, 'error_code': 4001}, ['in error 4001']),
+        ({'drives_powered': 0}, ['motors are off']),
+        ({'drives_powered': 0, 'error_code': 4031}, ['motors are off', '4031']),
+        ({'e_stopped': 1, 'in_error': 1, 'drives_powered': 0}, ['E-stop']),
+        ({'in_error': 1, 'error_code': 7, 'drives_powered': 0}, ['in error 7']),
+        ({'e_stopped': -1}, None),
+        ({'in_error': -1}, None),
+        ({'drives_powered': -1}, None),
+        ({'in_motion': -1, 'motion_possible': -1, 'mode': -1}, None),
+        ({'error_code': 5}, None),  # a code alone, without in_error, is a remark
+    ],
+)
+def test_what_a_status_says(fields, words):
+    why = what_forbids_motion(Status(**{**FINE, **fields}))
+    if words is None:
+        assert why is None
+    else:
+        assert all(word in why for word in words)
+
+
+def test_nothing_known_forbids_nothing():
+    assert what_forbids_motion(Status()) is None
+
+
+def test_the_rule_in_full():
+    values = list(TriState)
+    for e_stopped, in_error, drives, mode in product(values, values, values, Mode):
+        status = Status(drives, e_stopped, 0, in_error, TriState.UNKNOWN, mode, TriState.UNKNOWN)
+        forbidden = e_stopped == 1 or in_error == 1 or drives == 0
+        assert (what_forbids_motion(status) is not None) == forbidden

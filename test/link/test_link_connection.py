@@ -1,0 +1,585 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The link against real sockets: it connects, it comes back, and it survives any peer."""
+
+import asyncio
+import errno
+import gc
+import os
+import socket
+from itertools import pairwise
+
+import pytest
+from link_bench import Bench, Peer, frame, joints, run, until
+
+from epson_driver.link import LinkState
+from epson_driver.simple_message import (
+    BIG_ENDIAN,
+    ByteOrder,
+    Dialect,
+    JointFeedback,
+    JointPosition,
+    JointTrajPt,
+    Opaque,
+    Ping,
+    Real,
+    ReplyCode,
+    Status,
+    encode,
+    reply,
+    request,
+    topic,
+)
+
+
+def free_port():
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        return server.getsockname()[1]
+
+
+async def silent(connection):
+    await connection.stay()
+
+
+async def greet(connection):
+    """Send the number of the connection as a joint position, and stay."""
+    await connection.send(joints(float(connection.number)))
+    await connection.stay()
+
+
+def greetings(bench):
+    return [message.joints[0] for message in bench.messages]
+
+
+def test_the_controller_may_start_later():
+    async def scenario():
+        port = free_port()
+        async with Bench(port) as bench:
+            await until(lambda: bench.states.count('backing_off') >= 2)
+            assert not bench.link.connected
+            async with Peer(greet, port):
+                await until(lambda: bench.packets)
+                assert greetings(bench) == [1.0]
+            assert bench.link.statistics.connections == 1
+            assert all(f'127.0.0.1:{port}' in why for why in bench.reasons('backing_off'))
+            assert 'connect' in bench.reasons('backing_off')[0].lower()
+
+    run(scenario())
+
+
+def test_a_link_that_was_lost_after_a_while_comes_back_at_once(monkeypatch):
+    monkeypatch.setattr('epson_driver.link.link.PROVEN_AFTER', 0.1)
+    monkeypatch.setattr('epson_driver.link.link.back_off', lambda n: 0.0 if n < 3 else 5.0)
+
+    async def scenario():
+        ended = []
+
+        async def talk(connection):
+            if connection.number == 4:
+                await connection.send(joints(1.0))
+                await asyncio.sleep(0.2)  # long enough to count as proven
+                ended.append(asyncio.get_running_loop().time())
+            elif connection.number > 4:
+                await greet(connection)
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: len(bench.packets) == 2)
+            assert peer.times[4] - ended[0] < 1.0
+
+    run(scenario())
+
+
+async def hang_up(connection):
+    connection.close()
+
+
+async def crash(connection):
+    connection.reset()
+
+
+async def babble(connection):
+    await connection.send(b'\xff' * 64)
+    await connection.stay()
+
+
+async def promise_too_much(connection):
+    await connection.send(b'\x38\x00\x00\x00' + b'\x00' * 56, b'\x00\x00\x01\x00')
+    await connection.stay()
+
+
+async def stop_in_a_frame(connection):
+    await connection.send(joints(9.0)[:30])
+
+
+@pytest.mark.parametrize(
+    ('talk', 'reason'),
+    [
+        (hang_up, 'closed by the controller'),
+        (crash, 'reset'),
+        (babble, 'length = -1: must be 12'),
+        (promise_too_much, 'length = 65536: must be 12'),
+        (stop_in_a_frame, 'closed by the controller'),
+        (silent, 'silent for 0.2 s'),
+    ],
+    ids=lambda value: getattr(value, '__name__', None),
+)
+def test_whatever_ends_the_connection_the_next_one_works(talk, reason):
+    async def scenario():
+        async def first_badly(connection):
+            await (talk if connection.number == 1 else greet)(connection)
+
+        async with (
+            Peer(first_badly) as peer,
+            Bench(peer.port, receive_timeout=0.2) as bench,
+        ):
+            await until(lambda: peer.connections >= 2 and bench.packets)
+            assert greetings(bench)[0] == 2.0
+            assert reason in bench.reasons('backing_off')[0].lower()
+            assert bench.states[:5] == [
+                'connecting',
+                'connected',
+                'backing_off',
+                'connecting',
+                'connected',
+            ]
+
+    run(scenario())
+
+
+def test_bytes_that_come_often_enough_are_no_silence():
+    async def scenario():
+        async def dribble(connection):
+            for byte in joints(1.0):
+                await connection.send(bytes([byte]))
+                await asyncio.sleep(0.01)  # 0.6 s for the frame, three times the timeout
+            await connection.stay()
+
+        async with Peer(dribble) as peer, Bench(peer.port, receive_timeout=0.2) as bench:
+            await until(lambda: bench.packets)
+            assert peer.connections == 1
+
+    run(scenario())
+
+
+def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):
+    """A pulled cable ends as ETIMEDOUT, which Python raises as TimeoutError."""
+    timed_out = TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
+    read = asyncio.StreamReader.read
+    calls = []
+
+    async def fail_once(reader, count=-1):
+        calls.append(count)
+        if len(calls) == 1:
+            raise timed_out
+        return await read(reader, count)
+
+    async def scenario():
+        async def talk(connection):
+            await connection.send(joints(1.0))
+            await asyncio.Event().wait()  # without reading
+
+        async with Peer(talk) as peer:
+            monkeypatch.setattr(asyncio.StreamReader, 'read', fail_once)
+            async with Bench(peer.port) as bench:  # the motion link has no receive timeout
+                await until(lambda: bench.packets or not bench.running)
+                assert bench.running
+                assert os.strerror(errno.ETIMEDOUT) in bench.reasons('backing_off')[0]
+            monkeypatch.undo()
+
+    run(scenario())
+
+
+def test_a_server_that_closes_at_once_is_not_hammered():
+    async def scenario():
+        async with Peer(hang_up) as peer, Bench(peer.port):
+            await asyncio.sleep(1.2)
+            assert 3 <= peer.connections <= 7
+            gaps = [b - a for a, b in pairwise(peer.times)]
+            assert gaps[0] < 0.1
+            assert all(gap > 0.05 for gap in gaps[1:])
+            assert gaps[-1] > gaps[1]
+
+    run(scenario())
+
+
+def test_one_byte_per_segment():
+    async def scenario():
+        wanted = [JointPosition(0, (0.5,) + (0.0,) * 9), Status(1, 0, 0, 0, 0, 2, 1), Ping()]
+
+        async def talk(connection):
+            for message in wanted:
+                for byte in encode(topic(message), Dialect()):
+                    await connection.send(bytes([byte]))
+                    await asyncio.sleep(0)
+            await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: len(bench.packets) == 3)
+            assert bench.messages == wanted
+
+    run(scenario())
+
+
+DIALECTS = [Dialect(order, real) for order in ByteOrder for real in Real]
+
+
+@pytest.mark.parametrize('dialect', DIALECTS, ids=lambda d: f'{d.byte_order.name} {d.real.name}')
+def test_requests_are_written_as_the_controller_writes(dialect):
+    async def scenario():
+        state = encode(topic(JointPosition(0, (0.25,) * 10)), dialect)
+        feedback = encode(topic(JointFeedback(0, 2, 0.0, (0.25,) * 10)), dialect)
+        point = encode(request(JointTrajPt(1, (0.5,) * 10, 0.1, 2.0)), dialect)
+
+        async def talk(connection):
+            await connection.send(state if connection.number == 1 else feedback)
+            await connection.receive(len(point))
+            await connection.send(encode(reply(JointPosition(1), ReplyCode.SUCCESS), dialect))
+            await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: bench.packets)
+            assert bench.messages[0].joints == (0.25,) * 10
+            assert bench.link.dialect == dialect
+            answers = []
+            bench.link.post(JointTrajPt(1, (0.5,) * 10, 0.1, 2.0), lambda *a: answers.append(a))
+            await until(lambda: answers)
+            assert bytes(peer.received) == point
+
+    run(scenario())
+
+
+def test_another_byte_order_after_a_reconnect():
+    async def scenario():
+        async def talk(connection):
+            order = '<' if connection.number == 1 else '>'
+            await connection.send(joints(0.5, order=order))
+            if connection.number > 1:
+                await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: len(bench.packets) == 2)
+            assert greetings(bench) == [0.5, 0.5]
+            assert bench.link.dialect == BIG_ENDIAN
+
+    run(scenario())
+
+
+def test_a_byte_order_that_is_set_is_not_detected():
+    async def scenario():
+        async with (
+            Peer(greet) as peer,
+            Bench(peer.port, byte_order=ByteOrder.BIG) as bench,
+        ):
+            assert bench.link.dialect == BIG_ENDIAN
+            await until(lambda: bench.reasons('backing_off'))
+            assert 'is the byte order right?' in bench.reasons('backing_off')[0]
+            assert not bench.packets
+
+    run(scenario())
+
+
+BAD = [
+    ('msg_type', frame(0, 1)),
+    ('comm_type', frame(10, 0, 0, b'\x00' * 44)),
+    ('comm_type', frame(10, 7, 0, b'\x00' * 44)),
+    ('reply_code', frame(10, 1, 1, b'\x00' * 44)),
+    ('reply_code', frame(10, 3, 0, b'\x00' * 44)),
+    ('body', frame(10, 1, 0, b'\x00' * 43)),
+    ('body', frame(13, 1, 0, b'')),
+]
+
+
+def test_a_bad_frame_is_counted_by_its_field_and_the_connection_kept():
+    async def scenario():
+        async def talk(connection):
+            for _field, data in BAD:
+                await connection.send(data)
+            await greet(connection)
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: bench.packets)
+            assert greetings(bench) == [1.0]
+            assert bench.link.statistics.bad_frames == {
+                'msg_type': 1,
+                'comm_type': 2,
+                'reply_code': 2,
+                'body': 2,
+            }
+            assert peer.connections == 1
+            assert bench.link.statistics.frames_received == len(BAD) + 1
+
+    run(scenario())
+
+
+@pytest.mark.parametrize('order', '<>')
+@pytest.mark.parametrize(
+    ('asked', 'answer'),
+    [
+        ((1, 2, 0, b''), (1, 3, 1, b'')),
+        ((1, 2, 0, b'\x00' * 40), (1, 3, 1, b'\x00' * 40)),
+        ((2, 2, 0, b''), (2, 3, 2, b'')),
+        ((1503, 2, 0, b'\x01\x02\x03'), (1503, 3, 2, b'')),
+        ((13, 2, 0, b'\x00' * 28), (13, 3, 2, b'')),
+    ],
+    ids=['PING', 'PING of the REP', 'GET_VERSION', 'vendor type', 'STATUS'],
+)
+def test_requests_to_the_client_are_answered(asked, answer, order):
+    async def scenario():
+        expected = frame(*answer, order=order)
+
+        async def talk(connection):
+            await connection.send(frame(*asked, order=order))
+            await connection.receive(len(expected))
+            await connection.send(joints(1.0, order=order))
+            await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: bench.packets)
+            assert bytes(peer.received) == expected
+            assert len(bench.packets) == 1  # a request is not shown to the owner
+
+    run(scenario())
+
+
+def test_a_reply_nobody_waits_for_is_counted_and_passed_on():
+    async def scenario():
+        async def talk(connection):
+            await connection.send(joints(comm_type=3, reply_code=2, sequence=4))
+            await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: bench.packets)
+            assert bench.packets[0].reply_code is ReplyCode.FAILURE
+            assert bench.link.statistics.unsolicited_replies == 1
+
+    run(scenario())
+
+
+def test_a_reply_comes_once_with_its_time():
+    async def scenario():
+        async def talk(connection):
+            for _ in range(3):
+                await connection.read_frame()
+                await connection.send(joints(comm_type=3, reply_code=1))
+            await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await bench.connected()
+            now = asyncio.get_running_loop().time
+            answers = []
+            for sequence in range(3):
+                sent = now()
+                bench.link.post(JointTrajPt(sequence), lambda *a: answers.append(a))
+                await until(lambda: len(answers) == sequence + 1)  # noqa: B023 - awaited here
+                packet, received = answers[-1]
+                assert packet.reply_code is ReplyCode.SUCCESS
+                assert sent <= received <= now()
+            assert not bench.packets
+            latencies = bench.link.statistics.reply_latencies
+            assert len(latencies) == 3
+            assert all(0.0 <= latency < 1.0 for latency in latencies)
+
+    run(scenario())
+
+
+def test_posting_without_a_connection_is_an_error():
+    async def scenario():
+        async with Bench(free_port()) as bench:
+            await until(lambda: bench.reasons('backing_off'))
+            with pytest.raises(ConnectionError, match=r'test link is (backing_off|connecting)'):
+                bench.link.post(Ping(), lambda *_: None)
+        with pytest.raises(ConnectionError, match='test link is disconnected'):
+            bench.link.post(Ping(), lambda *_: None)
+
+    run(scenario())
+
+
+def test_a_request_is_forgotten_when_the_link_is_lost():
+    async def scenario():
+        async def talk(connection):
+            if connection.number == 1:
+                await connection.read_frame()
+                return  # without an answer
+            await connection.send(joints(comm_type=3, reply_code=1))  # too late: the link is new
+            await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await bench.connected()
+            answers = []
+            bench.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+            await until(lambda: bench.packets)
+            assert peer.connections == 2
+            assert not answers
+            assert bench.link.statistics.unsolicited_replies == 1
+
+    run(scenario())
+
+
+def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_them():
+    async def scenario():
+        traced = {'sent': bytearray(), 'received': bytearray()}
+        sent = bytearray()
+
+        async def talk(connection):
+            for data in (joints(1.0), frame(1, 2), frame(99, 7)):
+                sent.extend(data)
+                await connection.send(data)
+            await connection.receive(16)
+            await connection.read_frame()
+            data = frame(11, 3, 1)
+            sent.extend(data)
+            await connection.send(data)
+            await connection.stay()
+
+        def trace(direction, data):
+            assert isinstance(data, bytes)
+            traced[direction] += data
+
+        async with Peer(talk) as peer, Bench(peer.port, trace=trace) as bench:
+            await until(lambda: bench.packets)
+            answers = []
+            bench.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+            await until(lambda: answers)
+            assert traced['received'] == sent
+            assert traced['sent'] == peer.received
+            counted = bench.link.statistics
+            assert counted.bytes_received == len(sent)
+            assert counted.bytes_sent == len(peer.received)
+            assert counted.frames_received == 4
+            assert counted.frames_sent == 2
+            assert counted.connections == 1
+            assert counted.bad_frames.total() == 1
+
+    run(scenario())
+
+
+def test_small_frames_are_not_delayed_and_a_vanished_peer_is_noticed():
+    async def scenario():
+        async with Peer(silent) as peer, Bench(peer.port) as bench:
+            await bench.connected()
+            ours = bench.link._writer.get_extra_info('socket')
+            assert ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            assert ours.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+            if hasattr(socket, 'TCP_KEEPIDLE'):
+                idle = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE)
+                interval = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL)
+                count = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT)
+                assert idle + interval * count <= 5
+
+    run(scenario())
+
+
+def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
+    """docs/invariants.md, 7."""
+
+    async def scenario():
+        sizes = []
+
+        async def ask_for_ever(connection):
+            connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            pings = frame(1, 2, 0, b'\x00' * 40) * 200
+            for _ in range(400):
+                await connection.send(pings)
+
+        async def talk(connection):
+            if connection.number == 1:
+                await ask_for_ever(connection)
+            else:
+                await greet(connection)
+
+        def trace(_direction, _data):
+            sizes.append(bench.link._writer.transport.get_write_buffer_size())
+
+        async with Peer(talk) as peer, Bench(peer.port, trace=trace) as bench:
+            await bench.connected()
+            ours = bench.link._writer.get_extra_info('socket')
+            ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+            await until(lambda: bench.packets)
+            assert max(sizes) <= 200_000
+            assert 'unread' in bench.reasons('backing_off')[0]
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    'data',
+    [
+        b'GET / HTTP/1.1\r\nHost: robot\r\n\r\n',
+        bytes(4096),
+        b'\xff\xff\xff\x7f' * 100,
+        joints(1.0)[:-1] + joints(2.0),
+        frame(10, 1, 0, b'\x7f' * 44) * 50,
+        frame(13, 1, 0, b'\xff' * 28),
+        frame(15, 1, 0, b'\xff' * 132),
+        frame(12, 1, 0, b'\xff' * 528),
+        frame(2**31 - 1, 2, 0, b'x' * 1000),
+    ],
+    ids=range(9),
+)
+def test_inv7_any_bytes_at_all_and_the_next_connection_works(data):
+    """docs/invariants.md, 7."""
+
+    async def scenario():
+        async def talk(connection):
+            if connection.number == 1:
+                await connection.send(data)
+            else:
+                await connection.send(joints(42.0))
+                await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port, receive_timeout=0.5) as bench:
+            await until(lambda: JointPosition(0, (42.0,) + (0.0,) * 9) in bench.messages)
+            assert bench.running
+
+    run(scenario())
+
+
+def test_inv7_closing_leaves_no_task_and_no_socket():
+    """docs/invariants.md, 7."""
+
+    async def scenario():
+        before = open_sockets()
+        async with Peer(silent) as peer:
+            for _ in range(20):
+                bench = Bench(peer.port)
+                async with bench:
+                    await bench.connected()
+                assert bench.link.state is LinkState.DISCONNECTED
+                assert bench.changes[-1][1] == 'closed'
+            await until(lambda: not peer.busy)  # it has seen the end of every connection
+        refused = Bench(free_port())
+        async with refused:
+            await until(lambda: refused.reasons('backing_off'))
+        assert refused.link.state is LinkState.DISCONNECTED
+        await until(lambda: open_sockets() <= before)
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    run(scenario())
+    gc.collect()  # an open transport would warn here, and warnings like that are errors
+
+
+def open_sockets():
+    folder = '/proc/self/fd'
+    if not os.path.isdir(folder):  # noqa: PTH112 - os.readlink follows
+        return 0
+    links = []
+    for name in os.listdir(folder):  # noqa: PTH208
+        try:
+            links.append(os.readlink(f'{folder}/{name}'))  # noqa: PTH115
+        except OSError:
+            continue
+    return sum(link.startswith('socket:') for link in links)
+
+
+def test_unsolicited_and_opaque_topics_reach_the_owner():
+    async def scenario():
+        async def talk(connection):
+            await connection.send(frame(1500, 1, 0, b'abc'))
+            await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: bench.packets)
+            assert bench.messages == [Opaque(1500, b'abc')]
+            assert bench.link.statistics.bad_frames.total() == 0
+
+    run(scenario())
