@@ -12,6 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
 from epson_driver.client.execution import Execution, Settings
 from epson_driver.client.goal import End, ErrorCode, Goal, GoalRefusedError, Outcome, check_start
@@ -162,8 +164,8 @@ class Driver:
         elif ticket is self._ticket and ticket.execution is not None:
             ticket.execution.cancel(self._now())
 
-    def _check_ready(self) -> None:
-        """Raise GoalRefusedError unless the arm may move now."""
+    def _check_ready(self) -> JointSample:
+        """Return where the arm is. Raises GoalRefusedError unless it may move now."""
         if self.gate.reason is not None:
             raise GoalRefusedError(
                 ErrorCode.INVALID_GOAL,
@@ -171,15 +173,28 @@ class Driver:
             )
         if self.robot.sample is None:
             raise GoalRefusedError(ErrorCode.INVALID_GOAL, 'no joint state from the controller')
+        return self.robot.sample
+
+    def _standing_sample(self) -> JointSample:
+        """Return where the arm stands. Raises GoalRefusedError if it may not move or moves now.
+
+        Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
+        """
+        sample = self._check_ready()
+        fastest = int(np.argmax(np.abs(sample.velocities)))
+        if abs(sample.velocities[fastest]) >= self.execution_settings.stopped_velocity:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                f'the arm moves ({self.configuration.limits.names[fastest]} at '
+                f'{sample.velocities[fastest]:.3g} rad/s): wait until it stands',
+            )
+        return sample
 
     def _start(self, ticket: Ticket) -> None:
         limits = self.configuration.limits
         trajectory = ticket.goal.trajectory
         try:
-            self._check_ready()
-            sample = self.robot.sample
-            if sample is None:
-                raise AssertionError('checked')
+            sample = self._standing_sample()
             check_start(trajectory, sample.positions, limits, self.start_tolerance)
         except GoalRefusedError as refusal:
             ticket.on_end(refusal.outcome)

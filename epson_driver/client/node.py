@@ -56,6 +56,10 @@ FEEDBACK_PERIOD = 0.05
 RESULTS_TIMEOUT = 0.3
 """How long the end of the process waits for results to be sent, s."""
 
+RESULTS_LINGER = 0.2
+"""How long it then stays for them to be received, s: shared memory goes with its process, and rmw
+has no acknowledgement for the responses of services, which results are."""
+
 LATEST_START = 1.0
 """A trajectory stamped further ahead is refused: it would move when nobody expects it, s."""
 
@@ -96,15 +100,18 @@ class ClientNode:
 
         Raises TimeoutError if that takes longer than RESULTS_TIMEOUT.
         """
+        busy = bool(self._tickets)
         await self.driver.shut_down()
         executor = self._node.executor
         async with asyncio.timeout(RESULTS_TIMEOUT):
-            waiting = True
+            waiting = busy
             while waiting:  # and once more: the last result leaves right after its ticket
                 waiting = bool(self._tickets)
                 passed = asyncio.Event()
                 executor.create_task(self._loop.call_soon_threadsafe, passed.set)
                 await passed.wait()
+        if busy:
+            await asyncio.sleep(RESULTS_LINGER)
 
     # --- setting up -------------------------------------------------------------------------
 
