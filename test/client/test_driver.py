@@ -66,6 +66,24 @@ def test_inv4_a_goal_before_enable_is_refused_and_nothing_is_sent():
     run(scenario())
 
 
+def test_inv2_a_goal_is_refused_while_the_arm_still_moves():
+    """docs/invariants.md, 2: a motion begins at rest. Here the arm brakes after a lost goal."""
+
+    async def scenario():
+        async with cell() as (bench, _):
+            lost = bench.submit(pose(0.8))
+            await until(lambda: bench.driver.robot.sample.velocities[0] > 0.3)
+            bench.driver._ticket.execution.fault('lost for the test')
+            early = bench.submit(start=bench.at)
+            assert lost.outcome.end is End.ABORTED
+            assert early.outcome.code is ErrorCode.INVALID_GOAL
+            assert 'the arm moves (joint_1 at' in early.outcome.text
+            await until(lambda: not bench.driver.robot.sample.velocities.any())
+            assert (await bench.submit(pose(0.1), start=bench.at).end()).end is End.SUCCEEDED
+
+    run(scenario())
+
+
 def test_a_goal_that_starts_elsewhere_is_refused_and_the_next_one_works():
     async def scenario():
         async with cell() as (bench, _):
