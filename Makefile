@@ -51,7 +51,11 @@ $(VENV)/.packages: requirements/runtime.txt requirements/constraints.txt interfa
 
 $(VENV)/.interfaces: $(VENV)/.packages $(INTERFACE_FILES)
 	@echo "building control_msgs and industrial_msgs"
-	@$(INSTALL) --no-build-isolation --no-deps --force-reinstall $(addprefix ./,$(INTERFACES))
+	@rm -rf $(VENV)/wheels
+	@for package in $(INTERFACES); do \
+		$(PIP) wheel --no-build-isolation --no-deps -w $(VENV)/wheels ./$$package & builds="$$builds $$!"; \
+	done; for build in $$builds; do wait $$build || exit 1; done
+	@$(INSTALL) --no-deps --force-reinstall $(VENV)/wheels/*.whl
 	@touch $@
 
 $(VENV)/.run: $(VENV)/.interfaces $(PACKAGE_FILES)
