@@ -2,19 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """An ament_python package that is a plain Python package as well.
 
-colcon (`setup.py install|develop`) makes lib/epson_driver/NAME from entry points. A wheel gets
-one command, `epson_driver`, so that no `client` or `demo` lands in a user's bin/; its
-lib/epson_driver/ holds launchers (scripts/), so that `ros2 run` works over a pip environment too.
+Both install scripts/NAME as lib/epson_driver/NAME, where `ros2 run` looks: colcon (`setup.py
+install|develop`) as scripts, a wheel as data, so that no `client` or `demo` lands in a user's
+bin/. The one command there is `epson_driver`.
 """
 
 import os
 import sys
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import find_packages, setup  # before distutils, which it provides
+
+from distutils.command.build_scripts import build_scripts  # isort: skip
 
 NAME = 'epson_driver'
-EXECUTABLES = ('client', 'demo', 'pendant', 'sim_controller')
+EXECUTABLES = [f'scripts/{name}' for name in ('client', 'demo', 'pendant', 'sim_controller')]
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
 
 
@@ -28,19 +30,24 @@ def data_files():
             if files:
                 yield f'share/{NAME}/{folder}', files
     if not BY_COLCON:
-        yield f'lib/{NAME}', [f'scripts/{name}' for name in EXECUTABLES]
+        yield f'lib/{NAME}', EXECUTABLES
 
 
-commands = [f'{NAME} = {NAME}.cli.__main__:main']
-if BY_COLCON:
-    commands += [f'{name} = {NAME}.cli.{name}:main' for name in EXECUTABLES]
+class BuildScripts(build_scripts):
+    """Writes the interpreter into the scripts; newer setuptools leave that to pip alone."""
+
+    def run(self):
+        """Copy the scripts to the build folder, then see to their first lines."""
+        super().run()
+        for script in (Path(self.build_dir, Path(name).name) for name in self.scripts):
+            _, rest = script.read_text(encoding='utf-8').split('\n', 1)
+            script.write_text(f'#!{sys.executable}\n{rest}', encoding='utf-8')
+
 
 setup(
     name=NAME,
     version='0.1.0',
     description='ROS 2 driver for EPSON and other simple-message robot controllers',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
-    long_description_content_type='text/markdown',
     license='Apache-2.0',
     maintainer='epson_driver developers',
     maintainer_email='epson-driver@example.org',
@@ -63,6 +70,8 @@ setup(
         ],
     },
     data_files=list(data_files()),
-    entry_points={'console_scripts': commands},
+    scripts=EXECUTABLES if BY_COLCON else [],
+    cmdclass={'build_scripts': BuildScripts},
+    entry_points={'console_scripts': [f'{NAME} = {NAME}.cli.__main__:main']},
     zip_safe=False,
 )

@@ -78,6 +78,14 @@ def test_colcon_build_makes_a_ros_package(colcon_install: Path) -> None:
     for name in EXECUTABLES:
         assert os.access(lib / name, os.X_OK)
     check_executables(lib, colcon_install.parent)
+    check_executables(lib, None)  # also in a shell that has not sourced the workspace
+
+
+def test_colcon_finds_the_packages_that_the_readme_names() -> None:
+    folders = [ROOT, ROOT / 'interfaces']
+    command = [Path(sys.executable).parent / 'colcon', 'list', '--names-only', '--base-paths']
+    run = subprocess.run([*command, *folders], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ['epson_driver', 'industrial_msgs']
 
 
 def test_pip_environment_is_found_by_ros_tools() -> None:
