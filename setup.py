@@ -58,7 +58,9 @@ setup(
     # requirements/ros.txt has them for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
-        'report': ['matplotlib'],
+        'report': ['matplotlib', 'rosbags'],
+        'panel': ['viser', 'yourdfpy'],
+        'planning': ['ompl', 'pin', 'toppra'],
         'dev': [
             'colcon-common-extensions',
             'hypothesis',
