@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the controller reported last, how old it is, and how fast the joints move."""
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -74,7 +75,8 @@ class RobotState:
 
     def _slope(self) -> Array:
         """Return the slope of a straight line through the samples of the window, rad/s."""
-        if self._history[-1][0] - self._history[0][0] < VELOCITY_WINDOW / 4:
+        first, last = self._history[0], self._history[-1]
+        if last[0] - first[0] < VELOCITY_WINDOW / 4 or last[1] == first[1]:  # most of the time
             return np.zeros(self._joints)
         times = np.array([time for time, _ in self._history])
         times -= times.mean()
@@ -85,9 +87,8 @@ class RobotState:
 
 
 def _finite(quantity: str, data: tuple[float, ...]) -> Array:
-    values = np.array(data)
-    bad = ~np.isfinite(values)
-    if bad.any():
-        joint = int(np.argmax(bad))
-        raise ValueError(f'joint {joint + 1}: {quantity} {values[joint]} is not finite')
-    return values
+    if not math.isfinite(sum(data)):
+        for joint, value in enumerate(data, 1):
+            if not math.isfinite(value):
+                raise ValueError(f'joint {joint}: {quantity} {value} is not finite')
+    return np.array(data)
