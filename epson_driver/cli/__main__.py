@@ -23,7 +23,18 @@ def main() -> int:
         print(text, file=sys.stdout if asked_for_help else sys.stderr)
         return 0 if asked_for_help else 2
     del sys.argv[1]
-    result: int = import_module(f'epson_driver.cli.{name}').main()
+    try:
+        executable = import_module(f'epson_driver.cli.{name}')
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.startswith('epson_driver'):
+            raise
+        print(
+            f'epson_driver {name}: the Python module {error.name} is missing: source a ROS 2 '
+            'workspace, or install requirements/runtime.txt (see README.md)',
+            file=sys.stderr,
+        )
+        return 1
+    result: int = executable.main()
     return result
 
 

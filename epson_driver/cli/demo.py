@@ -22,6 +22,7 @@ from rich.table import Table
 from epson_driver.cli import processes
 from epson_driver.cli.demo_report import DEVIATION_ALLOWED, Figures, draw, measure
 from epson_driver.cli.processes import RunError
+from epson_driver.cli.ros_user import RosUser
 from epson_driver.cli.trajectory_file import TrajectoryFileError, read_trajectory
 from epson_driver.motion import Trajectory
 from epson_driver.share import share_file
@@ -102,8 +103,6 @@ def _run(
                 highlight=False,
             )
             os.environ.update(processes.ros_environment(domain))
-            from epson_driver.cli.ros_user import RosUser  # its ROS domain must be set first
-
             user = RosUser(trajectory, lambda: _check_alive(client))
             try:
                 user.enable()
