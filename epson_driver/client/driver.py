@@ -123,6 +123,7 @@ class Driver:
         self._link_state = LinkState.DISCONNECTED
         self._ticket: Ticket | None = None
         self._next: Ticket | None = None
+        self._missed: set[str] = set()
         self._waiters: list[asyncio.Future[None]] = []
 
     async def run(self) -> None:
@@ -320,10 +321,9 @@ class Driver:
         self._on_link(self.motion_link, why)
 
     def _on_link(self, link: Link, why: str) -> None:
-        level = logging.INFO if link.connected else logging.DEBUG
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
-        _log.log(level, '%s link %s: %s', link.name, link.state.value, why)
+        self._tell_link(link, why)
         links = (self.state_link, self.motion_link)
         combined = min((each.state for each in links), key=WORST_FIRST.index)
         if combined is not self._link_state:
@@ -331,6 +331,17 @@ class Driver:
             self._events.on_link_state(combined.value, why)
             if not self.state_link.connected:
                 self._events.on_status(Status())
+
+    def _tell_link(self, link: Link, why: str) -> None:
+        """Log that a link came or went, once: not every attempt to bring it back."""
+        if link.connected:
+            self._missed.discard(link.name)
+            _log.info('%s link connected: %s', link.name, why)
+        elif link.state is LinkState.BACKING_OFF and link.name not in self._missed:
+            self._missed.add(link.name)
+            _log.warning('no %s link: %s; trying again at least once a second', link.name, why)
+        else:
+            _log.debug('%s link %s: %s', link.name, link.state.value, why)
 
     async def _watch_status(self) -> None:
         """Once a second, drop what is too old, and say so while there is no status."""

@@ -329,7 +329,7 @@ class ClientNode:
 
     def on_link_state(self, name: str, why: str) -> None:
         """Publish `~/link_state`."""
-        self._node.get_logger().info(f'link {name}: {why}')
+        self._node.get_logger().debug(f'link {name}: {why}')
         self._link_state.publish(String(data=name))
 
     def _on_feedback(self, goal_handle: Any, execution: Execution, sample: JointSample) -> None:

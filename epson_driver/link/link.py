@@ -5,6 +5,7 @@
 import asyncio
 import contextlib
 import logging
+import os
 import socket
 from collections.abc import Callable
 
@@ -134,8 +135,7 @@ class Link:
             async with asyncio.timeout(CONNECT_TIMEOUT):
                 reader, writer = await asyncio.open_connection(self.host, self.port)
         except (OSError, TimeoutError) as error:
-            why = str(error) or f'no answer within {CONNECT_TIMEOUT:g} s'
-            self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
+            self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {_reason(error)}')
             return None
         established = loop.time()
         _configure(writer.get_extra_info('socket'))
@@ -231,6 +231,15 @@ class Link:
     def _step(self, event: LinkEvent, why: str) -> None:
         self.state = TRANSITIONS[self.state, event]
         self._on_state(self.state, why)
+
+
+def _reason(error: OSError) -> str:
+    """Return why a connection could not be made, in the system's words."""
+    if error.errno is None:  # ours
+        return str(error) or f'no answer within {CONNECT_TIMEOUT:g} s'
+    if isinstance(error, socket.gaierror):
+        return error.strerror or str(error)
+    return os.strerror(error.errno)  # asyncio's own text repeats the address
 
 
 def _configure(connection: socket.socket) -> None:

@@ -62,7 +62,7 @@ def check_executables(lib: Path, workspace: Path | None) -> None:
     client = start(lib / 'client', '--ros-args', *arguments, workspace=workspace)
     assert client.stdout is not None
     lines = iter(client.stdout.readline, '')
-    assert any('link connected' in line for line in lines)
+    assert any('state link connected' in line for line in lines)
     for process in (client, controller):
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0
