@@ -92,51 +92,81 @@ def test_duration_does_not_change_a_point_to_point_move():
 # ---- refusals
 
 REFUSED = {
-    'joint nan': (point(0, (NAN,)), 8000),
-    'joint inf': (point(0, (0, 0, INF)), 8000),
-    'unused joint nan': (point(0, (0,) * 9 + (NAN,)), 8000),
-    'unused joint inf': (point(0, (0,) * 6 + (-INF,)), 8000),
-    'velocity nan': (point(0, THERE, NAN), 8000),
-    'velocity negative': (point(0, THERE, -0.1), 8000),
-    'velocity above 1': (point(0, THERE, 1.001), 8000),
-    'velocity inf': (point(0, THERE, INF), 8000),
-    'velocity too small to move': (point(0, THERE, 1e-30), 8000),
-    'velocity denormal': (point(0, THERE, 1e-45), 8000),
-    'duration nan': (point(0, THERE, 0.1, NAN), 8000),
-    'duration negative': (point(0, THERE, 0.1, -1.0), 8000),
-    'duration inf': (point(0, THERE, 0.1, INF), 8000),
-    'above a limit': (point(0, (0, 1.2)), 4001),
-    'below a limit': (point(0, (-2.98,)), 4001),
-    'far outside': (point(0, (3e38,)), 4001),
-    'begins with 1': (point(1, THERE), 8000),
-    'download begins': (point(-1, THERE), 8000),
-    'streaming begins': (point(-2, THERE), 8000),
-    'trajectory ends': (point(-3, THERE), 8000),
-    'unknown negative': (point(-5, THERE), 8000),
-    'most negative': (point(-(2**31), THERE), 8000),
-    'topic': (point(0, THERE, comm_type=1), 8000),
-    'reply': (point(0, THERE, comm_type=3, reply_code=1), 8000),
-    'stop as topic': (point(STOP, comm_type=1), 8000),
-    'request with reply code': (point(0, THERE, reply_code=1), 8000),
-    'reply without reply code': (point(0, THERE, comm_type=3), 8000),
-    'unknown comm type': (point(0, THERE, comm_type=7), 8000),
-    'no comm type': (point(0, THERE, comm_type=0), 8000),
-    'body too short': (frame(11, 2, 0, point_body(0, THERE)[:-4]), 8000),
-    'body too long': (frame(11, 2, 0, point_body(0, THERE) + bytes(4)), 8000),
-    'no body': (frame(11, 2, 0), 8000),
-    'float64 body': (frame(11, 2, 0, struct.pack('<i12d', 0, *THERE, 0, 0, 0, 0, 0, 0)), 8000),
-    'reply without body': (frame(11, 3, 1), 8000),
+    'joint nan': (point(0, (NAN,)), 8000, 'joints[0] = nan is not finite'),
+    'joint inf': (point(0, (0, 0, INF)), 8000, 'joints[2] = inf is not finite'),
+    'unused joint nan': (point(0, (0,) * 9 + (NAN,)), 8000, 'joints[9] = nan is not finite'),
+    'unused joint inf': (point(0, (0,) * 6 + (-INF,)), 8000, 'joints[6] = -inf is not finite'),
+    'velocity nan': (point(0, THERE, NAN), 8000, 'velocity = nan is not finite'),
+    'velocity negative': (point(0, THERE, -0.1), 8000, 'velocity = -0.1 is negative'),
+    'velocity above 1': (point(0, THERE, 1.001), 8000, 'velocity = 1.001 is above 1'),
+    'velocity inf': (point(0, THERE, INF), 8000, 'velocity = inf is not finite'),
+    'velocity too small to move': (
+        point(0, THERE, 1e-30),
+        8000,
+        'velocity = 1e-30 is below 1e-06',
+    ),
+    'velocity denormal': (point(0, THERE, 1e-45), 8000, 'is below 1e-06'),
+    'duration nan': (point(0, THERE, 0.1, NAN), 8000, 'duration = nan is not finite'),
+    'duration negative': (point(0, THERE, 0.1, -1.0), 8000, 'duration = -1 is negative'),
+    'duration inf': (point(0, THERE, 0.1, INF), 8000, 'duration = inf is not finite'),
+    'above a limit': (
+        point(0, (0, 1.2)),
+        4001,
+        'joint_2 = 1.2 rad is outside the limits -2.792527 … 1.134464 rad',
+    ),
+    'below a limit': (
+        point(0, (-2.98,)),
+        4001,
+        'joint_1 = -2.98 rad is outside the limits -2.96706 … 2.96706 rad',
+    ),
+    'far outside': (point(0, (3e38,)), 4001, 'joint_1 = 3e+38 rad is outside the limits'),
+    'begins with 1': (point(1, THERE), 8000, 'out of sequence: it must be 0'),
+    'download begins': (point(-1, THERE), 8000, 'only -4 (STOP) is supported'),
+    'streaming begins': (point(-2, THERE), 8000, 'only -4 (STOP) is supported'),
+    'trajectory ends': (point(-3, THERE), 8000, 'only -4 (STOP) is supported'),
+    'unknown negative': (point(-5, THERE), 8000, 'only -4 (STOP) is supported'),
+    'most negative': (point(-(2**31), THERE), 8000, 'only -4 (STOP) is supported'),
+    'topic': (point(0, THERE, comm_type=1), 8000, 'must be a request, not a topic'),
+    'reply': (
+        point(0, THERE, comm_type=3, reply_code=1),
+        8000,
+        'must be a request, not a service_reply',
+    ),
+    'stop as topic': (point(STOP, comm_type=1), 8000, 'must be a request, not a topic'),
+    'request with reply code': (point(0, THERE, reply_code=1), 8000, 'reply_code = 1: must be 0'),
+    'reply without reply code': (
+        point(0, THERE, comm_type=3),
+        8000,
+        'reply_code = 0: must be 1 (success) or 2 (failure)',
+    ),
+    'unknown comm type': (
+        point(0, THERE, comm_type=7),
+        8000,
+        'comm_type = 7: must be 1 (topic), 2 (request) or 3 (reply)',
+    ),
+    'no comm type': (point(0, THERE, comm_type=0), 8000, 'comm_type = 0: must be'),
+    'body too short': (frame(11, 2, 0, point_body(0, THERE)[:-4]), 8000, "body = '48 bytes'"),
+    'body too long': (frame(11, 2, 0, point_body(0, THERE) + bytes(4)), 8000, "body = '56 bytes'"),
+    'no body': (frame(11, 2, 0), 8000, "body = '0 bytes'"),
+    'float64 body': (
+        frame(11, 2, 0, struct.pack('<i12d', 0, *THERE, 0, 0, 0, 0, 0, 0)),
+        8000,
+        'the body must be 52 bytes',
+    ),
+    'reply without body': (frame(11, 3, 1), 8000, 'the body must be 52 bytes'),
 }
 
 
 @pytest.mark.parametrize('name', REFUSED)
-def test_invariant_1_a_refused_point_moves_nothing_and_the_next_good_one_works(name):
-    bad, error = REFUSED[name]
+def test_invariant_1_a_refused_point_moves_nothing_and_the_next_good_one_works(name, caplog):
+    bad, error, words = REFUSED[name]
     sequence = struct.unpack_from('<i', bad, 16)[0] if len(bad) == 68 else 0
     bench = Bench()
     bench.send(bad)
     assert bench.replies() == [(10, 3, FAILURE, sequence)]
     assert not bench.controller.moving
+    assert f'refused ({error}): ' in caplog.text
+    assert words in caplog.text
     status = bench.controller.status()
     assert (status.error_code, status.in_error, status.motion_possible) == (error, 1, 0)
     bench.send(point(0, THERE))
@@ -148,7 +178,7 @@ def test_invariant_1_a_refused_point_moves_nothing_and_the_next_good_one_works(n
 
 @pytest.mark.parametrize('name', REFUSED)
 def test_a_refused_point_in_mid_move_ends_the_motion_with_replies_in_order(name):
-    bad, error = REFUSED[name]
+    bad, error, _ = REFUSED[name]
     bench = Bench()
     bench.send(point(0), point(1, THERE), point(2, HERE))
     bench.step(0.1)
