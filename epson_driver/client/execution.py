@@ -84,7 +84,7 @@ REST_TIME = 0.05
 SETTLE_TIME = 1.0
 """How long an arm may stand beside the goal after the last reply before that is a failure, s."""
 
-CAUSE_TIME = 0.09
+CAUSE_TIME = 0.07
 """How long a refused goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
 
 MOVED = 1e-4
