@@ -35,7 +35,11 @@ def main() -> int:
     """Run the demo. Returns 0 only if the arm did what was planned."""
     arguments = _arguments()
     console = Console()
-    signal.signal(signal.SIGTERM, _on_terminate)
+    for number in (
+        signal.SIGINT,
+        signal.SIGTERM,
+    ):  # SIGINT too: a shell's `&` passes it on ignored
+        signal.signal(number, _on_terminate)
     try:
         trajectory = read_trajectory(arguments.trajectory)
         with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder:

@@ -14,10 +14,12 @@ from control_msgs.action import FollowJointTrajectory
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -41,6 +43,7 @@ class RosUser:
         self._executor.add_node(self._node)
         self._states: list[Any] = []
         self._diagnostics: Any = None
+        self._link_state = ''
         self._recording = False
         self._enable = self._node.create_client(Trigger, 'epson_driver/enable')
         self._action = ActionClient(
@@ -48,6 +51,10 @@ class RosUser:
         )
         self._node.create_subscription(JointState, 'joint_states', self._on_state, 200)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._node.create_subscription(
+            String, 'epson_driver/link_state', self._on_link_state, latched
+        )
 
     def close(self) -> None:
         """Leave ROS."""
@@ -59,6 +66,7 @@ class RosUser:
         """Wait until the driver has the robot's state, then enable the arm."""
         self._recording = True
         self._wait(self._enable.service_is_ready, 'no ~/enable service')
+        self._wait(lambda: self._link_state == 'connected', 'no links to the controller')
         self._wait(lambda: self._states, 'no joint_states')
         self._wait(self._action.server_is_ready, 'no action server')
         answer = self._complete(self._enable.call_async(Trigger.Request()))
@@ -115,6 +123,9 @@ class RosUser:
         if self._recording:
             self._states.append(message)
 
+    def _on_link_state(self, message: Any) -> None:
+        self._link_state = message.data
+
     def _on_diagnostics(self, message: Any) -> None:
         self._diagnostics = message
 
@@ -140,10 +151,10 @@ def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
     """Return a trajectory as the ROS message."""
     message = JointTrajectory(joint_names=list(trajectory.joint_names))
     for index, time_from_start in enumerate(trajectory.times):
-        whole, fraction = divmod(float(time_from_start), 1.0)
+        sec, nanosec = divmod(round(float(time_from_start) * 1e9), 10**9)
         point = JointTrajectoryPoint(
             positions=trajectory.positions[index].tolist(),
-            time_from_start=Duration(sec=int(whole), nanosec=round(fraction * 1e9)),
+            time_from_start=Duration(sec=sec, nanosec=nanosec),
         )
         if trajectory.velocities is not None:
             point.velocities = trajectory.velocities[index].tolist()

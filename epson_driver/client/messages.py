@@ -97,5 +97,5 @@ def _points(
 
 
 def _duration(seconds: float) -> Duration:
-    whole, fraction = divmod(max(seconds, 0.0), 1.0)
-    return Duration(sec=int(whole), nanosec=int(fraction * 1e9))
+    sec, nanosec = divmod(round(max(seconds, 0.0) * 1e9), 10**9)
+    return Duration(sec=sec, nanosec=nanosec)
