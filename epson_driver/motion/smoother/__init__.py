@@ -1,0 +1,8 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The streaming smoother: through all points without a stop, inside every limit."""
+
+from epson_driver.motion.smoother.planner import Plan, Request, plan
+from epson_driver.motion.smoother.smoother import MERGE_TOLERANCE, Mode, Motion, Smoother
+
+__all__ = ['MERGE_TOLERANCE', 'Mode', 'Motion', 'Plan', 'Request', 'Smoother', 'plan']

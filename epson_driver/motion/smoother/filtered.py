@@ -1,0 +1,71 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Proposer FIR: the speed profile, its jerk limited by a moving average over time.
+
+The mean of u(t) over a window of A/J turns jumps of ü into ramps, and the motion stays on the
+path. Where the result exceeds a limit, the speed bound is lowered, and all is done again.
+"""
+
+import numpy as np
+
+from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother.check import Loads, loads
+from epson_driver.motion.smoother.law import Law, from_accelerations
+from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.profile import Course
+
+ROUNDS = 5
+STEP = 0.004
+"""Time between the samples of the law, s."""
+
+
+def propose(problem: Problem, course: Course) -> Law | None:
+    """Return a verified law, or None if none was found."""
+    factor = np.ones_like(course.positions)
+    for _ in range(ROUNDS):
+        law = filtered(problem, course, factor)
+        if law is None:
+            return None
+        result = loads(problem.path, law, problem.limits)
+        if result.allowed:
+            return law
+        factor *= _tightened(course.positions, result, law, problem)
+    return None
+
+
+def filtered(problem: Problem, course: Course, factor: Array | float = 1.0) -> Law | None:
+    """Return the law of one round, not verified; `factor` lowers the speed bounds, shape (m,)."""
+    window = float(np.max(problem.limits.acceleration / problem.limits.jerk))
+    u, v, a = problem.start
+    # the past that the moving average needs: constant acceleration, so that its mean is the start
+    speed = max(v + a * window / 2.0, 0.0)
+    begin = u + speed * window / 2.0 - a * window**2 / 6.0
+    if begin >= problem.end:
+        return None
+    profile = course.profile(begin, speed, factor)
+    duration = profile.times[-1] + window
+    count = int(np.ceil(duration / STEP))
+    step = duration / count
+    times = np.arange(count + 1) * step
+    now = np.interp(times, profile.times, profile.speeds)
+    before = np.where(
+        times < window,
+        speed + a * (times - window),
+        np.interp(times - window, profile.times, profile.speeds),
+    )
+    return from_accelerations(problem.start, problem.end, times, (now - before) / window)
+
+
+def _tightened(us: Array, result: Loads, law: Law, problem: Problem) -> Array:
+    """Return factors ≤ 1 on the speed bounds where the law exceeds a limit and around there."""
+    ratio = np.maximum(
+        np.maximum(result.velocity, np.sqrt(result.acceleration)), np.cbrt(result.jerk)
+    )
+    too_much = ratio > 1.0
+    window = float(np.max(problem.limits.acceleration / problem.limits.jerk))
+    factor = np.ones_like(us)
+    speed = float(np.max(law.velocities))
+    for u, value in zip(result.positions[too_much], ratio[too_much], strict=True):
+        near = np.abs(us - u) < window * speed
+        factor[near] = np.minimum(factor[near], 0.97 / value)
+    return factor

@@ -1,0 +1,141 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Speed laws: where on a path to be at which time, u(t), from a start to a rest.
+
+u is the path parameter of `path`. A law is a chain of pieces of constant jerk, so that every
+value between its breakpoints is exact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from ruckig import Trajectory as RuckigTrajectory
+
+from epson_driver.motion.limits import Array
+
+State = tuple[float, float, float]
+"""u, its velocity, its acceleration."""
+
+SHORTEST_PIECE = 1e-9
+"""Pieces of Ruckig's that are shorter (s) are rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Law:
+    """k pieces of constant jerk; it rests at its end.
+
+    times, positions, velocities, accelerations: shape (k + 1,), at the breakpoints, time from 0.
+    jerks: shape (k,).
+    """
+
+    times: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    jerks: Array
+
+    @property
+    def duration(self) -> float:
+        """Time until it rests, s."""
+        return float(self.times[-1])
+
+    @property
+    def end(self) -> float:
+        """The u where it rests."""
+        return float(self.positions[-1])
+
+    def at(self, time: float) -> State:
+        """Return the state at one time; the start's before the start, rest after the end."""
+        if time >= self.times[-1]:
+            return self.end, 0.0, 0.0
+        piece = max(int(self.times.searchsorted(time, side='right')) - 1, 0)
+        t = max(time - float(self.times[piece]), 0.0)
+        u, v = float(self.positions[piece]), float(self.velocities[piece])
+        a, j = float(self.accelerations[piece]), float(self.jerks[piece])
+        return (
+            u + t * (v + t * (a / 2.0 + t * j / 6.0)),
+            v + t * (a + t * j / 2.0),
+            a + t * j,
+        )
+
+    def sample(self, times: Array) -> tuple[Array, Array, Array, Array]:
+        """Return u, velocity, acceleration, jerk at times within the law, all of one shape."""
+        piece = np.clip(self.times.searchsorted(times, side='right') - 1, 0, len(self.jerks) - 1)
+        t = times - self.times[piece]
+        u, v = self.positions[piece], self.velocities[piece]
+        a, j = self.accelerations[piece], self.jerks[piece]
+        return (
+            u + t * (v + t * (a / 2.0 + t * j / 6.0)),
+            v + t * (a + t * j / 2.0),
+            a + t * j,
+            j,
+        )
+
+    def speeds(self, us: Array) -> Array:
+        """Return u̇ at each u of a law that never turns back, shape (m,); 0 beyond its end."""
+        u, v, _, _ = self.sample(np.linspace(0.0, self.duration, 100))
+        speeds: Array = np.interp(us, np.maximum.accumulate(u), v, right=0.0)
+        return speeds
+
+
+def from_ruckig(course: RuckigTrajectory) -> Law:
+    """Return a one-dimensional Ruckig trajectory as a law."""
+    profile = course.profiles[0][0]
+    brake = profile.brake
+    pieces = [
+        (t, j)
+        for t, j in zip([*brake.t, *profile.t], [*brake.j, *profile.j], strict=True)
+        if t > SHORTEST_PIECE
+    ]
+    (u,), (v,), (a,) = course.at_time(0.0)
+    return from_pieces(
+        (u, v, a), np.array([t for t, _ in pieces]), np.array([j for _, j in pieces])
+    )
+
+
+def from_pieces(start: State, durations: Array, jerks: Array, end: float | None = None) -> Law:
+    """Return the law that starts in a state and has constant jerks for durations, shapes (k,).
+
+    It must come to rest; `end`, where it does, removes the rounding of the way there.
+    """
+    times = np.append(0.0, np.cumsum(durations))
+    a = start[2] + np.append(0.0, np.cumsum(durations * jerks))
+    v = start[1] + np.append(0.0, np.cumsum(durations * (a[:-1] + durations * jerks / 2.0)))
+    steps = durations * (v[:-1] + durations * (a[:-1] / 2.0 + durations * jerks / 6.0))
+    u = start[0] + np.append(0.0, np.cumsum(steps))
+    if end is not None:
+        u[-1] = end
+    v[-1] = a[-1] = 0.0
+    return Law(times, u, v, a, jerks)
+
+
+def from_accelerations(start: State, end: float, times: Array, accelerations: Array) -> Law:
+    """Return a law whose acceleration is linear between samples; times from 0, shapes (k + 1,).
+
+    The first sample is the start's acceleration, the last must be 0. What is missing to rest
+    exactly at `end` is spread over the whole law as smoothly as can be.
+    """
+    a = accelerations.copy()
+    a[0], a[-1] = start[2], 0.0
+    steps = np.diff(times)
+    phase = times * (np.pi / times[-1])
+    shapes = np.stack([np.sin(phase), np.sin(2.0 * phase)])
+    shapes[:, -1] = 0.0
+    v, u = _integrals(steps, np.concatenate([shapes, a[None, :]]))
+    missing = np.array(
+        [-(start[1] + v[2, -1]), end - (start[0] + times[-1] * start[1] + u[2, -1])]
+    )
+    a += np.linalg.solve(np.array([v[:2, -1], u[:2, -1]]), missing) @ shapes
+    (v,), (u,) = _integrals(steps, a[None, :])
+    v += start[1]
+    u += start[0] + times * start[1]
+    u[-1], v[-1] = end, 0.0
+    return Law(times, u, v, a, np.diff(a) / steps)
+
+
+def _integrals(steps: Array, a: Array) -> tuple[Array, Array]:
+    """Return velocity and position from rest at 0, shapes (m, k + 1), for a of that shape."""
+    zero = np.zeros((len(a), 1))
+    v = np.concatenate([zero, np.cumsum(steps * (a[:, :-1] + a[:, 1:]) / 2.0, axis=1)], axis=1)
+    gains = steps * (v[:, :-1] + steps * (a[:, :-1] / 3.0 + a[:, 1:] / 6.0))
+    return v, np.concatenate([zero, np.cumsum(gains, axis=1)], axis=1)

@@ -1,0 +1,210 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Proposer OPT: the (locally) fastest law.
+
+For x(u) = u̇² the limits of a joint with derivatives q′, q″, q‴ by u are
+    velocity      |q′| √x ≤ V
+    acceleration  |q′x′/2 + q″x| ≤ A
+    jerk          |q′x″/2 + 3q″x′/2 + q‴x| ≤ J / √x
+and the time is ∫ du / √x (Verscheure et al. 2009; jerk: Debrouwere et al. 2013): convex but for
+the right side of the jerk limit. With a spline for x, `interior_point` finds the minimum.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother.check import Loads, loads
+from epson_driver.motion.smoother.interior_point import Program, minimise
+from epson_driver.motion.smoother.law import Law
+from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.profile import Course
+from epson_driver.motion.smoother.ruckig_move import gentle_stop
+from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
+
+NODE_TIME = 0.008
+"""Time between the spline's nodes, s, of the law to start from."""
+
+FEWEST_NODES, MOST_NODES = 8, 250
+
+VELOCITY_RESERVE, ACCELERATION_RESERVE, JERK_RESERVE = 5e-4, 1e-2, 4e-2
+"""Of the limits: the spline keeps them at its samples, the law must keep them everywhere."""
+
+START_INTERVALS = 3
+"""Intervals without (jerk: with half) this reserve at the start."""
+
+NODES_WRONG = 1.3
+"""A limit exceeded by more than this shows that the nodes are too far apart somewhere."""
+
+ROUNDS = 4
+"""Each round begins with the law of the one before, and uses less where that exceeded a limit."""
+
+Excess = tuple[Array, Array]
+"""u, and how many times a limit was used there."""
+
+_SAMPLES = np.array([0.02, 0.5, 0.98])
+_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
+_BESIDE = 1e-9
+
+
+def propose(problem: Problem, course: Course) -> Law | None:
+    """Return a verified law faster than most, or None if none was found."""
+    ramps = _ramps(problem, course)
+    if ramps is None:
+        return None
+    profile = course.profile(problem.start[0], problem.start[1])
+    spline = _spline(problem, profile.positions, profile.speeds, profile.times, *ramps)
+    if spline is not None:
+        spline = _slow_enough(problem, spline)
+    excess: list[Excess] = []
+    for turn in range(ROUNDS):
+        if spline is None:
+            return None
+        coefficients = minimise(_program(problem, spline, excess), spline.coefficients)
+        if coefficients is None:
+            return None
+        spline = dataclasses.replace(spline, coefficients=coefficients)
+        law = spline.law(problem.start, problem.end)
+        if law is None:
+            return None
+        result = loads(problem.path, law, problem.limits)
+        if result.allowed:
+            return law
+        excess.append(_excess(result))
+        if turn == 0 and excess[0][1].max(initial=1.0) > NODES_WRONG:
+            spline = _spline(problem, law.positions, law.velocities, law.times, *ramps)
+    return None
+
+
+def _ramps(problem: Problem, course: Course) -> tuple[Ramp, Ramp] | None:
+    """Return the ramps from the start (none if it moves) and to the end."""
+    ends = np.array([problem.start[0], problem.end])
+    _, first, _, _ = problem.path.sample(ends)
+    with np.errstate(divide='ignore'):
+        jerks = (1.0 - JERK_RESERVE) * np.min(problem.limits.jerk / np.abs(first), axis=1)
+    ramps = []
+    for end, jerk in zip(ends.tolist(), jerks.tolist(), strict=True):
+        # what the ramp begins must end below the bounds that are near
+        near = np.abs(course.positions - end) < 5.0 * jerk * NODE_TIME**3
+        speed = float(course.bounds[near].min(initial=np.inf))
+        ramps.append(Ramp(min(jerk, 0.6 * speed / NODE_TIME**2), NODE_TIME))
+    if problem.start[1] > 0.0:
+        ramps[0] = Ramp(0.0, 0.0)
+    if problem.start[0] + ramps[0].length + ramps[1].length >= problem.end:
+        return None
+    return ramps[0], ramps[1]
+
+
+def _spline(
+    problem: Problem, us: Array, vs: Array, times: Array, launch: Ramp, landing: Ramp
+) -> SpeedSpline | None:
+    """Return a spline with nodes in equal times of a law given by samples, a little slower."""
+    begin, end = problem.start[0] + launch.length, problem.end - landing.length
+    us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
+    first, last = np.interp([begin, end], us, times)
+    count = int(np.clip((last - first) / NODE_TIME, FEWEST_NODES, MOST_NODES))
+    nodes = np.interp(np.linspace(first, last, count + 1), times, us)
+    nodes = 0.98 * nodes + 0.02 * np.linspace(begin, end, count + 1)
+    nodes[0], nodes[-1] = begin, end
+    nodes = _on_knots(nodes, problem.path.knots.u)
+    h = np.diff(nodes)
+    if np.min(h) <= _BESIDE:
+        return None
+    x = np.maximum(0.8 * np.interp(_middles(nodes), us, vs) ** 2, 1e-8)
+    v, a = problem.start[1], problem.start[2]
+    if launch.time > 0.0:
+        v, a = launch.speed, launch.acceleration
+    x[0], x[1] = v**2, v**2 + a * h[0]
+    v, a = landing.speed, landing.acceleration
+    x[-1], x[-2] = v**2, v**2 + a * h[-1]
+    return SpeedSpline(launch, landing, nodes, x) if x[1] > 0.0 else None
+
+
+def _middles(nodes: Array) -> Array:
+    """Return where each coefficient has the most weight, shape (N + 2,)."""
+    return np.concatenate((nodes[:1], (nodes[:-1] + nodes[1:]) / 2.0, nodes[-1:]))
+
+
+def _on_knots(nodes: Array, knots: Array) -> Array:
+    """Return nodes; the nearest to each knot of the path is moved to it, since jerk jumps there."""
+    knots = knots[(knots > nodes[0]) & (knots < nodes[-1])]
+    if not len(knots):
+        return nodes
+    left = np.clip(nodes.searchsorted(knots) - 1, 0, len(nodes) - 2)
+    nearest = np.where(knots - nodes[left] < nodes[left + 1] - knots, left, left + 1)
+    inner = (nearest > 0) & (nearest < len(nodes) - 1)
+    moved = nodes.copy()
+    moved[nearest[inner]] = knots[inner]
+    return moved
+
+
+def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
+    """Return a spline below another, smooth over the time of a jerk ramp, to begin with.
+
+    The mean of the least around each coefficient; but not below a stop from the start.
+    """
+    ramp = float(np.max(problem.limits.acceleration / problem.limits.jerk))
+    x = spline.coefficients
+    width = int(np.clip(ramp / NODE_TIME / 2.0, 1, len(spline.nodes) // 4))
+    windows = np.lib.stride_tricks.sliding_window_view
+    least = windows(np.pad(x, 2 * width, mode='edge'), 2 * width + 1).min(axis=1)
+    smooth = windows(least, 2 * width + 1).mean(axis=1)
+    if problem.start[1] > 0.0:
+        stop = gentle_stop(problem.start, problem.path, problem.limits, 0.8)
+        if stop is not None:
+            smooth = np.maximum(smooth, stop.speeds(_middles(spline.nodes)) ** 2)
+    smooth[:2], smooth[-2:] = x[:2], x[-2:]
+    return dataclasses.replace(spline, coefficients=smooth)
+
+
+def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Program:
+    """Return the limits at three samples of every interval and beside every knot of the path."""
+    nodes, h, limits = spline.nodes, spline.lengths, problem.limits
+    us = (nodes[:-1, None] + h[:, None] * _SAMPLES).ravel()
+    weights = (h[:, None] * _WEIGHTS).ravel()
+    # jerk jumps at the knots of the path: both sides of those that are not nodes
+    knots = problem.path.knots.u
+    knots = np.setdiff1d(knots[(knots > nodes[0]) & (knots < nodes[-1])], nodes)
+    us = np.concatenate((us, knots - _BESIDE, knots + _BESIDE))
+    weights = np.append(weights, np.zeros(2 * len(knots)))
+    interval = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(h) - 1)
+    _, first, second, third = problem.path.sample(us)
+    # the state at the start may itself use all that is allowed
+    starting = (us < nodes[min(START_INTERVALS, len(h))]) & (spline.launch.time == 0.0)
+    reserve = np.where(starting, 0.0, 1.0)
+    a = np.stack([second, first / 2.0, np.zeros_like(first)], axis=2)
+    a /= ((1.0 - reserve * ACCELERATION_RESERVE)[:, None] * limits.acceleration)[:, :, None]
+    j = np.stack([third, 1.5 * second, first / 2.0], axis=2)
+    j /= ((1.0 - (0.5 + 0.5 * reserve) * JERK_RESERVE)[:, None] * limits.jerk)[:, :, None]
+    v = np.zeros((len(us), 1, 3))
+    v[:, 0, 0] = ((1.0 - reserve * VELOCITY_RESERVE) * problem.fastest(first)) ** -2
+    rows = np.concatenate([v, a, -a, j, -j], axis=1)
+    rows /= _share(excess, nodes)[interval][:, None, None]
+    return Program(
+        basis(h, interval, (us - nodes[interval]) / h[interval]),
+        interval,
+        rows,
+        1 + 2 * len(limits.names),
+        weights,
+        problem.wanted(us, first),
+    )
+
+
+def _excess(result: Loads) -> Excess:
+    """Return where a law exceeds the limits, and by how much."""
+    ratio = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
+    where = ratio > 1.0
+    return result.positions[where], ratio[where]
+
+
+def _share(excess: list[Excess], nodes: Array) -> Array:
+    """Return the share of the limits to use in each interval, after what was too much before."""
+    share = np.ones(len(nodes) - 1)
+    for us, ratio in excess:
+        where = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(share) - 1)
+        worst = np.ones_like(share)
+        np.maximum.at(worst, where, ratio)
+        worst[1:-1] = np.maximum(worst[1:-1], np.maximum(worst[:-2], worst[2:]))
+        share /= np.minimum(1.01 * worst, 4.0)
+    return share

@@ -1,0 +1,184 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The geometry: a path with continuous curvature through knots in joint space.
+
+Its parameter u is the sum of the chords' lengths, each measured in seconds at full speed:
+‖Δq / v_max‖₂. A knot is a position with the first and the second derivative by u; between two
+knots the path is the quintic polynomial that has these at its ends. The derivatives come from a
+cubic spline through the knots, so where a knot and its neighbours come from the same spline, the
+path is this spline.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion.limits import Array, JointLimits
+
+# s⁰ … s⁵ of the quintic in s ∈ [0, 1] from q, q′h, q″h² at both ends.
+_QUINTIC = np.array(
+    [
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
+        [-10.0, -6.0, -1.5, 10.0, -4.0, 0.5],
+        [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
+        [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
+    ]
+)
+_POWERS = np.arange(6)
+_INSIDE = np.linspace(0.0, 1.0, 17)[1:-1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Knots:
+    """k points of a path.
+
+    u: strictly increasing, shape (k,). position, and its first and second derivative by u: shape
+    (k, n), rad.
+    """
+
+    u: Array
+    position: Array
+    first: Array
+    second: Array
+
+    def __getitem__(self, part: slice) -> 'Knots':
+        """Return some of them."""
+        return Knots(self.u[part], self.position[part], self.first[part], self.second[part])
+
+
+class Path:
+    """The path through knots, two or more."""
+
+    __slots__ = ('_coefficients', '_lengths', 'knots')
+
+    def __init__(self, knots: Knots) -> None:
+        self.knots = knots
+        self._lengths = np.diff(knots.u)
+        h = self._lengths[:, None]
+        ends = np.stack(
+            [
+                knots.position[:-1],
+                knots.first[:-1] * h,
+                knots.second[:-1] * h**2,
+                knots.position[1:],
+                knots.first[1:] * h,
+                knots.second[1:] * h**2,
+            ],
+            axis=1,
+        )
+        self._coefficients = _QUINTIC @ ends  # (k - 1, 6, n)
+
+    @property
+    def end(self) -> float:
+        """The last knot's u."""
+        return float(self.knots.u[-1])
+
+    def segment(self, u: float) -> int:
+        """Return the index of the knot that begins the segment of u."""
+        index = int(self.knots.u.searchsorted(u, side='right')) - 1
+        return min(max(index, 0), len(self._lengths) - 1)
+
+    def at(self, u: float) -> tuple[Array, Array, Array]:
+        """Return position, first and second derivative at one u, shapes (n,)."""
+        index = self.segment(u)
+        h = float(self._lengths[index])
+        s = (u - float(self.knots.u[index])) / h
+        s2, s3, s4 = s * s, s**3, s**4
+        powers = np.array(
+            [
+                [1.0, s, s2, s3, s4, s4 * s],
+                [0.0, 1.0 / h, 2.0 * s / h, 3.0 * s2 / h, 4.0 * s3 / h, 5.0 * s4 / h],
+                [0.0, 0.0, 2.0 / h**2, 6.0 * s / h**2, 12.0 * s2 / h**2, 20.0 * s3 / h**2],
+            ]
+        )
+        q, first, second = powers @ self._coefficients[index]
+        return q, first, second
+
+    def sample(self, us: Array, before: bool = False) -> tuple[Array, Array, Array, Array]:
+        """Return position and three derivatives at every u, shapes (m, n).
+
+        At a knot the third derivative is that of the segment after it, or `before` it.
+        """
+        after = self.knots.u.searchsorted(us, side='left' if before else 'right')
+        index = np.clip(after - 1, 0, len(self._lengths) - 1)
+        h = self._lengths[index][:, None]
+        s = (us[:, None] - self.knots.u[index][:, None]) / h
+        c0, c1, c2, c3, c4, c5 = np.moveaxis(self._coefficients[index], 1, 0)
+        return (
+            c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
+            (c1 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
+            (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / h**2,
+            (6.0 * c3 + s * (24.0 * c4 + s * 60.0 * c5)) / h**3,
+        )
+
+
+def chord_lengths(points: Array, limits: JointLimits) -> Array:
+    """Return the lengths between consecutive points, shape (k, n) to (k - 1,), s at full speed."""
+    scaled: Array = np.linalg.norm(np.diff(points, axis=0) / limits.velocity, axis=1)
+    return scaled
+
+
+def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = True) -> Path:
+    """Return the path along kept knots and on through points, shape (m, n), m ≥ 1.
+
+    The kept knots (one or more) stay as they are, unless the path begins at rest in a single one:
+    not `clamped`, its derivatives are free. A joint that would leave its position limits between
+    two points inside of them gets a level course there instead.
+    """
+    chain = np.concatenate([kept.position[-1:], points])
+    u = kept.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
+    first, second = _cubic_spline(u, chain, kept.first[-1] if clamped else None)
+    if clamped:
+        first[0], second[0] = kept.first[-1], kept.second[-1]
+    fixed = 1 if clamped else 0
+    path = Path(Knots(u, chain, first, second))
+    for _ in range(len(points)):
+        inside = path._coefficients.transpose(0, 2, 1) @ _INSIDE ** _POWERS[:, None]  # (k, n, s)
+        outside = (inside < limits.position_min[:, None]) | (inside > limits.position_max[:, None])
+        segments, joints = np.nonzero(outside.any(axis=2))
+        if not len(segments):
+            break
+        for knots in (segments, segments + 1):
+            free = knots >= fixed
+            first[knots[free], joints[free]] = 0.0
+            second[knots[free], joints[free]] = 0.0
+        path = Path(Knots(u, chain, first, second))
+    new = Knots(u[1:], chain[1:], first[1:], second[1:]) if clamped else path.knots
+    old = kept if clamped else kept[: len(kept.u) - 1]
+    return Path(
+        Knots(
+            *(
+                np.concatenate([getattr(old, name), getattr(new, name)])
+                for name in ('u', 'position', 'first', 'second')
+            )
+        )
+    )
+
+
+def _cubic_spline(u: Array, points: Array, first: Array | None) -> tuple[Array, Array]:
+    """Return first and second derivatives at the knots of the C2 cubic spline, shapes (k, n).
+
+    Its second derivative is 0 at the end, and at the start too unless its first is given there.
+    """
+    h = np.diff(u)
+    slopes = np.diff(points, axis=0) / h[:, None]
+    count = len(u)
+    matrix = np.zeros((count, count))
+    right = np.zeros_like(points)
+    inner = np.arange(1, count - 1)
+    matrix[inner, inner - 1] = h[:-1]
+    matrix[inner, inner] = 2.0 * (h[:-1] + h[1:])
+    matrix[inner, inner + 1] = h[1:]
+    right[1:-1] = 6.0 * np.diff(slopes, axis=0)
+    matrix[0, 0] = matrix[-1, -1] = 1.0
+    if first is not None:
+        matrix[0, :2] = 2.0 * h[0], h[0]
+        right[0] = 6.0 * (slopes[0] - first)
+    second = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    h = h[:, None]
+    start = slopes - h * (2.0 * second[:-1] + second[1:]) / 6.0
+    last = slopes[-1] + h[-1] * (second[-2] + 2.0 * second[-1]) / 6.0
+    first_derivatives: Array = np.concatenate([start, last[None, :]])
+    return first_derivatives, second

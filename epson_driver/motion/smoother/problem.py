@@ -1,0 +1,56 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a proposer is asked: a fast law from a moving state to rest, on a path."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.smoother.law import Law, State
+from epson_driver.motion.smoother.path import Path
+
+SLACK = 0.02
+"""How much faster than `slowing` a motion may be, relative."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """From `start` to rest at the path's end, as fast as the speeds and the limits allow.
+
+    speeds: the most that u̇ should be at each knot of the path (u̇² is linear between them), shape
+    (k,); infinite where only the limits count. scale: share (0, 1] of the velocity limits to use.
+    slowing: a stop from the start: no speed below the stop's is asked for, so that a start that is
+    too fast for `speeds` and `scale` has time.
+    """
+
+    path: Path
+    start: State
+    limits: JointLimits
+    speeds: Array
+    scale: float = 1.0
+    slowing: Law | None = None
+
+    @property
+    def end(self) -> float:
+        """The u to rest at."""
+        return self.path.end
+
+    def fastest(self, first: Array) -> Array:
+        """Return the highest u̇ that the velocity limits allow, shape (m,), for q′ of (m, n)."""
+        with np.errstate(divide='ignore'):
+            bounds: Array = np.min(self.limits.velocity / np.abs(first), axis=1)
+        return bounds
+
+    def wanted(self, us: Array, first: Array) -> Array:
+        """Return u̇ as it is asked for at every u, shape (m,), where the path has q′ = `first`."""
+        cap = np.sqrt(np.interp(us, self.path.knots.u, self.speeds**2))
+        return np.minimum(self.scale * self.fastest(first), cap)
+
+    def speed_bounds(self, us: Array, first: Array) -> Array:
+        """Return the highest u̇ to plan with at every u, shape (m,): wanted, or slowing down."""
+        wanted = self.wanted(us, first)
+        if self.slowing is None:
+            return wanted
+        slower = (1.0 + SLACK) * self.slowing.speeds(us)
+        return np.minimum(self.fastest(first), np.maximum(wanted, slower))

@@ -1,0 +1,86 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The fastest speeds on a path without regard to jerk: where every proposer begins.
+
+One pass backward and one forward over dx/du = 2ü for x = u̇² (Bobrow et al. 1985).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother.problem import Problem
+
+ACCELERATION_SHARE = 0.8
+CURVATURE_SHARE = 0.7
+"""Of the acceleration limit: what may be used in all, and what of it for q″u̇²."""
+
+FEWEST_SAMPLES = 160
+"""Per path; at least two per segment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """u̇ at samples of u, and the time from the first to each of them; shapes (m,)."""
+
+    positions: Array
+    speeds: Array
+    times: Array
+
+
+class Course:
+    """The samples of one problem's path, and the speed bounds there; shapes (m,)."""
+
+    __slots__ = ('_left', 'bounds', 'positions')
+
+    def __init__(self, problem: Problem) -> None:
+        us = _samples(problem)
+        _, first, second, third = problem.path.sample(us)
+        limits = problem.limits
+        with np.errstate(divide='ignore'):
+            curvature = np.min(CURVATURE_SHARE * limits.acceleration / np.abs(second), axis=1)
+            twist = np.min(CURVATURE_SHARE * limits.jerk / np.abs(third), axis=1)
+        self.positions = us
+        self.bounds = np.minimum(
+            problem.speed_bounds(us, first), np.minimum(np.sqrt(curvature), np.cbrt(twist))
+        )
+        # what curvature leaves for ü, at the bound: conservative below it
+        bend = np.abs(second) * self.bounds[:, None] ** 2
+        left = ACCELERATION_SHARE * limits.acceleration - bend
+        with np.errstate(divide='ignore'):
+            self._left = np.min(left / np.abs(first), axis=1)
+
+    def profile(self, start: float, start_speed: float, factor: Array | float = 1.0) -> Profile:
+        """Return the fastest speeds from a start to rest at the end.
+
+        `factor` ≤ 1 lowers the bounds, shape (m,). A start above them is followed by the hardest
+        braking.
+        """
+        ahead = self.positions > start + 1e-12
+        us = np.concatenate(([start], self.positions[ahead]))
+        bounds = (self.bounds * factor)[ahead]
+        pace = self._left[ahead]
+        pace = np.concatenate((pace[:1], pace))
+        gain = (2.0 * np.diff(us) * np.minimum(pace[:-1], pace[1:])).tolist()
+        x = [start_speed**2, *(bounds**2).tolist()]
+        x[-1] = 0.0
+        for i in range(len(gain) - 1, 0, -1):
+            if x[i + 1] + gain[i] < x[i]:
+                x[i] = x[i + 1] + gain[i]
+        for i, more in enumerate(gain):
+            if x[i] + more < x[i + 1]:
+                x[i + 1] = x[i] + more
+        speeds = np.sqrt(x)
+        steps = 2.0 * np.diff(us) / np.maximum(speeds[1:] + speeds[:-1], 1e-9)
+        return Profile(us, speeds, np.concatenate(([0.0], np.cumsum(steps))))
+
+
+def _samples(problem: Problem) -> Array:
+    knots = problem.path.knots.u
+    first = problem.path.segment(problem.start[0])
+    knots = np.concatenate(([problem.start[0]], knots[first + 1 :]))
+    each = max(2, -(-FEWEST_SAMPLES // (len(knots) - 1)))
+    inside = np.arange(each) / each
+    us = knots[:-1, None] + np.diff(knots)[:, None] * inside
+    return np.concatenate((us.ravel(), knots[-1:]))

@@ -1,0 +1,150 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Proposer R1: one jerk-limited Ruckig move along the path.
+
+The simplest law there is. It always finds one from rest, since any path can be followed slowly.
+"""
+
+import numpy as np
+from ruckig import ControlInterface, InputParameter, Result, Ruckig
+from ruckig import Trajectory as RuckigTrajectory
+
+from epson_driver.motion.limits import JointLimits
+from epson_driver.motion.smoother.check import loads
+from epson_driver.motion.smoother.law import Law, State, from_ruckig
+from epson_driver.motion.smoother.path import Path
+from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.profile import Course
+
+REACHES = (0.75, 0.25, 0.08, 0.025)
+"""How far to go, in stopping distances of a joint at its velocity limit."""
+
+HARDNESS = (1.0, 0.5, 0.2)
+"""Fractions of the acceleration and the jerk that the path's slope alone would allow."""
+
+BISECTIONS = 6
+
+SLOWEST = 3e-3
+"""The least share of the highest speed that is tried."""
+
+
+def propose(problem: Problem, _course: Course) -> Law | None:
+    """Return the verified move that gets on fastest, or None if none was found.
+
+    It may end before the path does.
+    """
+    limits = problem.limits
+    unit = float(
+        np.max(limits.velocity / limits.acceleration) + np.max(limits.acceleration / limits.jerk)
+    )
+    u = problem.start[0]
+    best: Law | None = None
+    for reach in REACHES:
+        end = min(problem.end, u + reach * unit)
+        velocity, acceleration, jerk = _slope_bounds(problem, end)
+        for hardness in HARDNESS:
+            law = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
+            if law is not None and (best is None or _pace(law) > _pace(best)):
+                best = law
+        if best is not None and end < problem.end:
+            break
+    return best
+
+
+def _pace(law: Law) -> float:
+    return (law.end - float(law.positions[0])) / law.duration
+
+
+def _fastest(
+    problem: Problem, end: float, velocity: float, acceleration: float, jerk: float
+) -> Law | None:
+    """Return the verified move with the highest speed, found by bisection."""
+    low, high = velocity * SLOWEST, velocity
+    found: Law | None = None
+    for turn in range(BISECTIONS):
+        speed = high if turn == 0 else float(np.sqrt(low * high))
+        law = move(problem.start, end, speed, acceleration, jerk)
+        if law is not None and loads(problem.path, law, problem.limits).allowed:
+            if turn == 0:
+                return law
+            found, low = law, speed
+        else:
+            high = speed
+    return found
+
+
+def stop(problem: Problem) -> Law | None:
+    """Return the fastest verified stop on the path, or None if none was found."""
+    _, acceleration, jerk = _slope_bounds(problem, problem.end)
+    for hardness in (1.0, 0.7, 0.5, 0.35):
+        law = brake(problem.start, acceleration * hardness, jerk * hardness)
+        if law is None or law.end > problem.end or np.any(law.velocities < -1e-9):
+            continue
+        if loads(problem.path, law, problem.limits).allowed:
+            return law
+    return None
+
+
+def gentle_stop(
+    start: State, path: Path, limits: JointLimits, hardness: float = 0.5
+) -> Law | None:
+    """Return a stop with a part of what the path's slope at the start allows. Not verified."""
+    _, first, _ = path.at(start[0])
+    with np.errstate(divide='ignore'):
+        return brake(
+            start,
+            hardness * float(np.min(limits.acceleration / np.abs(first))),
+            hardness * float(np.min(limits.jerk / np.abs(first))),
+        )
+
+
+def move(
+    start: State, end: float, velocity: float, acceleration: float, jerk: float
+) -> Law | None:
+    """Return the fastest move to rest at `end` within bounds on u̇, ü, u⃛."""
+    inp = InputParameter(1)
+    inp.current_position, inp.current_velocity, inp.current_acceleration = (
+        [value] for value in start
+    )
+    inp.target_position = [end]
+    inp.max_velocity = [velocity]
+    inp.max_acceleration, inp.max_jerk = [acceleration], [jerk]
+    return _solved(inp)
+
+
+def brake(start: State, acceleration: float, jerk: float) -> Law | None:
+    """Return the fastest stop within bounds on ü, u⃛."""
+    inp = InputParameter(1)
+    inp.control_interface = ControlInterface.Velocity
+    inp.current_position, inp.current_velocity, inp.current_acceleration = (
+        [value] for value in start
+    )
+    inp.target_velocity = [0.0]
+    inp.max_velocity = [max(abs(start[1]), 1.0)]
+    inp.max_acceleration, inp.max_jerk = [acceleration], [jerk]
+    return _solved(inp)
+
+
+def _solved(inp: InputParameter) -> Law | None:
+    course = RuckigTrajectory(1)
+    try:
+        result = Ruckig(1).calculate(inp, course)
+    except (RuntimeError, ValueError):  # RuckigError; a code that the enum does not have
+        return None
+    if result not in (Result.Working, Result.Finished):
+        return None
+    return from_ruckig(course) if course.duration > 0.0 else None
+
+
+def _slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
+    """Return bounds on u̇, ü, u⃛ from q′ on the way."""
+    us = np.linspace(problem.start[0], end, 64)
+    _, first, _, _ = problem.path.sample(us)
+    limits = problem.limits
+    share = np.max(np.abs(first), axis=0)
+    steepest = np.where(share > 0.0, share, np.inf)
+    return (
+        float(np.max(problem.speed_bounds(us, first))),
+        float(np.min(np.where(share > 0.0, limits.acceleration / steepest, np.inf))),
+        float(np.min(np.where(share > 0.0, limits.jerk / steepest, np.inf))),
+    )

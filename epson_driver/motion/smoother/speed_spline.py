@@ -1,0 +1,111 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The square of the speed along a path, x(u) = u̇², as a quadratic B-spline between two ramps.
+
+ü = x′/2 and u⃛ = x″√x/2, so a limit on a joint at some u is one on three coefficients. At rest
+x ∝ u^(4/3), which no spline can follow: there the law begins and ends with constant jerk.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother.law import Law, State, from_pieces
+
+_GAUSS, _GAUSS_WEIGHTS = (values / 2.0 for values in np.polynomial.legendre.leggauss(5))
+_GAUSS = _GAUSS + 0.5
+# from the jerk's integrals over three equal times (once, twice, three times) to the jerks
+_THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """Constant jerk from rest or to rest for some time; none where the arm moves already."""
+
+    jerk: float
+    time: float
+
+    @property
+    def length(self) -> float:
+        """What it covers of u."""
+        return self.jerk * self.time**3 / 6.0
+
+    @property
+    def speed(self) -> float:
+        """u̇ at its faster end."""
+        return self.jerk * self.time**2 / 2.0
+
+    @property
+    def acceleration(self) -> float:
+        """The size of ü there."""
+        return self.jerk * self.time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpeedSpline:
+    """x(u) on N intervals between nodes, shape (N + 1,), between two ramps.
+
+    coefficients: shape (N + 2,); interval i has those from i to i + 2.
+    """
+
+    launch: Ramp
+    landing: Ramp
+    nodes: Array
+    coefficients: Array
+
+    @property
+    def lengths(self) -> Array:
+        """The intervals' lengths, shape (N,)."""
+        return np.diff(self.nodes)
+
+    def law(self, start: State, end: float) -> Law | None:
+        """Return the law that has the spline's u, u̇, ü at its nodes, or None if x is not positive.
+
+        Between two nodes it has three equal times of constant jerk, which is what that takes.
+        """
+        h = self.lengths
+        count = len(h)
+        interval = np.repeat(np.arange(count), len(_GAUSS))
+        inside = basis(h, interval, np.tile(_GAUSS, count))[:, 0]
+        x = (inside * self.coefficients[interval[:, None] + np.arange(3)]).sum(axis=1)
+        interval, part = np.append(np.arange(count), count - 1), np.append(np.zeros(count), 1.0)
+        three = self.coefficients[interval[:, None] + np.arange(3)]
+        x_nodes, slopes, _ = (basis(h, interval, part) @ three[:, :, None])[:, :, 0].T
+        if min(x.min(), x_nodes.min()) <= 0.0:
+            return None
+        t = h * ((1.0 / np.sqrt(x)).reshape(count, -1) @ _GAUSS_WEIGHTS)
+        v, a = np.sqrt(x_nodes), slopes / 2.0
+        integrals = np.stack(
+            [
+                np.diff(a) / t,
+                (np.diff(v) - a[:-1] * t) / t**2,
+                (h - v[:-1] * t - a[:-1] * t**2 / 2.0) / t**3,
+            ]
+        )
+        durations, jerks = np.repeat(t / 3.0, 3), (_THIRDS @ integrals).T.ravel()
+        if self.launch.time > 0.0:
+            durations = np.append(self.launch.time, durations)
+            jerks = np.append(self.launch.jerk, jerks)
+        durations = np.append(durations, self.landing.time)
+        return from_pieces(start, durations, np.append(jerks, self.landing.jerk), end)
+
+
+def basis(h: Array, interval: npt.NDArray[np.intp], part: Array) -> Array:
+    """Return what gives x, x′, x″ from an interval's three coefficients, shape (m, 3, 3).
+
+    For m samples, each at a part (0 … 1) of one of the intervals, whose lengths are h.
+    """
+    before = np.append(0.0, h[:-1])[interval]
+    after = np.append(h[1:], 0.0)[interval]
+    h = h[interval]
+    s = h * part
+    falling, rising = 1.0 / (h * (before + h)), 1.0 / (h * (h + after))
+    result = np.empty((len(h), 3, 3))
+    result[:, 0, 0], result[:, 0, 2] = falling * (h - s) ** 2, rising * s**2
+    result[:, 1, 0], result[:, 1, 2] = -2.0 * falling * (h - s), 2.0 * rising * s
+    result[:, 2, 0], result[:, 2, 2] = 2.0 * falling, 2.0 * rising
+    result[:, :, 1] = -result[:, :, 0] - result[:, :, 2]
+    result[:, 0, 1] += 1.0
+    return result
