@@ -15,6 +15,9 @@ from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.profile import Course
 
 ROUNDS = 5
+LONGEST = 20.0
+"""A law that takes longer than this (s) is not tried: the path is no good for this proposer."""
+
 STEP = 0.004
 """Time between the samples of the law, s."""
 
@@ -44,6 +47,8 @@ def filtered(problem: Problem, course: Course, factor: Array | float = 1.0) -> L
         return None
     profile = course.profile(begin, speed, factor)
     duration = profile.times[-1] + window
+    if duration > LONGEST:
+        return None
     count = int(np.ceil(duration / STEP))
     step = duration / count
     times = np.arange(count + 1) * step

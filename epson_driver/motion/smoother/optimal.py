@@ -127,7 +127,7 @@ def _middles(nodes: Array) -> Array:
 
 
 def _on_knots(nodes: Array, knots: Array) -> Array:
-    """Return nodes; the nearest to each knot of the path is moved to it, since jerk jumps there."""
+    """Return nodes, the nearest to each knot of the path moved to it: jerk jumps there."""
     knots = knots[(knots > nodes[0]) & (knots < nodes[-1])]
     if not len(knots):
         return nodes

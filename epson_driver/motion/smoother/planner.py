@@ -87,7 +87,17 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
                 found = _plan(request, kept, limits, ladder)
                 if found is not None:
                     return found
+    if len(request.kept.u) == 1 and request.scale > 0.0:
+        return _straight(request, limits)
     return None
+
+
+def _straight(request: Request, limits: JointLimits) -> Plan | None:
+    """Return a plan from rest straight to rest at the next point: there always is one."""
+    path = through(request.kept, request.points[:1], limits, clamped=False)
+    problem = _problem(request, path, limits, 1.0)
+    law = ruckig_move.propose(problem, Course(problem))
+    return None if law is None else Plan(request.start, path.knots, law, 'straight')
 
 
 def _plan(

@@ -24,6 +24,9 @@ HARDNESS = (1.0, 0.5, 0.2)
 
 BISECTIONS = 6
 
+FASTEST = 10.0
+"""u̇ is about 1 at full speed; a path that stands still allows any."""
+
 SLOWEST = 3e-3
 """The least share of the highest speed that is tried."""
 
@@ -144,7 +147,7 @@ def _slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
     share = np.max(np.abs(first), axis=0)
     steepest = np.where(share > 0.0, share, np.inf)
     return (
-        float(np.max(problem.speed_bounds(us, first))),
+        min(float(np.max(problem.speed_bounds(us, first))), FASTEST),
         float(np.min(np.where(share > 0.0, limits.acceleration / steepest, np.inf))),
         float(np.min(np.where(share > 0.0, limits.jerk / steepest, np.inf))),
     )
