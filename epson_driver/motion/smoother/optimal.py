@@ -26,6 +26,9 @@ from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
 NODE_TIME = 0.008
 """Time between the spline's nodes, s, of the law to start from."""
 
+RAMP_TIMES = (0.024, 0.008)
+"""The longest ramp of constant jerk from or to rest, s; what to try when there is no law so."""
+
 FEWEST_NODES, MOST_NODES = 8, 250
 
 VELOCITY_RESERVE, ACCELERATION_RESERVE, JERK_RESERVE = 5e-4, 1e-2, 4e-2
@@ -50,7 +53,15 @@ _BESIDE = 1e-9
 
 def propose(problem: Problem, course: Course) -> Law | None:
     """Return a verified law faster than most, or None if none was found."""
-    ramps = _ramps(problem, course)
+    for ramp_time in RAMP_TIMES:
+        law = _propose(problem, course, ramp_time)
+        if law is not None:
+            return law
+    return None
+
+
+def _propose(problem: Problem, course: Course, ramp_time: float) -> Law | None:
+    ramps = _ramps(problem, course, ramp_time)
     if ramps is None:
         return None
     profile = course.profile(problem.start[0], problem.start[1])
@@ -77,18 +88,21 @@ def propose(problem: Problem, course: Course) -> Law | None:
     return None
 
 
-def _ramps(problem: Problem, course: Course) -> tuple[Ramp, Ramp] | None:
+def _ramps(problem: Problem, course: Course, ramp_time: float) -> tuple[Ramp, Ramp] | None:
     """Return the ramps from the start (none if it moves) and to the end."""
     ends = np.array([problem.start[0], problem.end])
     _, first, _, _ = problem.path.sample(ends)
     with np.errstate(divide='ignore'):
         jerks = (1.0 - JERK_RESERVE) * np.min(problem.limits.jerk / np.abs(first), axis=1)
+    way = problem.end - problem.start[0]
     ramps = []
     for end, jerk in zip(ends.tolist(), jerks.tolist(), strict=True):
         # what the ramp begins must end below the bounds that are near
-        near = np.abs(course.positions - end) < 5.0 * jerk * NODE_TIME**3
+        near = np.abs(course.positions - end) < 2.0 * jerk * ramp_time**3
         speed = float(course.bounds[near].min(initial=np.inf))
-        ramps.append(Ramp(min(jerk, 0.6 * speed / NODE_TIME**2), NODE_TIME))
+        longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
+        time = float(np.clip(longest, NODE_TIME, ramp_time))
+        ramps.append(Ramp(min(jerk, 0.6 * speed / time**2), time))
     if problem.start[1] > 0.0:
         ramps[0] = Ramp(0.0, 0.0)
     if problem.start[0] + ramps[0].length + ramps[1].length >= problem.end:
@@ -102,6 +116,7 @@ def _spline(
     """Return a spline with nodes in equal times of a law given by samples, a little slower."""
     begin, end = problem.start[0] + launch.length, problem.end - landing.length
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
+    times = _slow_ends(us, times, launch, landing)
     first, last = np.interp([begin, end], us, times)
     count = int(np.clip((last - first) / NODE_TIME, FEWEST_NODES, MOST_NODES))
     nodes = np.interp(np.linspace(first, last, count + 1), times, us)
@@ -119,6 +134,15 @@ def _spline(
     v, a = landing.speed, landing.acceleration
     x[-1], x[-2] = v**2, v**2 + a * h[-1]
     return SpeedSpline(launch, landing, nodes, x) if x[1] > 0.0 else None
+
+
+def _slow_ends(us: Array, times: Array, launch: Ramp, landing: Ramp) -> Array:
+    """Return times with those that constant jerk needs from and to rest, where they are longer."""
+    steps = np.diff(times)
+    if launch.time > 0.0:
+        steps = np.maximum(steps, np.diff(np.cbrt(6.0 * (us - us[0]) / launch.jerk)))
+    steps = np.maximum(steps, -np.diff(np.cbrt(6.0 * (us[-1] - us) / landing.jerk)))
+    return np.append(0.0, np.cumsum(steps))
 
 
 def _middles(nodes: Array) -> Array:

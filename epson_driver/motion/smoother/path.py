@@ -27,7 +27,11 @@ _QUINTIC = np.array(
     ]
 )
 _POWERS = np.arange(6)
-_INSIDE = np.linspace(0.0, 1.0, 17)[1:-1]
+_NEAR_ENDS = np.array([0.003, 0.01, 0.025, 0.04])
+_INSIDE = np.concatenate((_NEAR_ENDS, np.linspace(0.0, 1.0, 17)[1:-1], 1.0 - _NEAR_ENDS))
+
+AT_LIMIT = 1e-6
+"""A joint closer than this to its position limit at a knot, rad, must not move there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,8 +137,11 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
     if clamped:
         first[0], second[0] = kept.first[-1], kept.second[-1]
     fixed = 1 if clamped else 0
+    least, most = limits.position_min + AT_LIMIT, limits.position_max - AT_LIMIT
+    turning = ((chain < least) | (chain > most)) & (np.arange(len(chain)) >= fixed)[:, None]
+    first[turning] = second[turning] = 0.0
     path = Path(Knots(u, chain, first, second))
-    for _ in range(len(points)):
+    for _ in range(points.size):
         inside = path._coefficients.transpose(0, 2, 1) @ _INSIDE ** _POWERS[:, None]  # (k, n, s)
         outside = (inside < limits.position_min[:, None]) | (inside > limits.position_max[:, None])
         segments, joints = np.nonzero(outside.any(axis=2))

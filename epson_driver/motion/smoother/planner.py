@@ -159,7 +159,7 @@ def _catch_up(request: Request, path: Path, guess: Law | None) -> Array:
         clock = request.clock[: len(knots)]
         now = float(np.interp(request.state[0], knots, clock))
         arrival = np.interp(knots[ahead], guess.positions, guess.times)
-        late[ahead] += arrival - (clock[ahead] - now)
+        late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
         late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
     return 1.0 + np.clip(late / CATCH_UP_TIME, -1.0, 1.0) * (CATCH_UP - 1.0)
 
@@ -186,6 +186,6 @@ def _commanded_speeds(request: Request, path: Path) -> Array:
     # at a knot, as a parabola through it and its neighbours would have it
     inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / (steps[:-1] + steps[1:])
     speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, np.minimum(mean[:-1], mean[1:]))
-    speeds[0] = max(2.0 * mean[0] - speeds[1], 0.5 * mean[0]) if timed[0] else UNBOUND
-    speeds[-1] = max(2.0 * mean[-1] - speeds[-2], 0.5 * mean[-1]) if timed[-1] else UNBOUND
+    speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND
+    speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND
     return speeds

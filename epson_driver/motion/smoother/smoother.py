@@ -254,6 +254,13 @@ class Smoother:
     def _in_motion(self) -> bool:
         return self._course is not None or self._joint_motion is not None
 
+    @property
+    def _beside_rest(self) -> bool:
+        """Whether the arm rests beside the last point, by less than the merge tolerance."""
+        if self._in_motion or self._last is not self._rest:
+            return False
+        return bool(np.max(np.abs(self._rest.position - self._position)) > SHORTEST)
+
     def _merge(self, position: Array, duration: float) -> None:
         """Take a point that is (nearly) where the last one is: it may command a rest."""
         last = self._last
@@ -274,7 +281,7 @@ class Smoother:
             time = float(np.max(np.abs(position - last.position) / self.limits.velocity))
         else:
             time = duration
-        clock = last.clock + time
+        clock = last.clock + (last.rest or 0.0) + time
         anchor = last.anchor if tiny else position
         timed = duration is not None
         self._last = _Point(self._index(), anchor, position, clock, timed, tiny=tiny)
@@ -353,14 +360,21 @@ class Smoother:
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has points to go to."""
-        return self._in_motion or self._next is not None or bool(self._ahead)
+        """Whether the arm moves, has points to go to, or was told to rest for a time."""
+        return (
+            self._in_motion
+            or self._next is not None
+            or bool(self._ahead)
+            or self._beside_rest
+            or self._now < self._rest_until
+        )
 
     @property
     def look_ahead(self) -> float:
         """How much is known ahead, s: commanded time, or time at full speed without one."""
         if self._course is None or self._stopping:
-            return self._last.clock - self._rest.clock
+            rested = self._rest.clock + (self._rest.rest or 0.0)
+            return max(self._last.clock - rested, 0.0) + max(self._rest_until - self._now, 0.0)
         return self._last.clock - self._course.clock(self._now)
 
     @property
@@ -435,8 +449,7 @@ class Smoother:
             return False
         patient = self._now >= self._arrival + PATIENCE
         if not self._ahead:
-            way = np.max(np.abs(self._rest.position - self._position))
-            if way <= SHORTEST or not patient or self._last is not self._rest:
+            if not patient or not self._beside_rest:
                 return False
             self._add(self._rest.position, None, tiny=True)
         return patient or self._last.rest is not None or self.look_ahead > self._reserve / 2.0
@@ -481,13 +494,15 @@ class Smoother:
                 if point.rest is not None:
                     break
         points = [point.position for point in route[known:]]
+        clocks = np.array([point.clock for point in route])
+        clocks[0] += route[0].rest or 0.0  # it has been rested there
         request = Request(
             start,
             state,
             kept,
             older,
             np.array(points).reshape(len(points), len(self._position)),
-            np.array([point.clock for point in route]),
+            clocks,
             np.array([point.timed for point in route]),
             lag,
             self._scale,
