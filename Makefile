@@ -14,13 +14,15 @@ PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 # Fast DDS would multicast on every network otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint clean help
+.PHONY: demo test lint bench-motion clean help
 
 help:
 	@echo "make demo    a planned trajectory through ROS 2 to a simulated EPSON controller, and a report"
 	@echo "             (other arguments: make demo ARGS='--trajectory FILE')"
 	@echo "make test    all tests"
 	@echo "make lint    ruff and mypy"
+	@echo "make bench-motion   the smoother against stop-and-go, splines and optima; tables and pictures in benchmark/results"
+	@echo "             (a part of it: make bench-motion ARGS='--quick'; all of what can be chosen: ARGS=--help)"
 	@echo "make clean   remove what the others made"
 	@echo "PYTHON=...   the interpreter to use, 3.11 or newer (now: $(PYTHON))"
 
@@ -34,6 +36,10 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# one thread per process: the matrices are small, and two processes share the machine
+bench-motion: $(VENV)/.bench
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
 
 clean:
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-report.png
@@ -66,4 +72,9 @@ $(VENV)/.run: $(VENV)/.interfaces $(PACKAGE_FILES)
 $(VENV)/.dev: $(VENV)/.run requirements/dev.txt
 	@echo "installing the test tools"
 	@$(INSTALL) -c requirements/constraints.txt -r requirements/dev.txt
+	@touch $@
+
+$(VENV)/.bench: $(VENV)/.run requirements/bench.txt
+	@echo "installing what the benchmark compares with"
+	@$(INSTALL) -c requirements/constraints.txt -r requirements/bench.txt
 	@touch $@

@@ -16,7 +16,8 @@ from setuptools import find_packages, setup  # before distutils, which it provid
 from distutils.command.build_scripts import build_scripts  # isort: skip
 
 NAME = 'epson_driver'
-EXECUTABLES = [f'scripts/{name}' for name in ('client', 'demo', 'pendant', 'sim_controller')]
+NAMES = ('client', 'demo', 'pendant', 'sim_controller', 'smooth')
+EXECUTABLES = [f'scripts/{name}' for name in NAMES]
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
 
 

@@ -14,7 +14,7 @@ TARGET = Path(__file__).with_name('state_machines.md')
 
 MACHINES: tuple[tuple[str, str, Mapping[tuple[Enum, Enum], Enum], Enum], ...] = (
     ('A link', 'link/states.py', link.TRANSITIONS, link.LinkState.DISCONNECTED),
-    ('A goal', 'client/execution.py', execution.TRANSITIONS, execution.State.STREAMING),
+    ('A goal', 'client/execution.py', execution.TRANSITIONS, execution.State.PREPARING),
     (
         'The simulated controller',
         'controller/states.py',

@@ -9,6 +9,7 @@ EXECUTABLES = {
     'client': 'the ROS 2 node: joint states, robot status, FollowJointTrajectory',
     'sim_controller': 'a simulated EPSON controller',
     'demo': 'both of them, and a planned trajectory executed, with a report',
+    'smooth': 'a planned trajectory made smooth: a file, a report and a picture',
     'pendant': 'what a person does at the controller: motors, E-stop, reset, status',
 }
 

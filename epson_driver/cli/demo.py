@@ -3,7 +3,8 @@
 """`epson_driver demo`: a planned trajectory through real ROS 2 to a simulated controller.
 
 Starts sim_controller and client as processes of their own, enables the arm, sends the trajectory
-as a FollowJointTrajectory goal, and reports what the joint states showed.
+as a FollowJointTrajectory goal, and reports what the joint states showed. With --compare twice: a
+controller that rests at every point, then one that smooths.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import socket
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -20,7 +22,14 @@ from rich.console import Console
 from rich.table import Table
 
 from epson_driver.cli import processes
-from epson_driver.cli.demo_report import DEVIATION_ALLOWED, Figures, draw, measure
+from epson_driver.cli.demo_report import (
+    DEVIATION_ALLOWED,
+    Drawn,
+    Figures,
+    Recording,
+    draw,
+    measure,
+)
 from epson_driver.cli.processes import RunError
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.cli.trajectory_file import TrajectoryFileError, read_trajectory
@@ -29,6 +38,8 @@ from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
 PINGS = 50
+
+TITLES = {'ptp': 'point to point', 'smooth': 'smooth'}
 
 
 def main() -> int:
@@ -42,8 +53,14 @@ def main() -> int:
         signal.signal(number, _on_terminate)
     try:
         trajectory = read_trajectory(arguments.trajectory)
-        with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder:
-            return _run(arguments, trajectory, Path(folder), console)
+        motions = ('ptp', 'smooth') if arguments.compare else (arguments.motion,)
+        runs = []
+        for turn, motion in enumerate(motions, start=1):
+            if arguments.compare:
+                console.rule(f'{turn} of {len(motions)}: {TITLES[motion]}')
+            with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder:
+                runs.append(_run(motion, trajectory, Path(folder), console))
+        return _report(arguments, trajectory, runs, console)
     except (RunError, TrajectoryFileError, OSError) as error:
         console.print(f'[bold red]demo failed:[/] {error}', highlight=False)
         return 1
@@ -65,7 +82,13 @@ def _arguments() -> argparse.Namespace:
         help='a JointTrajectory as YAML (default: %(default)s)',
     )
     parser.add_argument(
-        '--motion', choices=['ptp'], default='ptp', help='how the controller moves'
+        '--motion',
+        choices=('smooth', 'ptp'),
+        default='smooth',
+        help='how the controller moves: through all points, or resting at each (%(default)s)',
+    )
+    parser.add_argument(
+        '--compare', action='store_true', help='both, one after the other, in one picture'
     )
     parser.add_argument(
         '--picture',
@@ -81,14 +104,38 @@ def _on_terminate(_number: int, _frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def _run(
-    arguments: argparse.Namespace, trajectory: Trajectory, folder: Path, console: Console
-) -> int:
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One execution: what was measured, and what the driver and the controller said."""
+
+    motion: str
+    recording: Recording
+    figures: Figures
+    text: str
+    latencies: dict[str, str]
+    round_trips: list[float]
+
+    @property
+    def faults(self) -> list[str]:
+        """What was not as planned."""
+        faults = []
+        if self.figures.waypoint_deviation > DEVIATION_ALLOWED:
+            faults.append(
+                f'a waypoint was missed by {self.figures.waypoint_deviation:.4f} rad, '
+                f'{DEVIATION_ALLOWED:g} rad are allowed'
+            )
+        if self.motion == 'smooth' and self.figures.stops:
+            faults.append(f'the arm stopped {self.figures.stops} times on the way')
+        return faults
+
+
+def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) -> Run:
+    """Execute the trajectory. Raises RunError if the goal is not reached."""
     began = time.monotonic()
     domain = processes.free_ros_domain()
     start = ','.join(f'{position:.9g}' for position in trajectory.positions[0])
     controller = processes.sim_controller(
-        folder / 'sim_controller.log', f'--motion={arguments.motion}', f'--start={start}'
+        folder / 'sim_controller.log', f'--motion={motion}', f'--start={start}'
     )
     with processes.ended_at_exit(controller):
         ports = controller.ports()
@@ -119,13 +166,19 @@ def _run(
         round_trips = _ping(ports)
     if not succeeded:
         raise RunError(f'the goal was not reached: {text}')
-    figures = measure(trajectory, run)
-    right = figures.waypoint_deviation <= DEVIATION_ALLOWED
-    console.print(_table(trajectory, figures, text, latencies, round_trips))
-    draw(arguments.picture, trajectory, run, figures)
+    return Run(motion, run, measure(trajectory, run), text, latencies, round_trips)
+
+
+def _report(
+    arguments: argparse.Namespace, trajectory: Trajectory, runs: list[Run], console: Console
+) -> int:
+    console.print(_table(trajectory, runs))
+    drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
+    draw(arguments.picture, trajectory, drawn)
     console.print(f'picture: {arguments.picture}', highlight=False)
-    if not right:
-        console.print('[bold red]the motion was not as planned[/]')
+    faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
+    if faults:
+        console.print(f'[bold red]the motion was not as planned:[/] {"; ".join(faults)}')
         return 1
     console.print('[bold green]the arm did what was planned[/]')
     return 0
@@ -155,24 +208,33 @@ def _ping(ports: processes.Ports) -> list[float]:
     return sorted(times)
 
 
-def _table(
-    trajectory: Trajectory,
-    figures: Figures,
-    text: str,
-    latencies: dict[str, str],
-    round_trips: list[float],
-) -> Table:
-    table = Table(show_header=False, title='What happened', title_justify='left')
+def _table(trajectory: Trajectory, runs: list[Run]) -> Table:
+    table = Table(show_header=len(runs) > 1, title='What happened', title_justify='left')
+    table.add_column('')
+    for run in runs:
+        table.add_column(TITLES[run.motion])
+    columns = [_rows(trajectory, run) for run in runs]
+    for rows in zip(*columns, strict=True):
+        table.add_row(rows[0][0], *(text for _, text in rows))
+    return table
+
+
+def _rows(trajectory: Trajectory, run: Run) -> tuple[tuple[str, str], ...]:
+    figures, latencies, round_trips = run.figures, run.latencies, run.round_trips
     median = round_trips[len(round_trips) // 2] * 1e3
-    rows = (
-        ('result', text),
+    stops = f'{figures.stops}'
+    if figures.commanded_stops:
+        stops += f', and {figures.commanded_stops} that the plan asks for'
+    return (
+        ('result', run.text),
         ('points', f'{len(trajectory.times)}'),
         (
             'duration',
             f'{figures.moved:.2f} s, planned {figures.planned:.2f} s '
             f'({figures.moved / figures.planned:.2f} times)',
         ),
-        ('stops on the way', f'{figures.stops}'),
+        ('stops on the way', stops),
+        ('highest velocity', f'{figures.top_speed:.2f} rad/s'),
         ('worst deviation at a waypoint', f'{figures.waypoint_deviation * 1e3:.2f} mrad'),
         ('deviation at the end', f'{figures.end_deviation * 1e3:.4f} mrad'),
         (
@@ -182,16 +244,14 @@ def _table(
         (
             'reply to a point',
             f'median {latencies.get("reply latency median [ms]", "?")} ms, '
-            f'p99 {latencies.get("reply latency p99 [ms]", "?")} ms (after the move)',
+            f'p99 {latencies.get("reply latency p99 [ms]", "?")} ms '
+            f'({"as its buffer has room" if run.motion == "smooth" else "after the move"})',
         ),
         (
             'round trip to the controller',
             f'median {median:.2f} ms, longest {round_trips[-1] * 1e3:.2f} ms ({PINGS} pings)',
         ),
     )
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 if __name__ == '__main__':

@@ -2,20 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """What happened in a demo run, in figures and as a picture, from the joint states that came."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from epson_driver.cli.smooth_report import COLOURS
 from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.smoothed import passages
 
-STILL, MOVING = 0.03, 0.1
+STILL, MOVING = 0.06, 0.15
 """Below the first share of the run's typical speed the arm has stopped, above the second it moves
 again; between them the noise of the arrival times decides nothing."""
 
+NEAR = 2
+"""So many joint states before and after one say how fast it is."""
+
 DEVIATION_ALLOWED = 0.02
-"""How far from a waypoint the nearest joint state may be, rad: between two of them, 5 ms apart,
-the arm moves on."""
+"""How far from a waypoint the motion may pass, rad. Between two joint states it is taken for
+straight: 1 mrad off at the highest acceleration if they are 14 ms apart, more if they are rarer.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +37,18 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The run in numbers. Times in s, angles in rad."""
+    """The run in numbers. Times in s, angles in rad, speed in rad/s.
+
+    stops: on the way, without those that were commanded.
+    """
 
     planned: float
     moved: float
     waypoint_deviation: float
     end_deviation: float
     stops: int
+    commanded_stops: int
+    top_speed: float
     rate: float
     longest_gap: float
     waypoint_times: Array
@@ -49,12 +62,15 @@ def measure(trajectory: Trajectory, run: Recording) -> Figures:
     first, last = (int(moving[0]), int(moving[-1])) if moving.size else (0, 0)
     distances, times = _waypoints(trajectory, run)
     gaps = np.diff(run.times)
+    stops, commanded = _stops(speeds), _commanded_stops(trajectory)
     return Figures(
         planned=trajectory.duration,
         moved=float(run.times[last] - run.times[first]),
         waypoint_deviation=float(distances.max()),
         end_deviation=float(np.abs(run.positions[-1] - trajectory.positions[-1]).max()),
-        stops=_stops(speeds),
+        stops=max(stops - commanded, 0),
+        commanded_stops=min(stops, commanded),
+        top_speed=float(np.abs(run.velocities).max()),
         rate=float(len(gaps) / (run.times[-1] - run.times[0])),
         longest_gap=float(gaps.max()),
         waypoint_times=times,
@@ -65,11 +81,12 @@ def measure(trajectory: Trajectory, run: Recording) -> Figures:
 def _speeds(run: Recording) -> Array:
     """Return the fastest joint's speed at each state, as a share of the run's median, shape (k,).
 
-    From each state's neighbours. The median, since states that come in a burst look too fast.
+    From the states around each, two on either side: one that came late is no stop. The median,
+    since states that come in a burst look too fast.
     """
-    steps = np.abs(run.positions[2:] - run.positions[:-2]).max(axis=1)
-    between = np.maximum(run.times[2:] - run.times[:-2], 1e-3)
-    speeds = np.pad(steps / between, 1)
+    steps = np.abs(run.positions[2 * NEAR :] - run.positions[: -2 * NEAR]).max(axis=1)
+    between = np.maximum(run.times[2 * NEAR :] - run.times[: -2 * NEAR], 1e-3)
+    speeds = np.pad(steps / between, NEAR)
     typical = np.median(speeds[speeds > 0.0]) if speeds.any() else 1.0
     return np.asarray(speeds / typical)
 
@@ -82,60 +99,100 @@ def _stops(speeds: Array) -> int:
     return max(len(begins) - 1, 0)
 
 
+def _commanded_stops(trajectory: Trajectory) -> int:
+    """Return how often the plan itself slows down to a stop on the way."""
+    if len(trajectory.times) < 3:
+        return 0
+    steps = np.diff(trajectory.positions, axis=0) / np.diff(trajectory.times)[:, None]
+    speeds = np.abs(steps if trajectory.velocities is None else trajectory.velocities).max(axis=1)
+    moving = speeds[speeds > 0.0]
+    return _stops(np.pad(speeds / np.median(moving), 1)) if moving.size else 0
+
+
 def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
-    """Return how near each waypoint was passed, rad, and when, s; shapes (n,).
+    """Return how near each waypoint was passed, rad, and when, s; shapes (n,)."""
+    samples = passages(trajectory.positions, run.positions)
+    distances = np.abs(run.positions[samples] - trajectory.positions).max(axis=1)
+    share = np.linspace(0.0, 1.0, 41)[:, None]
+    for index, (waypoint, sample) in enumerate(
+        zip(trajectory.positions, samples.tolist(), strict=True)
+    ):
+        for first in (sample - 1, sample):
+            if 0 <= first < len(run.positions) - 1:
+                start, end = run.positions[first], run.positions[first + 1]
+                line = np.abs(start + share * (end - start) - waypoint).max(axis=1)
+                distances[index] = min(distances[index], line.min())
+    return distances, run.times[samples]
 
-    The passages are in the waypoints' order and together the nearest possible (dynamic
-    programming over waypoints and states), so that a path may cross itself.
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A run with its figures, and what it is called in the picture."""
+
+    title: str
+    run: Recording
+    figures: Figures
+
+
+def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn]) -> None:
+    """Write the picture, a column per run: measured positions and velocities over time.
+
+    Waypoints are dots, where the arm passed them.
     """
-    states = np.arange(len(run.times))
-    came_from = np.empty((len(trajectory.positions), len(states)), dtype=np.int32)
-    cost = np.zeros(len(states))
-    for index, waypoint in enumerate(trajectory.positions):
-        lowest = np.minimum.accumulate(cost)
-        came_from[index] = np.maximum.accumulate(np.where(cost <= lowest, states, 0))
-        cost = lowest + np.abs(run.positions - waypoint).max(axis=1)
-    passages = [int(np.argmin(cost))]
-    for index in range(len(trajectory.positions) - 1, 0, -1):
-        passages.append(int(came_from[index, passages[-1]]))
-    passages.reverse()
-    distances = np.abs(run.positions[passages] - trajectory.positions).max(axis=1)
-    return distances, run.times[passages]
-
-
-def draw(path: Path, trajectory: Trajectory, run: Recording, figures: Figures) -> None:
-    """Write the picture: measured positions and velocities over time, waypoints as dots."""
     import matplotlib as mpl
 
     mpl.use('Agg')
     from matplotlib import pyplot as plt
 
-    figure, (above, below) = plt.subplots(2, 1, figsize=(11, 7.5), sharex=True)
+    figure, grid = plt.subplots(
+        2,
+        len(drawn),
+        figsize=(11, 7.5),
+        sharex=True,
+        sharey='row',
+        squeeze=False,
+        layout='constrained',
+        gridspec_kw={'height_ratios': (1.2, 1)},
+    )
+    for (above, below), each in zip(grid.T, drawn, strict=True):
+        _draw_run(above, below, trajectory, each)
+    grid[0, 0].set_ylabel('position [rad]')
+    grid[1, 0].set_ylabel('velocity [rad/s]')
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside lower center', ncols=8, frameon=False)
+    figure.suptitle(
+        f'{len(trajectory.times)} points, planned to take {trajectory.duration:.2f} s, as '
+        'measured (dots: the points, where the arm passed them)',
+        fontsize=11,
+    )
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
+def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn) -> None:
+    run, figures = drawn.run, drawn.figures
     shown = run.times >= figures.begin - 0.2
     times = run.times[shown] - figures.begin
+    marker = 4.0 if len(trajectory.times) <= 60 else 1.5
     for joint, name in enumerate(trajectory.joint_names):
-        (line,) = above.plot(times, run.positions[shown, joint], label=name, linewidth=1.4)
+        colour = COLOURS[joint % len(COLOURS)]
+        above.plot(times, run.positions[shown, joint], color=colour, label=name, linewidth=1.5)
         above.plot(
             figures.waypoint_times - figures.begin,
             trajectory.positions[:, joint],
             'o',
-            color=line.get_color(),
-            markersize=3.5 if len(trajectory.times) <= 60 else 1.5,
+            color=colour,
+            markersize=marker,
         )
-        below.plot(times, run.velocities[shown, joint], color=line.get_color(), linewidth=1.2)
-    above.set_ylabel('position [rad]')
+        below.plot(times, run.velocities[shown, joint], color=colour, linewidth=1.3)
+    stops = figures.stops + figures.commanded_stops
+    said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
     above.set_title(
-        f'{len(trajectory.times)} points, planned {figures.planned:.2f} s, '
-        f'executed in {figures.moved:.2f} s, {figures.stops} stops on the way '
-        '(dots: waypoints, where the arm passed them)',
+        f'{drawn.title}: {figures.moved:.2f} s, {said} on the way, '
+        f'at most {figures.top_speed:.2f} rad/s',
         fontsize=10.5,
     )
-    above.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
-    below.set_ylabel('velocity [rad/s]')
     below.set_xlabel('time since the arm began to move [s]')
     for axes in (above, below):
         axes.grid(alpha=0.3)
         axes.margins(x=0.01)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)

@@ -5,6 +5,7 @@
 import argparse
 import asyncio
 import sys
+from contextlib import suppress
 
 from epson_driver.controller.errors import TEXTS
 from epson_driver.link.remote_ethernet import RemoteError, execute
@@ -87,7 +88,15 @@ async def _status(host: str, port: int) -> str:
         'mode': mode,
         'flags': ' '.join(flags) or 'none',
     }
+    with suppress(RemoteError):  # a real controller
+        rows['late'] = _late(*await execute(host, port, ['Sim,timing'], _TIMEOUT))
     return '\n'.join(f'{name + ":":8}{text}' for name, text in rows.items())
+
+
+def _late(value: str) -> str:
+    """Return what the simulated controller says of its timing since it was started."""
+    cycles, plans, failures = value.split(',')
+    return f'{cycles} cycles, {plans} plans; {failures} plans failed'
 
 
 async def _flags(host: str, port: int) -> tuple[tuple[str, ...], int]:

@@ -4,6 +4,7 @@
 
 import argparse
 import asyncio
+import dataclasses
 import gc
 import logging
 import math
@@ -14,8 +15,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from epson_driver.controller.core import Controller
+from epson_driver.controller.planner_process import PlannerError, PlannerProcess
 from epson_driver.controller.points import angles_refusal, clipped
-from epson_driver.controller.profile import ControllerProfileError, load_controller_profile
+from epson_driver.controller.profile import (
+    LOOK_AHEAD,
+    ControllerProfileError,
+    load_controller_profile,
+)
 from epson_driver.controller.servers import ControllerServers, Ports
 from epson_driver.controller.stderr_log import StderrLog
 from epson_driver.motion import Array, JointLimits
@@ -27,11 +33,9 @@ _SHORTEST_PERIOD = 0.001
 
 
 def main() -> int:
-    """Run until SIGINT or SIGTERM; return 0 then, 1 if a port cannot be opened."""
+    """Run until SIGINT or SIGTERM; return 0 then, 1 if a port (or the planner) fails."""
     parser = _parser()
     args = parser.parse_args(_with_start_joined(sys.argv[1:]))
-    if args.motion == 'smooth':
-        parser.error('--motion smooth is not available yet: use --motion ptp')
     try:
         model = load_robot_model(args.robot)
         profile = load_controller_profile(args.controller)
@@ -41,25 +45,34 @@ def main() -> int:
     byte_order = profile.byte_order
     if args.byte_order is not None:
         byte_order = ByteOrder[args.byte_order.upper()]
-    controller = Controller(model, profile, start, Dialect(byte_order))
+    if args.look_ahead is not None:
+        profile = dataclasses.replace(profile, look_ahead=args.look_ahead)
+    planner = PlannerProcess(model.limits) if args.motion == 'smooth' else None
+    controller = Controller(model, profile, start, Dialect(byte_order), planner)
     ports = Ports(args.motion_port, args.state_port, args.io_port, args.remote_port)
     log = StderrLog()
     logging.basicConfig(level=logging.INFO, handlers=[log])
     try:
-        return asyncio.run(_run(controller, args.host, ports, args.state_period))
+        return asyncio.run(_run(controller, planner, args.host, ports, args.state_period))
     finally:
         log.finish()
 
 
-async def _run(controller: Controller, host: str, ports: Ports, state_period: float | None) -> int:
+async def _run(
+    controller: Controller,
+    planner: PlannerProcess | None,
+    host: str,
+    ports: Ports,
+    state_period: float | None,
+) -> int:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    servers = ControllerServers(controller, state_period)
+    servers = ControllerServers(controller, state_period, planner)
     try:
         ports = await servers.open(host, ports)
-    except OSError as error:
+    except (OSError, PlannerError) as error:
         print(f'sim_controller: {error}', file=sys.stderr)
         return 1
     gc.collect()
@@ -122,6 +135,19 @@ def _period(text: str) -> float:
     return period
 
 
+def _look_ahead(text: str) -> float:
+    shortest, longest = LOOK_AHEAD
+    try:
+        look_ahead = float(text)
+    except ValueError:
+        look_ahead = math.nan
+    if not shortest <= look_ahead <= longest:
+        raise argparse.ArgumentTypeError(
+            f'{text}: must be a number from {shortest:g} to {longest:g} s'
+        )
+    return look_ahead
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='sim_controller',
@@ -143,8 +169,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--motion',
         choices=('smooth', 'ptp'),
-        default='ptp',
-        help='ptp stops at every point (%(default)s); smooth is not available yet',
+        default='smooth',
+        help='smooth: through all points without a stop; ptp: rest at every point (%(default)s)',
+    )
+    parser.add_argument(
+        '--look-ahead',
+        type=_look_ahead,
+        metavar='SECONDS',
+        help="smooth motion: how much is taken ahead of the arm (the profile's, 1.0 for rc620)",
     )
     parser.add_argument(
         '--byte-order', choices=('little', 'big'), help="of all messages (the profile's)"

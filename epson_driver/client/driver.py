@@ -15,12 +15,14 @@ from typing import Protocol
 import numpy as np
 
 from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
-from epson_driver.client.execution import Execution, Settings
+from epson_driver.client.execution import Execution, Settings, State
 from epson_driver.client.goal import End, ErrorCode, Goal, GoalRefusedError, Outcome, check_start
 from epson_driver.client.points import trajectory_points
 from epson_driver.client.robot_state import JointSample, RobotState
+from epson_driver.client.smoothing import Smoothing
+from epson_driver.client.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.link import Link, LinkState
-from epson_driver.motion import JointLimits
+from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.simple_message import (
     ByteOrder,
     CommType,
@@ -37,6 +39,8 @@ SHUT_DOWN_TIMEOUT = 0.5
 
 STATUS_TIMEOUT = 1.0
 """A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
+
+AS_IT_CAME = Smoothing()
 
 WORST_FIRST = (
     LinkState.DISCONNECTED,
@@ -60,6 +64,7 @@ class Configuration:
     byte_order: ByteOrder | None
     state_timeout: float
     limits: JointLimits
+    smoothing: Smoothing = AS_IT_CAME
 
 
 class Events(Protocol):
@@ -84,6 +89,7 @@ class Ticket:
     on_feedback: Callable[[Execution, JointSample], None]
     execution: Execution | None = None
     outcome: Outcome | None = None
+    preparation: asyncio.Task[None] | None = None
 
 
 class Driver:
@@ -125,9 +131,15 @@ class Driver:
         self._next: Ticket | None = None
         self._missed: set[str] = set()
         self._waiters: list[asyncio.Future[None]] = []
+        self._smoother: SmoothingProcess | None = None
+        if configuration.smoothing.wanted:
+            self._smoother = SmoothingProcess(configuration.limits, configuration.smoothing)
+        self._preparations: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
         """Keep the links alive until cancelled. On the way out the arm is stopped."""
+        if self._smoother is not None:
+            self._smoother.make_ready()
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self.state_link.run())
@@ -135,6 +147,9 @@ class Driver:
                 tasks.create_task(self._watch_status())
         finally:
             self.fault('the driver ended')
+            await asyncio.gather(*self._preparations, return_exceptions=True)
+            if self._smoother is not None:
+                await self._smoother.close()
 
     async def shut_down(self) -> None:
         """Stop the arm and end the running goal when it stands, or after half a second."""
@@ -192,28 +207,68 @@ class Driver:
         return sample
 
     def _start(self, ticket: Ticket) -> None:
-        limits = self.configuration.limits
         trajectory = ticket.goal.trajectory
         try:
-            sample = self._standing_sample()
-            check_start(trajectory, sample.positions, limits, self.start_tolerance)
+            sample = self._sample_at_start(trajectory)
         except GoalRefusedError as refusal:
             ticket.on_end(refusal.outcome)
             return
         self._ticket = ticket
-        ticket.execution = Execution(
+        execution = ticket.execution = Execution(
             ticket.goal,
-            trajectory_points(trajectory, sample.positions, limits),
             self.execution_settings,
             self.motion_link.post,
             lambda outcome: self._on_end(ticket, outcome),
             self._now(),
         )
-        ticket.execution.start()
+        if self._smoother is None:
+            self._execute(execution, trajectory, sample)
+            return
+        ticket.preparation = asyncio.create_task(self._prepare(self._smoother, execution, sample))
+        self._preparations.add(ticket.preparation)
+        ticket.preparation.add_done_callback(self._preparations.discard)
+
+    def _sample_at_start(self, trajectory: Trajectory) -> JointSample:
+        """Return where the arm stands. Raises GoalRefusedError unless it can begin there now."""
+        sample = self._standing_sample()
+        limits = self.configuration.limits
+        check_start(trajectory, sample.positions, limits, self.start_tolerance)
+        return sample
+
+    async def _prepare(
+        self, smoother: SmoothingProcess, execution: Execution, sample: JointSample
+    ) -> None:
+        """Have a goal's motion planned, then execute it, unless the goal was stopped meanwhile.
+
+        The arm must stand then where the motion begins, as when the goal came.
+        """
+        planned: Trajectory | None = None
+        refusal: GoalRefusedError | None = None
+        try:
+            planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
+            if execution.state is State.PREPARING:
+                sample = self._sample_at_start(planned)
+        except SmoothingError as error:
+            refusal = GoalRefusedError(ErrorCode.INVALID_GOAL, str(error))
+        except GoalRefusedError as error:
+            refusal = error
+        if execution.state is not State.PREPARING:
+            return
+        if refusal is not None:
+            execution.fault(str(refusal), refusal.code)
+        elif planned is not None:
+            self._execute(execution, planned, sample)
+
+    def _execute(self, execution: Execution, trajectory: Trajectory, sample: JointSample) -> None:
+        limits = self.configuration.limits
+        points = trajectory_points(trajectory, sample.positions, limits)
+        execution.start(trajectory, points, self._now())
 
     def _on_end(self, ticket: Ticket, outcome: Outcome) -> None:
         self._ticket = None
         ticket.outcome = outcome
+        if ticket.preparation is not None:
+            ticket.preparation.cancel()
         self._wake()
         ticket.on_end(outcome)
         if ticket.execution is not None and not ticket.execution.at_rest:
@@ -236,7 +291,7 @@ class Driver:
         self.end_waiting(why)
         if self._ticket is not None and self._ticket.execution is not None:
             execution = self._ticket.execution
-            execution.fault(f'{why} (on the way to point {execution.target})')
+            execution.fault(f'{why} ({execution.where})')
 
     @property
     def busy(self) -> bool:

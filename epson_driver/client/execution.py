@@ -4,7 +4,8 @@
 
 Rules:
 1. Every change of a goal's state is a row of TRANSITIONS. The three final states have no row:
-   a goal ends once.
+   a goal ends once. Nothing is sent for a goal before it is prepared: its motion may have to be
+   planned first.
 2. One point is on its way at a time; its reply lets the next one go (streaming, REP-I0006).
 3. Success needs all replies positive, the arm at the goal within tolerance, and standing, as
    measured after the last reply.
@@ -20,7 +21,7 @@ callable it was given.
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -28,13 +29,14 @@ import numpy as np
 from epson_driver.client.goal import End, ErrorCode, Goal, Outcome
 from epson_driver.client.points import STOP
 from epson_driver.client.robot_state import JointSample, RobotState
-from epson_driver.motion import Array
+from epson_driver.motion import Array, Trajectory
 from epson_driver.simple_message import JointTrajPt, Message, Packet, ReplyCode, TriState
 
 
 class State(Enum):
     """Where a goal is."""
 
+    PREPARING = 'preparing'
     STREAMING = 'streaming'
     SETTLING = 'settling'
     REFUSED = 'refused'
@@ -48,6 +50,7 @@ class State(Enum):
 class Event(Enum):
     """What happens to a goal."""
 
+    PREPARED = 'prepared'
     LAST_REPLY = 'last reply'
     REFUSAL = 'refusal'
     AT_GOAL = 'at the goal'
@@ -58,6 +61,10 @@ class Event(Enum):
 
 
 TRANSITIONS: dict[tuple[State, Event], State] = {
+    (State.PREPARING, Event.PREPARED): State.STREAMING,
+    (State.PREPARING, Event.CANCEL): State.CANCELING,
+    (State.PREPARING, Event.STOP): State.STOPPING,
+    (State.PREPARING, Event.FAULT): State.ABORTED,
     (State.STREAMING, Event.LAST_REPLY): State.SETTLING,
     (State.STREAMING, Event.REFUSAL): State.REFUSED,
     (State.STREAMING, Event.CANCEL): State.CANCELING,
@@ -116,17 +123,16 @@ class Execution:
     def __init__(
         self,
         goal: Goal,
-        points: list[JointTrajPt],
         settings: Settings,
         send: Send,
         on_end: Callable[[Outcome], None],
         now: float,
     ) -> None:
         self.goal = goal
-        self.state = State.STREAMING
+        self.state = State.PREPARING
         self.started = now
         self.point = 0
-        self._points = points
+        self._points: list[JointTrajPt] = []
         self._settings = settings
         self._send = send
         self._on_end = on_end
@@ -145,15 +151,31 @@ class Execution:
     @property
     def target(self) -> int:
         """Index of the trajectory's point that the arm is on its way to."""
-        return min(self.point, len(self._points) - 1)
+        return max(min(self.point, len(self._points) - 1), 0)
+
+    @property
+    def where(self) -> str:
+        """How far it is, in words."""
+        preparing = self.state is State.PREPARING
+        return 'before its first point' if preparing else f'on the way to point {self.target}'
 
     @property
     def ended(self) -> bool:
         """True once the outcome is known."""
         return self.state in FINAL
 
-    def start(self) -> None:
-        """Send the first point."""
+    def start(self, trajectory: Trajectory, points: list[JointTrajPt], now: float) -> None:
+        """Send the first point of a prepared trajectory; nothing if the goal was stopped before.
+
+        `trajectory` is what is executed: the goal's own, or what was made of it.
+        """
+        if self.state is not State.PREPARING:
+            return
+        self.goal = replace(self.goal, trajectory=trajectory)
+        self._must_leave = _must_leave(self.goal)
+        self._points = points
+        self.started = self._alive = now
+        self._step(Event.PREPARED)
         self._send_point()
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
@@ -207,13 +229,13 @@ class Execution:
         self._stop(Event.STOP, outcome, now)
 
     def fault(self, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED) -> None:
-        """Something forbids going on: send STOP, and end now."""
+        """Something forbids going on: send STOP if anything was sent, and end now."""
         if self.ended:
             return
-        refused = self.state is State.REFUSED
+        refused, unsent = self.state is State.REFUSED, self.state is State.PREPARING
         outcome = Outcome(End.ABORTED, code, f'{self._refusal}: {why}' if refused else why)
         self.state = TRANSITIONS[self.state, Event.FAULT]
-        if not refused:
+        if not refused and not unsent:
             self._send_stop()
         self._on_end(outcome)
 
@@ -311,7 +333,7 @@ class Execution:
             self.fault(
                 f'no reply to {self._name(self.point)}: the arm has not moved for {waited:.3g} s'
             )
-        elif self.state is not State.STREAMING and waited > timeout:
+        elif self.state not in (State.PREPARING, State.STREAMING) and waited > timeout:
             self.fault(f'the controller did not confirm the standstill within {waited:.3g} s')
 
     def _send_point(self) -> None:

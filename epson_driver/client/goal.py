@@ -140,6 +140,18 @@ def check_limits(
         raise GoalRefusedError(ErrorCode.INVALID_GOAL, _listed(found))
 
 
+def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
+    """Return only the positions of a trajectory whose times do not count.
+
+    Its provisional times are slow enough for the velocity limits (shapes as in Trajectory); the
+    first one stays, since a point at 0 s is where the arm is, and a later one where it goes to.
+    """
+    steps = np.abs(np.diff(trajectory.positions, axis=0)) / limits.velocity
+    durations = np.nan_to_num(steps.max(axis=1)) * 1.01 + 1e-3
+    times = np.concatenate([trajectory.times[:1], trajectory.times[0] + np.cumsum(durations)])
+    return Trajectory(trajectory.joint_names, times, trajectory.positions)
+
+
 def _end_velocities(trajectory: Trajectory) -> Iterable[str]:
     if trajectory.velocities is None:
         return

@@ -44,9 +44,11 @@ from epson_driver.client.goal import (
     duration_in_s,
     goal_tolerances,
     trajectory_from_message,
+    untimed,
 )
 from epson_driver.client.robot_state import JointSample
 from epson_driver.client.services import ServiceError, Services
+from epson_driver.client.smoothing import Smoothing
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import ByteOrder, Status
 
@@ -132,6 +134,10 @@ class ClientNode:
             byte_order=BYTE_ORDERS[values['byte_order']],
             state_timeout=values['state_timeout'],
             limits=replace(model.limits, names=names),
+            smoothing=Smoothing(
+                values['resample_period'] if values['smoothing'] == 'resample' else None,
+                values['timing'] == 'time_optimal',
+            ),
         )
 
     def _settings(self) -> Settings:
@@ -272,6 +278,8 @@ class ClientNode:
                 ErrorCode.INVALID_GOAL, 'multi_dof_trajectory has points: not supported'
             )
         trajectory = trajectory_from_message(request.trajectory, names)
+        if values['timing'] == 'time_optimal':
+            trajectory = untimed(trajectory, self._limits)
         check_limits(
             trajectory,
             self._limits,

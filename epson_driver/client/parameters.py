@@ -71,6 +71,27 @@ TABLE = (
         choices=('joint_traj_pt',),
     ),
     Row(
+        'smoothing',
+        'none',
+        'What is sent of a trajectory. none: its own points, for a controller that smooths or '
+        'goes from point to point; resample: points on the smooth motion through them.',
+        choices=('none', 'resample'),
+    ),
+    Row(
+        'resample_period',
+        0.05,
+        'Time between two points of the smooth motion [s].',
+        0.004,
+        1.0,
+    ),
+    Row(
+        'timing',
+        'as_planned',
+        'When the points are to be reached. as_planned: as the trajectory says; time_optimal: as '
+        'fast as the joint limits allow, whatever times it has, or none.',
+        choices=('as_planned', 'time_optimal'),
+    ),
+    Row(
         'byte_order',
         'auto',
         "The controller's byte order; auto: as its state messages show.",

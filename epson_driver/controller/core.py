@@ -6,14 +6,16 @@ What a person does (motors, E-stop, reset), what the motion client sends, and ti
 calls; state and reply bytes come out. The same calls give the same bytes.
 """
 
+import copy
 import logging
 from collections.abc import Callable
 
 import numpy as np
 
-from epson_driver.controller.arm import Arm
 from epson_driver.controller.errors import ErrorNumber, ErrorRegister, Refusal
+from epson_driver.controller.executor import Executor
 from epson_driver.controller.motion_program import MotionProgram
+from epson_driver.controller.point_to_point import PointToPoint
 from epson_driver.controller.points import clipped
 from epson_driver.controller.profile import ControllerProfile
 from epson_driver.controller.states import (
@@ -24,6 +26,8 @@ from epson_driver.controller.states import (
     RefusedError,
     after,
 )
+from epson_driver.controller.streaming import Planner, Streaming
+from epson_driver.controller.timing import Timing
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.simple_message import (
@@ -56,12 +60,17 @@ _NO_MOTION = {
 }
 """Why a point is refused in a condition; motion is possible in the one that is missing."""
 
+_NO_PLANNER = Refusal(
+    ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
+)
+
 
 class Controller:
     """Motors, E-stop, arm and motion program of one controller.
 
     `start` is where the arm stands at first, shape (n,), rad: zeros by default, or the nearest
-    within the limits. Raises ValueError for a start outside the limits.
+    within the limits. With a `planner` the arm moves smoothly, without one point to point.
+    `timing` counts what came too late. Raises ValueError for a start outside the limits.
     """
 
     def __init__(
@@ -70,6 +79,7 @@ class Controller:
         profile: ControllerProfile,
         start: Array | None = None,
         dialect: Dialect | None = None,
+        planner: Planner | None = None,
     ) -> None:
         limits = model.limits
         if start is None:
@@ -77,10 +87,25 @@ class Controller:
         self.profile = profile
         self.dialect = dialect or Dialect(profile.byte_order)
         self.condition = Condition.MOTORS_OFF
+        self.timing = Timing()
+        self._told = Timing()
         self._errors = ErrorRegister()
-        self._arm = Arm(limits, start)
+        self._planner = planner
+        self._arm: Executor
+        if planner is None:
+            self._arm = PointToPoint(limits, start, profile.speed, profile.accel)
+        else:
+            self._arm = Streaming(
+                limits,
+                start,
+                planner,
+                self.timing,
+                self.planner_failed,
+                profile.look_ahead,
+                profile.look_ahead_points,
+            )
         self._program = MotionProgram(
-            self._arm, profile, self._errors, self._motion_refusal, self._reply
+            self._arm, profile.pending_limit, self._errors, self._motion_refusal, self._reply
         )
         self._framer: Framer | None = None
         self._send: Send | None = None
@@ -155,10 +180,17 @@ class Controller:
         self._program.step(dt)
         if moved and not self._arm.moving:
             self._apply(Event.STANDSTILL)
+            self._tell_timing()
+
+    def planner_failed(self, reason: str) -> None:
+        """Take note that nobody plans: brake and end the trajectory, without a planner's help."""
+        self.timing.planner_failures += 1
+        self._errors.enter(Refusal(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
+        self._program.restart()
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves."""
+        """Whether the arm moves, or is about to."""
         return self._arm.moving
 
     @property
@@ -204,7 +236,16 @@ class Controller:
             self._apply(Event.STANDSTILL)
 
     def _motion_refusal(self) -> Refusal | None:
+        if self._planner is not None and not self._planner.ready:
+            return _NO_MOTION.get(self.condition, _NO_PLANNER)
         return _NO_MOTION.get(self.condition)
+
+    def _tell_timing(self) -> None:
+        """Log what came too late in the motion that has ended."""
+        sentence = self.timing.since(self._told)
+        if sentence:
+            _log.warning('in this motion: %s', sentence)
+            self._told = copy.copy(self.timing)
 
     def _reply(self, packet: Packet) -> None:
         if self._send is not None:

@@ -10,13 +10,17 @@ _log = logging.getLogger(__name__)
 
 
 class ErrorNumber(IntEnum):
-    """SPEL+ error numbers; 8000 is the first user error, as the thesis' program uses it."""
+    """SPEL+ error numbers; 8000 is the first user error, as the thesis' program uses it.
+
+    8001 is ours, for what only the simulation can have.
+    """
 
     NONE = 0
     TASK_ABORTED = 2261
     OUT_OF_RANGE = 4001
     MOTORS_OFF = 4031
     CORRUPT_MESSAGE = 8000
+    PLANNER_FAILED = 8001
 
 
 TEXTS: dict[int, str] = {
@@ -25,6 +29,7 @@ TEXTS: dict[int, str] = {
     ErrorNumber.OUT_OF_RANGE: 'the arm would leave its motion range',
     ErrorNumber.MOTORS_OFF: 'motion attempted with the motors off',
     ErrorNumber.CORRUPT_MESSAGE: 'a motion message was corrupt, or out of sequence',
+    ErrorNumber.PLANNER_FAILED: 'the planner of smooth motion failed; the trajectory is over',
 }
 
 

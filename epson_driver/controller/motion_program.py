@@ -5,24 +5,25 @@
 The rules (REP-I0006 where it says something, the thesis' program otherwise):
 
 * A point is a JOINT_TRAJ_PT request. Its sequence is 0, a new trajectory, or one more than the
-  last point accepted. The reply comes when the arm has come to rest at the point.
-* Points that arrive while the arm moves wait; all are answered in the order they came.
-* A refused point ends the motion: the arm brakes, the point it was on and all that wait get
+  last point accepted. Point to point, the reply comes when the arm has come to rest at the point.
+  In smooth motion it comes when there is room for the point in the look-ahead buffer; that is the
+  flow control.
+* Points that arrive before that wait; all are answered in the order they came.
+* A refused point ends the motion: the arm brakes, all points that are not answered yet get
   FAILURE, then the refused one. A point answered with FAILURE does not count as accepted.
+  If points that were answered already are lost with that, which only happens in smooth motion,
+  the trajectory is over: the next point must have sequence 0, so that none is skipped.
 * STOP (sequence -4) does the same in every condition, is answered with SUCCESS, and ends the
   trajectory: the next point must have sequence 0.
 """
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from epson_driver.controller.arm import Arm
 from epson_driver.controller.errors import ErrorNumber, ErrorRegister, Refusal
+from epson_driver.controller.executor import Executor, Point
 from epson_driver.controller.points import limits_refusal, numbers_refusal, target_of
-from epson_driver.controller.profile import ControllerProfile
 from epson_driver.controller.requests import answer, failure
-from epson_driver.motion import Array
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -40,38 +41,29 @@ from epson_driver.simple_message import (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Move:
-    """An accepted point. `target` has shape (n,), rad; `speed` is a fraction of the limits."""
-
-    sequence: int
-    target: Array
-    speed: float
-
-
 class MotionProgram:
-    """Executes the points of one client after the other.
+    """Has the points of one client executed, one after the other, and answers them.
 
-    `blocked` returns why the controller's condition forbids motion, or None; `send` takes the
-    replies.
+    At most `pending_limit` points wait. `blocked` returns why the controller's condition forbids
+    motion, or None; `send` takes the replies.
     """
 
     def __init__(
         self,
-        arm: Arm,
-        profile: ControllerProfile,
+        arm: Executor,
+        pending_limit: int,
         errors: ErrorRegister,
         blocked: Callable[[], Refusal | None],
         send: Callable[[Packet], None],
     ) -> None:
         self._arm = arm
-        self._profile = profile
+        self._pending_limit = pending_limit
         self._errors = errors
         self._blocked = blocked
         self._send = send
         self._accepted: int | None = None
-        self._current: _Move | None = None
-        self._waiting: deque[_Move] = deque()
+        self._current: Point | None = None
+        self._waiting: deque[Point] = deque()
 
     def receive(self, frame: Frame) -> None:
         """Obey, queue or refuse one frame."""
@@ -88,23 +80,26 @@ class MotionProgram:
     def step(self, dt: float) -> None:
         """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
         left: float | None = dt
-        while left is not None and self._arm.moving:
+        while left is not None:
             left = self._arm.step(left)
-            if left is not None:
-                self._advance()
+            self._advance()
+            if not self._arm.moving:
+                return
 
     def abort(self) -> None:
-        """Brake, and answer the point the arm is on and all that wait with FAILURE."""
-        self._arm.stop()
-        moves = [] if self._current is None else [self._current]
-        moves += self._waiting
+        """Brake, and answer all points that are not answered yet with FAILURE."""
+        lost = self._arm.stop()
+        points = [] if self._current is None else [self._current]
+        points += self._waiting
         self._current = None
         self._waiting.clear()
-        if moves:
-            first = moves[0].sequence
+        if points:
+            first = points[0].sequence
             self._accepted = first - 1 if first > 0 else None
-        for move in moves:
-            self._answer(move.sequence, ReplyCode.FAILURE)
+        if lost:
+            self._accepted = None
+        for point in points:
+            self._answer(point.sequence, ReplyCode.FAILURE)
 
     def restart(self) -> None:
         """Abort, and forget the trajectory: the next point must have sequence 0."""
@@ -138,10 +133,9 @@ class MotionProgram:
             return
         self._errors.clear()
         self._accepted = point.sequence
-        speed = min(self._profile.speed, point.velocity or 1.0)
-        self._waiting.append(_Move(point.sequence, target_of(point, self._arm.limits), speed))
-        if not self._arm.moving:
-            self._advance()
+        target = target_of(point, self._arm.limits)
+        self._waiting.append(Point(point.sequence, target, point.velocity, point.duration))
+        self._advance()
 
     def _sequence_refusal(self, point: JointTrajPt) -> Refusal | None:
         if point.sequence < 0:
@@ -153,21 +147,20 @@ class MotionProgram:
         return _corrupt(f'out of sequence: it must be {expected}')
 
     def _queue_refusal(self) -> Refusal | None:
-        if len(self._waiting) < self._profile.pending_limit:
+        if len(self._waiting) < self._pending_limit:
             return None
         return _corrupt(f'{len(self._waiting)} points wait already, the most that can')
 
     def _advance(self) -> None:
-        """At rest: answer the point that was reached, and begin the next one."""
-        while not self._arm.moving:
+        """Answer the point that is done, and give the arm the next ones that it has room for."""
+        while self._current is None or self._arm.done:
             if self._current is not None:
                 self._answer(self._current.sequence, ReplyCode.SUCCESS)
                 self._current = None
-            if not self._waiting:
+            if not self._waiting or not self._arm.has_room:
                 return
             self._current = self._waiting.popleft()
-            if not self._arm.stands_at(self._current.target):
-                self._arm.start(self._current.target, self._current.speed, self._profile.accel)
+            self._arm.take(self._current)
 
     def _refuse_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
         refusal = _corrupt(f'message type {frame.msg_type}: {error}')

@@ -13,14 +13,13 @@ from epson_driver.controller.core import Controller
 class Pacer:
     """Lets the time that really passed pass for the controller too.
 
-    Everything else gets at the controller through `present`. `deadline_misses` counts the motion
-    cycles that came a whole period late.
+    Everything else gets at the controller through `present`. Motion cycles that came a whole
+    period late are counted in the controller's `timing`.
     """
 
     def __init__(
         self, controller: Controller, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.deadline_misses = 0
         self._controller = controller
         self._clock = clock
         self._now = clock()
@@ -48,7 +47,7 @@ class Pacer:
                 self._catch_up()
                 due += period
                 if self._now >= due:
-                    self.deadline_misses += 1
+                    self._controller.timing.deadline_misses += 1
                     due = self._now + period
 
     def _catch_up(self) -> None:

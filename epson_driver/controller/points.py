@@ -11,6 +11,9 @@ from epson_driver.simple_message import JointTrajPt
 SLOWEST = 1e-6
 """Smallest velocity field obeyed: below it a move would take days. 0 means: none given."""
 
+LONGEST = 86_400.0
+"""Longest duration field obeyed, s: a day."""
+
 
 def numbers_refusal(point: JointTrajPt) -> Refusal | None:
     """Return why the point's numbers make no sense, or None. Unused joints count too."""
@@ -28,6 +31,8 @@ def numbers_refusal(point: JointTrajPt) -> Refusal | None:
         )
     if 0.0 < point.velocity < SLOWEST:
         return _corrupt(f'velocity = {point.velocity:g} is below {SLOWEST:g}')
+    if point.duration > LONGEST:
+        return _corrupt(f'duration = {point.duration:g} s is above {LONGEST:g} s')
     return None
 
 

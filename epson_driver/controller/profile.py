@@ -13,6 +13,9 @@ import yaml
 from epson_driver.share import share_file
 from epson_driver.simple_message import ByteOrder, Mode
 
+LOOK_AHEAD = (0.01, 60.0)
+"""Shortest and longest look-ahead of smooth motion, s."""
+
 
 class ControllerProfileError(ValueError):
     """A profile that cannot be used. The text names the file, the key and the value."""
@@ -22,8 +25,9 @@ class ControllerProfileError(ValueError):
 class ControllerProfile:
     """Data of one kind of controller.
 
-    `speed` and `accel` are fractions (0, 1] of the robot's limits; the periods are in s;
-    `pending_limit` is how many points may wait for the arm; after every
+    `speed` and `accel` are fractions (0, 1] of the robot's limits, for point-to-point motion; the
+    periods are in s; `pending_limit` is how many points may wait for the arm; in smooth motion
+    points are taken while less than `look_ahead` s and `look_ahead_points` are ahead; after every
     `joint_positions_per_status` JOINT_POSITION messages comes a STATUS in a slot of its own.
     """
 
@@ -35,6 +39,8 @@ class ControllerProfile:
     accel: float
     cycle_period: float
     pending_limit: int
+    look_ahead: float
+    look_ahead_points: int
     state_period: float
     joint_positions_per_status: int
 
@@ -88,6 +94,8 @@ _RULES: dict[str, _Rule] = {
     'motion.accel_percent': _number(1.0, 100.0),
     'motion.cycle_period': _number(0.0005, 0.1),
     'motion.pending_limit': _count(100_000),
+    'motion.look_ahead': _number(*LOOK_AHEAD),
+    'motion.look_ahead_points': _count(100_000),
     'state.period': _number(0.001, 1.0),
     'state.joint_positions_per_status': _count(1000),
 }
@@ -114,6 +122,8 @@ def load_controller_profile(name: str) -> ControllerProfile:
         accel=values['motion.accel_percent'] / 100.0,
         cycle_period=values['motion.cycle_period'],
         pending_limit=values['motion.pending_limit'],
+        look_ahead=values['motion.look_ahead'],
+        look_ahead_points=values['motion.look_ahead_points'],
         state_period=values['state.period'],
         joint_positions_per_status=values['state.joint_positions_per_status'],
     )

@@ -3,7 +3,8 @@
 """EPSON's Remote Ethernet commands: one line in, one line out, by one table.
 
 `$Cmd,parameters` is answered with `#Cmd,value` (0 where there is no value) or `!Cmd,error`.
-`$Sim,…` exists in the simulation only: what needs a finger.
+`$Sim,…` exists in the simulation only: what needs a finger, and `$Sim,timing`: how many motion
+cycles came late, how many plans of smooth motion came too late, how often its planner failed.
 """
 
 import logging
@@ -114,8 +115,12 @@ def _sim(controller: Controller, parameters: list[str]) -> str:
     action = _SIM.get(','.join(parameters).lower())
     if action is None:
         raise _CommandError(RemoteErrorNumber.PARAMETER)
-    action(controller)
-    return '0'
+    return action(controller) or '0'
+
+
+def _timing(controller: Controller) -> str:
+    timing = controller.timing
+    return f'{timing.deadline_misses},{timing.late_plans},{timing.planner_failures}'
 
 
 def _expect(parameters: list[str], count: int) -> None:
@@ -140,9 +145,10 @@ _COMMANDS: dict[str, Callable[[Controller, list[str]], str]] = {
     'Sim': _sim,
 }
 
-_SIM: dict[str, Callable[[Controller], None]] = {
+_SIM: dict[str, Callable[[Controller], str | None]] = {
     'estop,press': Controller.estop_press,
     'estop,release': Controller.estop_release,
+    'timing': _timing,
 }
 
 _CANONICAL = {name.lower(): name for name in ('Login', *_COMMANDS)}

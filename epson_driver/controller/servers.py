@@ -1,12 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated controller as it stands on the network: four ports and a clock."""
+"""The simulated controller as it stands on the network: four ports, a clock, and a planner."""
 
+import asyncio
 from typing import NamedTuple
 
 from epson_driver.controller.core import Controller
 from epson_driver.controller.motion_server import MotionServer
 from epson_driver.controller.pacer import Pacer
+from epson_driver.controller.planner_process import PlannerError, PlannerProcess
 from epson_driver.controller.remote_server import RemoteServer
 from epson_driver.controller.state_server import RequestServer, StateServer
 
@@ -21,9 +23,19 @@ class Ports(NamedTuple):
 
 
 class ControllerServers:
-    """Everything that listens for one controller. `state_period` is in s."""
+    """Everything that listens for one controller, and the process that plans for it, if any.
 
-    def __init__(self, controller: Controller, state_period: float | None = None) -> None:
+    `state_period` is in s.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        state_period: float | None = None,
+        planner: PlannerProcess | None = None,
+    ) -> None:
+        self._controller = controller
+        self._planner = planner
         self.pacer = Pacer(controller)
         period = controller.profile.state_period if state_period is None else state_period
         self._servers = (
@@ -34,26 +46,36 @@ class ControllerServers:
         )
 
     async def open(self, host: str, ports: Ports) -> Ports:
-        """Listen on all ports and return them.
+        """Start the planner, listen on all ports, and return them.
 
-        Raises OSError that names the port which cannot be opened; none is open then.
+        Raises OSError that names the port which cannot be opened, or PlannerError; nothing is open
+        then.
         """
         try:
+            if self._planner is not None:
+                await self._planner.start()
             return Ports(
                 *[
                     await server.open(host, port)
                     for server, port in zip(self._servers, ports, strict=True)
                 ]
             )
-        except OSError:
+        except (OSError, PlannerError):
             await self.close()
             raise
 
     async def run(self) -> None:
         """Move the arm when there is something to move, for ever."""
-        await self.pacer.run()
+        if self._planner is None:
+            await self.pacer.run()
+            return
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.pacer.run())
+            group.create_task(self._planner.run(self._controller.planner_failed))
 
     async def close(self) -> None:
-        """Stop listening and disconnect everybody."""
+        """Stop listening, disconnect everybody and end the planner."""
         for server in self._servers:
             await server.close()
+        if self._planner is not None:
+            await self._planner.close()

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from epson_driver.cli.demo_report import DEVIATION_ALLOWED, Recording, draw, measure
+from epson_driver.cli.demo_report import DEVIATION_ALLOWED, Drawn, Recording, draw, measure
 from epson_driver.motion import Trajectory
 
 NAMES = ('a', 'b')
@@ -69,6 +69,29 @@ def test_stops_at_every_waypoint_are_counted(rest):
 
 def test_a_run_without_stops():
     assert measure(plan(WAYPOINTS), through()).stops == 0
+
+
+def test_stops_that_the_plan_asks_for_are_no_stops_of_the_run():
+    times = np.arange(5.0)
+    moving, still = np.full(2, 0.5), np.zeros(2)
+    velocities = np.array([still, moving, still, moving, still])
+    resting = Trajectory(NAMES, times, np.array(WAYPOINTS), velocities)
+    figures = measure(resting, ptp())
+    assert (figures.stops, figures.commanded_stops) == (2, 1)
+    assert measure(resting, through()).stops == 0
+    waiting = plan([*WAYPOINTS[:3], *WAYPOINTS[2:]])
+    assert measure(waiting, ptp(0.5)).commanded_stops == 1
+
+
+def test_a_late_state_is_no_stop():
+    run = through()
+    positions = run.positions.copy()
+    positions[400:402] = positions[399]  # the arm moves on, but nobody sees it for 15 ms
+    assert measure(plan(WAYPOINTS), recording(positions)).stops == 0
+
+
+def test_the_highest_speed():
+    assert measure(plan(WAYPOINTS), through()).top_speed == pytest.approx(1.0, rel=0.01)
 
 
 def test_times():
@@ -149,5 +172,8 @@ def test_the_picture_is_written(tmp_path):
     pytest.importorskip('matplotlib')
     run = ptp()
     path = tmp_path / 'report.png'
-    draw(path, plan(WAYPOINTS), run, measure(plan(WAYPOINTS), run))
-    assert path.read_bytes().startswith(b'\x89PNG')
+    drawn = [Drawn('ptp', run, measure(plan(WAYPOINTS), run))]
+    for runs in (drawn, drawn * 2):
+        path.unlink(missing_ok=True)
+        draw(path, plan(WAYPOINTS), runs)
+        assert path.read_bytes().startswith(b'\x89PNG')

@@ -84,6 +84,7 @@ def test_status_of_a_controller_that_just_booted(ask):
         'error:  none',
         'mode:   AUTO',
         'flags:  Auto Ready',
+        'late:   0 cycles, 0 plans; 0 plans failed',
     ]
 
 
@@ -140,6 +141,7 @@ def test_somebody_else_listens(monkeypatch, capsys):
 def test_status_of_an_older_firmware(monkeypatch, capsys):
     """Ten flags, without Test, and no GetMotor."""
     answers = {b'$GetStatus': b'#GetStatus,0100000110,4031', b'$GetMotor,0': b'!GetMotor,11'}
+    answers[b'$Sim,timing'] = b'!Sim,11'
 
     async def older_firmware(reader, writer):
         while line := await reader.readline():
@@ -158,3 +160,4 @@ def test_status_of_an_older_firmware(monkeypatch, capsys):
     assert 'motors: unknown' in text
     assert 'error:  4031 (motion attempted with the motors off)' in text
     assert 'flags:  Auto Paused Running' in text
+    assert 'late' not in text

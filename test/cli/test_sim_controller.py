@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process `sim_controller`, as a user starts it."""
 
+import os
 import re
 import signal
 import socket
@@ -9,6 +10,7 @@ import struct
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -66,13 +68,41 @@ def remote(port, *commands):
         return answers[1:]
 
 
-def point(sequence, joints, velocity=0.0):
-    return struct.pack('<5i12f', 64, 11, 2, 0, sequence, *joints, 0, 0, 0, 0, velocity, 0)
+def point(sequence, joints, velocity=0.0, duration=0.0):
+    return struct.pack('<5i12f', 64, 11, 2, 0, sequence, *joints, 0, 0, 0, 0, velocity, duration)
 
 
+def ask(sock, frame):
+    """Send a point and return its reply code."""
+    sock.sendall(frame)
+    return struct.unpack_from('<4i', receive(sock, 60))[3]
+
+
+def children(pid):
+    return [int(child) for child in Path(f'/proc/{pid}/task/{pid}/children').read_text().split()]
+
+
+def running(pid):
+    try:
+        status = Path(f'/proc/{pid}/stat').read_text()
+    except FileNotFoundError:
+        return False
+    return status.rpartition(')')[2].split()[0] != 'Z'
+
+
+def until(condition):
+    while not condition():
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize('motion', ['smooth', 'ptp'])
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(start, number):
-    process, ports = start()
+def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(
+    start, number, motion
+):
+    process, ports = start('--motion', motion)
+    planners = children(process.pid)
+    assert len(planners) == (motion == 'smooth')
     clients = [connect(port) for port in ports.values() for _ in range(2)]
     assert remote(ports['remote'], '$SetMotorsOn,1') == ['#SetMotorsOn,0']
     clients[0].sendall(point(0, (1.0, 0, 0, 0, 0, 0), 0.01))
@@ -81,6 +111,7 @@ def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(s
     assert process.wait(timeout=30) == 0
     for client in clients:
         client.close()
+    assert not any(map(running, planners))
 
 
 @pytest.mark.parametrize(
@@ -101,8 +132,9 @@ def test_big_endian_and_another_period(start):
         assert receive(sock, 16) == bytes.fromhex('00000038 0000000a 00000001 00000000')
 
 
-def test_a_killed_client_stops_the_arm_and_a_new_one_can_go_on(start):
-    _, ports = start()
+@pytest.mark.parametrize('motion', ['smooth', 'ptp'])
+def test_a_killed_client_stops_the_arm_and_a_new_one_can_go_on(start, motion):
+    _, ports = start('--motion', motion)
     script = (
         'import socket, struct, sys, time\n'
         f's = socket.create_connection(("127.0.0.1", {ports["motion"]}))\n'
@@ -127,6 +159,38 @@ def test_a_killed_client_stops_the_arm_and_a_new_one_can_go_on(start):
         assert remote(ports['remote'], '$SetMotorsOn') == ['#SetMotorsOn,0']
         sock.sendall(point(0, (0.0,) * 6))
         assert struct.unpack_from('<4i', receive(sock, 60)) == (56, 10, 3, 1)
+
+
+def test_a_killed_planner_stops_the_arm_and_comes_back(start):
+    process, ports = start('--motion', 'smooth')
+    assert remote(ports['remote'], '$SetMotorsOn') == ['#SetMotorsOn,0']
+    with connect(ports['motion']) as sock:
+        assert ask(sock, point(0, (0.0,) * 6)) == 1
+        assert ask(sock, point(1, (2.0, 0, 0, 0, 0, 0), 0.0, 60.0)) == 1
+        until(lambda: remote(ports['remote'], '$GetStatus') == ['#GetStatus,00100000010,0000'])
+        (planner,) = children(process.pid)
+        os.kill(planner, signal.SIGKILL)
+        until(lambda: remote(ports['remote'], '$GetStatus') == ['#GetStatus,00100001001,8001'])
+        assert remote(ports['remote'], '$Sim,timing')[0].endswith(',1')
+        until(lambda: children(process.pid) not in ([], [planner]))
+        until(lambda: ask(sock, point(0, (0.1, 0, 0, 0, 0, 0))) == 1)
+        until(lambda: remote(ports['remote'], '$GetStatus') == ['#GetStatus,00100000001,0000'])
+    with connect(ports['state']) as sock:
+        assert (
+            struct.unpack('<5i10f', receive(sock, 60))[5]
+            == struct.unpack('<f', struct.pack('<f', 0.1))[0]
+        )
+
+
+def test_a_killed_controller_leaves_no_planner(start):
+    process, ports = start('--motion', 'smooth')
+    (planner,) = children(process.pid)
+    assert remote(ports['remote'], '$SetMotorsOn') == ['#SetMotorsOn,0']
+    with connect(ports['motion']) as sock:
+        assert ask(sock, point(0, (2.0, 0, 0, 0, 0, 0), 0.01)) == 1
+        process.kill()
+        process.wait()
+    until(lambda: not running(planner))
 
 
 def test_a_log_that_nobody_reads_stops_nothing(start):
@@ -161,7 +225,8 @@ def test_a_port_in_use_is_named(start):
         (['--start', '1,2,three,0,0,0'], 'must be numbers separated by commas'),
         (['--start='], 'must be numbers'),
         (['--start'], 'expected one argument'),
-        (['--motion', 'smooth'], '--motion smooth is not available yet: use --motion ptp'),
+        (['--look-ahead', '0'], 'must be a number from 0.01 to 60 s'),
+        (['--look-ahead', 'far'], 'must be a number from 0.01 to 60 s'),
         (['--motion', 'jump'], 'invalid choice'),
         (['--byte-order', 'middle'], 'invalid choice'),
         (['--robot', 'c9'], r'no c9.yaml'),

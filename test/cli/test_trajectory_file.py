@@ -5,7 +5,11 @@
 import numpy as np
 import pytest
 
-from epson_driver.cli.trajectory_file import TrajectoryFileError, read_trajectory
+from epson_driver.cli.trajectory_file import (
+    TrajectoryFileError,
+    read_trajectory,
+    write_trajectory,
+)
 from epson_driver.motion import problems
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
@@ -58,6 +62,25 @@ def test_numbers_are_read_as_they_are_written(tmp_path):
     assert trajectory.velocities.tolist() == [[0.5, -0.5], [0.0, 0.0]]
     assert trajectory.accelerations is None
     assert trajectory.positions.dtype == np.float64
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    given = read_trajectory(written(tmp_path, GOOD))
+    path = tmp_path / 'again.yaml'
+    write_trajectory(path, given, 'a comment')
+    assert path.read_text(encoding='utf-8').startswith('# a comment\n')
+    again = read_trajectory(path)
+    assert again.joint_names == given.joint_names
+    assert again.times.tolist() == given.times.tolist()
+    assert again.positions.tolist() == given.positions.tolist()
+    assert again.velocities.tolist() == given.velocities.tolist()
+    assert again.accelerations is None
+
+
+def test_times_may_be_missing_where_they_do_not_count(tmp_path):
+    text = GOOD.replace('  time_from_start: {sec: 0, nanosec: 0}\n', '')
+    assert read_trajectory(written(tmp_path, text), timed=False).times.tolist() == [0.0, 1.25]
+    refusal(written(tmp_path, text))
 
 
 def test_what_else_a_message_has_is_left_alone(tmp_path):

@@ -51,11 +51,16 @@ class Bench:
             for sequence, point in enumerate(points)
         ]
         self.execution = Execution(
-            self.goal, wire, settings or Settings(), self._send, self._on_end, self.now
+            self.goal, settings or Settings(), self._send, self._on_end, self.now
         )
+        self._wire = wire
         self.see(0.1)
         if start:
-            self.execution.start()
+            self.start()
+
+    def start(self, trajectory=None):
+        """The motion is prepared, as it was planned or otherwise."""
+        self.execution.start(trajectory or self.goal.trajectory, self._wire, self.now)
 
     def _send(self, message, on_reply):
         if self.broken:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A goal's way to its one outcome, on a manual clock (docs/invariants.md, 5)."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -22,6 +23,10 @@ from epson_driver.client.goal import End, ErrorCode
 from epson_driver.simple_message import TriState
 
 TABLE = """
+preparing  prepared     streaming
+preparing  cancel       canceling
+preparing  stop         stopping
+preparing  fault        aborted
 streaming  last reply   settling
 streaming  refusal      refused
 streaming  cancel       canceling
@@ -530,7 +535,7 @@ def test_a_fault_ends_at_once_and_tries_to_stop():
 def test_a_lost_link_at_the_first_point():
     bench = Bench(start=False)
     bench.broken = True
-    bench.execution.start()
+    bench.start()
     assert bench.outcome.end is End.ABORTED
     assert 'point 0 of 3 could not be sent: test link is backing_off' in bench.outcome.text
     assert not bench.sent
@@ -579,3 +584,57 @@ def test_a_state_without_joints_decides_nothing():
     bench.pass_time(60.0)
     bench.execution.on_state(bench.robot, bench.now)
     assert not bench.outcomes
+
+
+# --- before it is prepared --------------------------------------------------------------------
+
+
+def test_nothing_is_sent_before_the_goal_is_prepared_and_that_may_take_its_time():
+    bench = Bench(start=False, goal_time=1.0, settings=Settings(reply_timeout=1.0))
+    bench.see(10.0)
+    assert bench.state == 'preparing'
+    assert bench.execution.target == 0
+    assert not bench.sent
+    began = bench.now
+    bench.start()
+    assert bench.execution.started == began
+    assert bench.sequences == [0]
+    bench.finish_points()
+    bench.see(0.3)
+    assert bench.outcome.end is End.SUCCEEDED
+
+
+def test_what_was_prepared_is_what_is_executed():
+    bench = Bench(start=False)
+    planned = replace(bench.goal.trajectory, times=np.array([0.0, 0.1, 0.2]))
+    bench.start(planned)
+    assert bench.execution.goal.trajectory is planned
+    assert bench.execution.goal.goal_tolerance is bench.goal.goal_tolerance
+
+
+@pytest.mark.parametrize(('how', 'end'), [('cancel', End.CANCELED), ('stop', End.ABORTED)])
+def test_inv5_a_goal_that_is_stopped_before_it_is_prepared_ends_at_rest(how, end):
+    """docs/invariants.md, 5."""
+    bench = Bench(start=False)
+    if how == 'cancel':
+        bench.execution.cancel(bench.now)
+    else:
+        bench.execution.stop('replaced', bench.now)
+    assert bench.sequences == [-4]
+    bench.start()  # the plan comes too late
+    bench.answer()
+    bench.see(0.3)
+    assert bench.outcome.end is end
+    assert bench.execution.at_rest
+    assert bench.sequences == [-4]
+
+
+def test_inv5_a_fault_before_it_is_prepared_ends_the_goal_and_nothing_is_sent():
+    """docs/invariants.md, 5."""
+    bench = Bench(start=False)
+    assert bench.execution.where == 'before its first point'
+    bench.execution.fault('the E-stop is pressed')
+    bench.start()
+    bench.see(1.0)
+    assert bench.outcome.text == 'the E-stop is pressed'
+    assert not bench.sent

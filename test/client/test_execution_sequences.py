@@ -22,6 +22,7 @@ HAPPENINGS = st.lists(
         st.tuples(st.sampled_from(('cancel', 'stop', 'fault', 'withdraw')), st.none()),
         st.tuples(st.just('link'), st.booleans()),
         st.tuples(st.just('forget'), st.none()),
+        st.tuples(st.just('prepared'), st.none()),
     ),
     max_size=25,
 )
@@ -52,6 +53,8 @@ def apply(bench, what, value):
         execution.fault('a fault')
     elif what == 'withdraw':
         execution.on_unsolicited_failure(bench.now)
+    elif what == 'prepared':
+        bench.start()
     elif what == 'link':
         bench.broken = value
     else:
@@ -59,16 +62,18 @@ def apply(bench, what, value):
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.sampled_from((LINE, CYCLE)), HAPPENINGS)
-def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, happenings):
+@given(st.sampled_from((LINE, CYCLE)), st.booleans(), HAPPENINGS)
+def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, start, happenings):
     """docs/invariants.md, 5."""
-    bench = Bench(path, settings=Settings(reply_timeout=3.0), goal_time=20.0)
+    bench = Bench(path, settings=Settings(reply_timeout=3.0), goal_time=20.0, start=start)
     for what, value in happenings:
         before = bench.execution.state
         sent = len(bench.sent)
         apply(bench, what, value)
         if before in FINAL:
             assert bench.execution.state is before
+        if bench.state == 'preparing':
+            assert not bench.sent
             assert len(bench.sent) == sent
         assert len(bench.outcomes) == (bench.execution.state in FINAL)
     assert bench.execution.ended == bool(bench.outcomes)

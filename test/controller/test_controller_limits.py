@@ -3,7 +3,8 @@
 """Whatever is sent and whenever it is stopped: the arm stays within every limit."""
 
 import numpy as np
-from controller_bench import LIMITS, STOP, Bench, point
+import pytest
+from controller_bench import LIMITS, STOP, Bench, InlinePlanner, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,14 +29,14 @@ def angles(parts):
     return LIMITS.position_min + np.array(parts) * (LIMITS.position_max - LIMITS.position_min)
 
 
-def assert_within_limits(samples):
+def assert_within_limits(samples, dt=DT, slack=SLACK):
     """Divided differences are means of the derivatives, so no limit allows them to be larger."""
     path = np.array(samples)
     assert np.all(path >= LIMITS.position_min)
     assert np.all(path <= LIMITS.position_max)
     for order, limit in enumerate((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk), start=1):
-        differences = np.abs(np.diff(path, order, axis=0)) / DT**order
-        assert np.all(differences <= limit * (1.0 + SLACK)), f'derivative {order}'
+        differences = np.abs(np.diff(path, order, axis=0)) / dt**order
+        assert np.all(differences <= limit * (1.0 + slack)), f'derivative {order}'
 
 
 @settings(max_examples=300, deadline=None)
@@ -81,7 +82,16 @@ ACTIONS = st.one_of(
 @settings(max_examples=200, deadline=None)
 @given(st.lists(ACTIONS, max_size=40))
 def test_invariants_1_to_4_and_7_hold_through_any_sequence_of_actions(actions):
-    bench = Bench()
+    assert_invariants(Bench(), actions)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(ACTIONS, max_size=40))
+def test_invariants_1_to_4_and_7_hold_in_smooth_motion_too(actions):
+    assert_invariants(Bench(planner=InlinePlanner()), actions)
+
+
+def assert_invariants(bench, actions):
     controller = bench.controller
     sequence = 0
     for action, *arguments in actions:
@@ -119,6 +129,26 @@ def test_invariants_1_to_4_and_7_hold_through_any_sequence_of_actions(actions):
         sequence = sequence + 1 if action == 'next' else 0
     if controller.condition is not Condition.MOTORS_ON:
         assert bench.rest() < 1.0
+
+
+@pytest.mark.parametrize('stop', sorted(STOPS))
+@pytest.mark.parametrize('seed', range(2))
+def test_invariant_2_and_3_every_stop_of_smooth_motion_keeps_every_limit(stop, seed):
+    random = np.random.default_rng(seed)
+    start, *targets = random.uniform(0.25, 0.75, (6, 6))
+    duration, delay = random.choice([0.0, 0.05, 0.5]), random.choice([0.0, 0.02, 0.1])
+    bench = Bench(start=angles(start), planner=InlinePlanner(delay))
+    for index, target in enumerate(targets):
+        bench.send(point(index, angles(target), 0.0, duration))
+    samples = [bench.joints]
+    for _ in range(random.integers(20, 200)):
+        bench.step(0.004)
+        samples.append(bench.joints)
+    STOPS[stop](bench)
+    samples.extend(bench.run()[1:])
+    assert_within_limits(samples, 0.004, slack=1e-3)
+    if stop == 'nothing':
+        np.testing.assert_allclose(bench.joints, angles(targets[-1]), atol=1e-6)
 
 
 @settings(max_examples=300, deadline=None)

@@ -17,6 +17,7 @@ def test_the_rc620_is_as_the_thesis_measured_it():
     assert (profile.state_period, profile.joint_positions_per_status) == (0.005, 10)
     assert profile.cycle_period == 0.004
     assert profile.pending_limit == 1000
+    assert (profile.look_ahead, profile.look_ahead_points) == (1.0, 1000)
 
 
 def test_an_unknown_profile_lists_the_ones_there_are():
@@ -38,6 +39,9 @@ def test_an_unknown_profile_lists_the_ones_there_are():
         ('motion.cycle_period', 0, 'must be a number from 0.0005'),
         ('motion.pending_limit', 2.5, 'must be a whole number from 1'),
         ('motion.pending_limit', True, 'must be a whole number'),
+        ('motion.look_ahead', 0, 'must be a number from 0.01 to 60'),
+        ('motion.look_ahead', 61, 'must be a number from 0.01 to 60'),
+        ('motion.look_ahead_points', 0, 'must be a whole number from 1 to 100000'),
         ('state.period', -1, 'must be a number'),
         ('state.joint_positions_per_status', 0, 'must be a whole number from 1'),
         ('state.speed', 1, 'is not a key'),

@@ -12,6 +12,7 @@ import pytest
 from controller_bench import FAILURE, MODEL, PROFILE, STOP, SUCCESS, frame, point
 
 from epson_driver.controller.core import Controller
+from epson_driver.controller.planner_process import PlannerProcess
 from epson_driver.controller.servers import ControllerServers, Ports
 from epson_driver.controller.states import Condition
 from epson_driver.link.remote_ethernet import RemoteError, execute
@@ -54,9 +55,10 @@ def on_sockets(test):
 
 
 @asynccontextmanager
-async def serving(profile=PROFILE):
-    controller = Controller(MODEL, profile)
-    servers = ControllerServers(controller)
+async def serving(profile=PROFILE, smooth=False):
+    planner = PlannerProcess(MODEL.limits) if smooth else None
+    controller = Controller(MODEL, profile, planner=planner)
+    servers = ControllerServers(controller, planner=planner)
     served = Served(servers, controller, await servers.open(HOST, FREE))
     cycle = asyncio.create_task(servers.run())
     try:
@@ -226,6 +228,31 @@ async def test_invariant_7_a_flood_of_requests_does_not_stop_the_state(served):
         during += 1
     await reading
     assert during > 3
+
+
+# ---- smooth motion
+
+
+def test_smooth_motion_through_sockets_and_a_process():
+    async def main():
+        async with asyncio.timeout(60), serving(smooth=True) as served:
+            served.controller.motors_on()
+            reader, writer = await served.connect()
+            for sequence in range(40):
+                writer.write(point(sequence, (0.01 * sequence, -0.005 * sequence), 0.0, 0.03))
+                assert await read_code(reader) == (sequence, SUCCESS)
+            assert served.controller.status().in_motion == 1
+            await served.until(lambda: not served.controller.moving)
+            assert served.controller.joint_position().joints[0] == pytest.approx(0.39)
+            writer.write(point(0, FAR, SLOW))
+            assert await read_code(reader) == (0, SUCCESS)
+            await served.until(lambda: served.controller.joint_position().joints[0] > 0.4)
+            writer.write(point(STOP))
+            assert await read_code(reader) == (STOP, SUCCESS)
+            await served.until(lambda: not served.controller.moving)
+            assert served.controller.joint_position().joints[0] < 1.9
+
+    asyncio.run(main())
 
 
 # ---- state port

@@ -21,7 +21,8 @@ from controller_bench import (
     split,
 )
 
-from epson_driver.controller.arm import Arm
+from epson_driver.controller.executor import Point
+from epson_driver.controller.point_to_point import PointToPoint
 
 HERE = (0.0,) * 6
 THERE = (0.5, -0.4, 0.3, 0.2, -0.1, 1.0)
@@ -259,10 +260,10 @@ def test_invariant_2_rounding_on_the_way_to_a_limit_does_not_pass_it():
         start, target = random.uniform(LIMITS.position_min, LIMITS.position_max, (2, 6))
         joint = random.integers(6)
         target[joint] = LIMITS.position_max[joint]
-        arm = Arm(LIMITS, start)
-        arm.start(target, 0.5, 0.5)
-        left = Arm(LIMITS, start)
-        left.start(target, 0.5, 0.5)
+        arm = PointToPoint(LIMITS, start, 0.5, 0.5)
+        arm.take(Point(0, target, 0.0, 0.0))
+        left = PointToPoint(LIMITS, start, 0.5, 0.5)
+        left.take(Point(0, target, 0.0, 0.0))
         duration = 1000.0 - left.step(1000.0)
         arm.step(duration * (1.0 - 1e-7))
         assert arm.moving

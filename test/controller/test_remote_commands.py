@@ -103,6 +103,14 @@ def test_estop_and_the_way_back(ask):
     assert ask('$SetMotorsOn,1') == '#SetMotorsOn,0'
 
 
+def test_what_came_too_late_can_be_asked_for(ask, bench):
+    assert ask('$Sim,timing') == '#Sim,0,0,0'
+    bench.controller.timing.deadline_misses = 7
+    bench.controller.timing.late_plans = 2
+    bench.controller.timing.planner_failures = 1
+    assert ask('$Sim,timing') == '#Sim,7,2,1'
+
+
 def test_status_flags_while_it_moves_and_with_an_error(ask, bench):
     ask('$SetMotorsOn')
     bench.send(point(0, (1.0,)))

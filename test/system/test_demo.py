@@ -62,3 +62,14 @@ def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
     while any(Path(f'/proc/{child}').exists() for child in children):
         assert time.monotonic() < until, 'a child of the demo is still running'
         time.sleep(0.05)
+
+
+def test_smooth_and_point_to_point_side_by_side(tmp_path: Path) -> None:
+    picture = tmp_path / 'both.png'
+    run = demo('--compare', f'--picture={picture}')
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert '1 of 2: point to point' in run.stdout
+    assert '2 of 2: smooth' in run.stdout
+    (stops,) = (line for line in run.stdout.splitlines() if 'stops on the way' in line)
+    assert [int(cell) for cell in stops.split('│')[2:4]] == [9, 0]
+    assert picture.read_bytes().startswith(b'\x89PNG')

@@ -14,7 +14,7 @@ import pytest
 from epson_driver.cli import processes
 
 ROOT = Path(__file__).parents[2]
-EXECUTABLES = ('client', 'demo', 'pendant', 'sim_controller')
+EXECUTABLES = ('client', 'demo', 'pendant', 'sim_controller', 'smooth')
 
 
 @pytest.fixture(scope='module')

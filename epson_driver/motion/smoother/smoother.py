@@ -135,7 +135,8 @@ class Smoother:
         self.mode = mode
         self.latency = latency
         self._planner = planner
-        self._check(position, 'the start')
+        self._position = np.array(position, dtype=float)
+        self._check(self._position, 'the start')
         self._now = 0.0
         self._scale = 1.0
         slowing = np.max(limits.velocity / limits.acceleration)
@@ -143,7 +144,6 @@ class Smoother:
         self._reserve = 2.5 * float(slowing + ramp)
         """A plan that rests later than in this time (s) need not be replaced yet."""
         # The motion: a course, or a joint motion, or rest at a position.
-        self._position = np.array(position, dtype=float)
         self._rest_until = 0.0
         self._course: _Course | None = None
         self._joint_motion: JointMotion | None = None
@@ -175,10 +175,9 @@ class Smoother:
         what = f'point {self._count}'
         position = np.array(position, dtype=float)
         self._check(position, what)
+        _check_duration(duration, what)
         if self.mode is Mode.TIME_OPTIMAL:
             duration = None
-        if duration is not None and not 0.0 <= duration < np.inf:
-            raise ValueError(f'{what}: duration = {duration} s must be a positive number')
         ways = np.abs(position - self._last.anchor)
         joint = int(np.argmax(ways))
         if ways[joint] < MERGE_TOLERANCE / 2.0:
@@ -235,9 +234,12 @@ class Smoother:
         A moving arm goes to the first of them in joint space, straight out of its motion, and
         rests there for an instant. Raises as `append`.
         """
-        for index, point in enumerate(points):
-            self._check(point, f'point {index}')
         each = [None] * len(points) if durations is None else durations
+        if len(each) != len(points):
+            raise ValueError(f'{len(each)} durations for {len(points)} points')
+        for index, (point, duration) in enumerate(zip(points, each, strict=True)):
+            self._check(point, f'point {index}')
+            _check_duration(duration, f'point {index}')
         move = None
         if self._in_motion and len(points):
             move = fastest_move(self.limits, self.motion, points[0])
@@ -356,6 +358,8 @@ class Smoother:
             return Motion(self._position.copy(), zeros, zeros.copy())
         u, v, a = self._course.law.at(self._now - self._course.begin)
         q, first, second = self._course.path.at(u)
+        # between the instants that were checked, a joint could graze its limit by some µrad
+        q = np.minimum(np.maximum(q, self.limits.position_min), self.limits.position_max)
         return Motion(q, first * v, first * a + second * (v * v))
 
     @property
@@ -584,3 +588,8 @@ class Smoother:
         self._paused = False
         self._joint_motion, self._joint_begin = motion, self._now
         self._settle(motion.end)
+
+
+def _check_duration(duration: float | None, what: str) -> None:
+    if duration is not None and not 0.0 <= duration < np.inf:  # NaN too
+        raise ValueError(f'{what}: duration = {duration} s must be a positive number')

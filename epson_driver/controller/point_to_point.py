@@ -1,22 +1,28 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated arm: where it is, and the move that it is on."""
+"""Point-to-point motion: the arm rests at every point."""
 
 import numpy as np
 
+from epson_driver.controller.executor import Point
 from epson_driver.controller.points import clipped
 from epson_driver.motion import Array, JointLimits, go
 
 
-class Arm:
+class PointToPoint:
     """An arm that moves from rest to rest along lines in joint space, inside its limits.
 
-    `position` has shape (n,), rad. Time is passed in with `step`. Raises ValueError for a start
-    that is not n finite angles within the limits.
+    `start` has shape (n,), rad. `speed` and `accel` are fractions (0, 1] of the limits; a point's
+    own velocity can only make its move slower. Raises ValueError for a start that is not n finite
+    angles within the limits.
     """
 
-    def __init__(self, limits: JointLimits, start: Array) -> None:
+    def __init__(
+        self, limits: JointLimits, start: Array, speed: float = 1.0, accel: float = 1.0
+    ) -> None:
         self.limits = limits
+        self._speed = speed
+        self._accel = accel
         self._motion = go(limits, start, start)
         self._time = 0.0
         self._stopping = False
@@ -27,35 +33,43 @@ class Arm:
         return self._time < self._motion.duration
 
     @property
+    def has_room(self) -> bool:
+        """Whether the arm rests."""
+        return not self.moving
+
+    @property
+    def done(self) -> bool:
+        """Whether the arm rests."""
+        return not self.moving
+
+    @property
     def position(self) -> Array:
         """The commanded joint angles now, shape (n,), rad."""
         position, _, _ = self._motion.at(self._time)
         # The last digit of a position on a line that ends at a limit may lie beyond it.
         return clipped(position, self.limits)
 
-    def stands_at(self, target: Array) -> bool:
-        """Return whether the arm rests at `target` as far as messages (float32) can tell."""
-        same = np.array_equal(self.position.astype(np.float32), target.astype(np.float32))
-        return same and not self.moving
+    def take(self, point: Point) -> None:
+        """Begin a move from rest to a point; none if the arm is there.
 
-    def start(self, target: Array, speed: float, accel: float) -> None:
-        """Begin a move from rest to `target`.
-
-        `speed` and `accel` are fractions (0, 1] of the limits. Raises as `motion.go` does, and
-        RuntimeError while the arm moves.
+        Raises as `motion.go` does, and RuntimeError while the arm moves.
         """
         if self.moving:
             raise RuntimeError('a move can only begin at rest')
-        self._motion = go(self.limits, self.position, target, speed, accel)
+        if self._stands_at(point.target):
+            return
+        speed = min(self._speed, point.velocity or 1.0)
+        self._motion = go(self.limits, self.position, point.target, speed, self._accel)
         self._time = 0.0
         self._stopping = False
 
-    def stop(self) -> None:
-        """Begin to brake along the line, as fast as the limits allow."""
+    def stop(self) -> bool:
+        """Brake along the line, as fast as the limits allow; no answered point is lost."""
         if self.moving and not self._stopping:
             self._motion = self._motion.stop(self._time)
             self._time = 0.0
             self._stopping = True
+        return False
 
     def step(self, dt: float) -> float | None:
         """Let `dt` ≥ 0 s pass.
@@ -66,3 +80,7 @@ class Arm:
         if self.moving:
             return None
         return min(self._time - self._motion.duration, dt)
+
+    def _stands_at(self, target: Array) -> bool:
+        """Return whether the arm rests at `target` as far as messages (float32) can tell."""
+        return np.array_equal(self.position.astype(np.float32), target.astype(np.float32))

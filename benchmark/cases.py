@@ -1,0 +1,144 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One trajectory under one set of limits: its references, and every strategy's figures."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from importlib import import_module
+
+from benchmark.joint_splines import SplineUse, joint_spline
+from benchmark.limit_sets import limit_set
+from benchmark.metrics import Metrics, commanded_rests, measure
+from benchmark.references import ReferenceTimes
+from benchmark.strategies import STRATEGIES, MakeSmoother, Strategy, run
+from benchmark.trajectories import BenchTrajectory
+from epson_driver.motion import JointLimits
+
+DEATHS = {'T, 3·A/J known': (1 / 3, 3 / 4), 'O, 3·A/J known': (1 / 2,)}
+"""After what share of the points the stream dies, per strategy."""
+
+
+@dataclass(frozen=True)
+class Death:
+    """A stream that stopped after `points` points; the figures are against the last of them."""
+
+    strategy: str
+    points: int
+    metrics: Metrics
+
+
+@dataclass
+class Case:
+    """All that was measured; times in s.
+
+    rests: how much of the commanded time is commanded rest. errors: what strategies raised.
+    """
+
+    name: str
+    kind: str
+    limits: str
+    points: int
+    commanded: float | None
+    rests: float
+    references: ReferenceTimes
+    splines: dict[str, SplineUse] = field(default_factory=dict)
+    strategies: dict[str, Metrics] = field(default_factory=dict)
+    deaths: list[Death] = field(default_factory=list)
+    errors: dict[str, str] = field(default_factory=dict)
+    took: float = 0.0
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it as JSON has it."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to run. `smoother` is MODULE:NAME, '' for none."""
+
+    trajectory: BenchTrajectory
+    limits: str
+    references: ReferenceTimes
+    strategies: tuple[str, ...]
+    smoother: str
+
+
+def run_case(task: Task) -> Case:
+    """Run every strategy that suits the trajectory; errors are part of the result."""
+    trajectory, limits = task.trajectory, limit_set(task.limits)
+    case = Case(
+        trajectory.name,
+        trajectory.kind,
+        task.limits,
+        len(trajectory.positions),
+        trajectory.commanded,
+        _time_at_rest(trajectory, limits),
+        task.references,
+    )
+    began = time.monotonic()
+    if trajectory.durations is not None:
+        for name, quintic in (('cubic', False), ('quintic', True)):
+            case.splines[name] = joint_spline(
+                trajectory.positions, trajectory.durations, limits, quintic
+            )
+    if task.smoother:
+        make = factory(task.smoother)
+        for name in task.strategies:
+            if STRATEGIES[name].suits(trajectory):
+                _run_strategy(case, STRATEGIES[name], trajectory, limits, make)
+    case.took = time.monotonic() - began
+    return case
+
+
+def _time_at_rest(trajectory: BenchTrajectory, limits: JointLimits) -> float:
+    if trajectory.durations is None:
+        return 0.0
+    rests = commanded_rests(trajectory, limits)
+    return sum(float(trajectory.durations[i + 1 : j + 1].sum()) for i, j in rests)
+
+
+def factory(name: str) -> MakeSmoother:
+    """Return what MODULE:NAME names; raises ImportError if there is none."""
+    module, _, function = name.partition(':')
+    try:
+        made: MakeSmoother = getattr(import_module(module), function)
+    except AttributeError as error:
+        raise ImportError(str(error)) from error
+    return made
+
+
+def _run_strategy(
+    case: Case,
+    strategy: Strategy,
+    trajectory: BenchTrajectory,
+    limits: JointLimits,
+    make: MakeSmoother,
+) -> None:
+    def guarded(label: str, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001  whatever the class under test raises
+            case.errors[label] = f'{type(error).__name__}: {error}'
+
+    def whole() -> None:
+        record = run(strategy, trajectory, limits, make)
+        case.strategies[strategy.name] = measure(trajectory, record, limits, strategy.timed)
+
+    def dying(points: int) -> None:
+        durations = trajectory.durations
+        known = BenchTrajectory(
+            trajectory.name,
+            trajectory.kind,
+            trajectory.positions[:points],
+            None if durations is None else durations[:points],
+        )
+        record = run(strategy, known, limits, make, dies=True)
+        metrics = measure(known, record, limits, strategy.timed)
+        case.deaths.append(Death(strategy.name, points, metrics))
+
+    guarded(strategy.name, whole)
+    for share in DEATHS.get(strategy.name, ()):
+        points = max(3, int(share * case.points))
+        guarded(f'{strategy.name}, dies after {points}', partial(dying, points))

@@ -1,0 +1,47 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The joint limits under which every trajectory is run.
+
+Velocities of the arm's data sheet; what it may accelerate is not published, so two sets stand for
+a lively and a calm arm. A/J, the time that full acceleration takes to build up, is 0.1 and 0.2 s.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion import JointLimits
+from epson_driver.robots import load_robot_model
+
+VELOCITY = np.radians([450.0, 450.0, 514.0, 555.0, 555.0, 720.0])
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Acceleration as a multiple of the velocity (1/s), jerk as one of the acceleration (1/s)."""
+
+    acceleration: float
+    jerk: float
+
+
+FACTORS = {'full': Factors(10.0, 10.0), 'half': Factors(5.0, 5.0)}
+
+
+def limit_set(name: str) -> JointLimits:
+    """Return the limits of one set, `full` or `half`; positions are those of the EPSON C3."""
+    model = load_robot_model('c3_a601s').limits
+    factors = FACTORS[name]
+    acceleration = factors.acceleration * VELOCITY
+    return JointLimits(
+        model.names,
+        model.position_min,
+        model.position_max,
+        VELOCITY,
+        acceleration,
+        factors.jerk * acceleration,
+    )
+
+
+def ramp_time(limits: JointLimits) -> float:
+    """Return the longest time that a joint's acceleration takes to build up: A/J, s."""
+    return float(np.max(limits.acceleration / limits.jerk))

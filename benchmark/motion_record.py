@@ -1,0 +1,42 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A motion as it was sampled, and its interpolation between the samples."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmark.arrays import Index, Mask
+from epson_driver.motion import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Samples at equal steps of `dt` s, the first one at rest at time 0.
+
+    positions, velocities, accelerations: shape (k, n). costs: wall time of each step in s, shape
+    (k − 1,), and `planned`: whether points were taken in or a plan was made in it, as far as that
+    can be told; both may be empty.
+    """
+
+    dt: float
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    costs: Array
+    planned: Mask
+
+    def between(self, samples: Index, shares: Array) -> Array:
+        """Return positions at `shares` of the steps that begin at `samples`: (m,) to (m, n).
+
+        Cubic Hermite: exact for constant jerk, and within 1e-8 rad where the jerk jumps.
+        """
+        s = shares[:, None]
+        p, q = self.positions[samples], self.positions[samples + 1]
+        v, w = self.dt * self.velocities[samples], self.dt * self.velocities[samples + 1]
+        return np.asarray(
+            (1 + 2 * s) * (1 - s) ** 2 * p
+            + s * (1 - s) ** 2 * v
+            + s**2 * (3 - 2 * s) * q
+            - s**2 * (1 - s) * w
+        )

@@ -1,0 +1,166 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The benchmark's figures as pictures."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use('Agg')
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+
+from benchmark.cases import Case
+from benchmark.look_ahead import Curve
+
+OPTIMAL = {'O, all known': ('tab:blue', 'o'), 'O, 3·A/J known': ('tab:cyan', 's')}
+TIMED = {'T, all known': ('tab:blue', 'o'), 'T, 3·A/J known': ('tab:cyan', 's')}
+MUST, HOPED = 'tab:red', 'tab:green'
+BELOW = {'loc': 'upper center', 'fontsize': 8, 'ncols': 2, 'bbox_to_anchor': (0.5, -0.06)}
+MARGIN = 1.01
+"""Where figures stand beside an axis, as a share of its width."""
+
+
+def overview(cases: list[Case], path: Path) -> None:
+    """Draw the times per trajectory and the use of the limits per strategy."""
+    height = 1.6 + 0.21 * len(cases)
+    figure, ((times, commands), (accelerations, jerks)) = plt.subplots(
+        2,
+        2,
+        figsize=(13, height + 4.6),
+        height_ratios=(height, 4.0),
+        sharey='row',
+        layout='constrained',
+    )
+    _times(times, cases)
+    _commands(commands, cases)
+    times.set_yticks(range(len(cases)), [f'{case.name}, {case.limits}' for case in cases])
+    times.set_ylim(len(cases) - 0.4, -0.6)
+    rows = _uses(accelerations, cases, 'acceleration', 1.0)
+    _uses(jerks, cases, 'jerk', 1.02)
+    accelerations.set_yticks(range(len(rows)), rows)
+    accelerations.set_ylim(len(rows) - 0.4, -0.6)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _times(axes: Axes, cases: list[Case]) -> None:
+    axes.set_title('As fast as possible: time / jerk-limited optimum (right: PTP)')
+    bounds = [(case.references.toppra / case.references.opt, y) for y, case in enumerate(cases)]
+    _dots(axes, bounds, 'tab:gray', '|', 'TOPP-RA (no jerk limit)')
+    for y, case in enumerate(cases):
+        _beside(axes, y, f'{case.references.ptp / case.references.opt:.1f}')
+    for name, (colour, marker) in OPTIMAL.items():
+        found = [
+            (case.strategies[name].duration / case.references.opt, y)
+            for y, case in enumerate(cases)
+            if name in case.strategies
+        ]
+        _dots(axes, found, colour, marker, name)
+    axes.axvline(1.0, color='black', linewidth=0.6)
+    axes.axvline(1.35, color=MUST, linewidth=1, label='must: 1.35')
+    axes.axvline(1.10, color=HOPED, linewidth=1, linestyle='--', label='moonshot: 1.1')
+    axes.set_xlabel('T / OPT')
+    axes.grid(alpha=0.3)
+    axes.legend(**BELOW)
+
+
+def _commands(axes: Axes, cases: list[Case]) -> None:
+    axes.set_title('Keeping the times: time / commanded time')
+    timed = [(y, case, case.commanded) for y, case in enumerate(cases) if case.commanded]
+    optima = [(case.references.opt / commanded, y) for y, case, commanded in timed]
+    _dots(axes, optima, 'tab:gray', '|', 'OPT')
+    for name, (colour, marker) in TIMED.items():
+        found = [
+            (case.strategies[name].duration / commanded, y)
+            for y, case, commanded in timed
+            if name in case.strategies
+        ]
+        _dots(axes, found, colour, marker, name)
+    for share, bound, colour in ((1.2, 1.2, 'tab:orange'), (1.5, 1.1, MUST)):
+        judged = [
+            (bound, y)
+            for y, case, commanded in timed
+            if (commanded - case.rests) / case.references.opt >= share
+            and not (share < 1.5 <= (commanded - case.rests) / case.references.opt)
+        ]
+        label = f'must: {bound:g} (commanded ≥ {share:g} · OPT)'
+        _dots(axes, judged, colour, '|', label)
+    for y, case in enumerate(cases):
+        if not case.commanded:
+            axes.text(1.05, y, 'came without times', va='center', fontsize=8, color='tab:gray')
+    axes.axvline(1.0, color='black', linewidth=0.6)
+    axes.set_xscale('log')
+    axes.set_xticks([0.25, 0.5, 1, 2, 4], ['0.25', '0.5', '1', '2', '4'])
+    axes.minorticks_off()
+    axes.set_xlabel('T / commanded')
+    axes.grid(alpha=0.3)
+    axes.legend(**BELOW)
+
+
+def _uses(axes: Axes, cases: list[Case], quantity: str, must: float) -> list[str]:
+    """Draw the largest use of a limit, a dot per trajectory; return the strategies drawn."""
+    rows: dict[str, list[float]] = {}
+    for case in cases:
+        for name, spline in case.splines.items():
+            rows.setdefault(f'spline in time, {name}', []).append(getattr(spline, quantity))
+    for case in cases:
+        for name, metrics in case.strategies.items():
+            rows.setdefault(name, []).append(getattr(metrics, quantity))
+    for y, (name, values) in enumerate(rows.items()):
+        colour = 'tab:orange' if name.startswith('spline') else 'tab:blue'
+        axes.plot(values, [y] * len(values), '.', alpha=0.5, color=colour)
+        _beside(axes, y, f'{max(values):.3f}' if max(values) < 10.0 else f'{max(values):.0f}')
+    axes.axvline(must, color=MUST, linewidth=1, label=f'must: {must:g}')
+    axes.set_xscale('log')
+    axes.set_xlabel(f'largest {quantity} / limit of each trajectory (right: of all)')
+    axes.set_title(f'Use of the {quantity} limit, sampled at 1 kHz')
+    axes.grid(alpha=0.3)
+    axes.legend(loc='lower right', fontsize=8)
+    return list(rows)
+
+
+def _beside(axes: Axes, y: int, text: str) -> None:
+    """Write at the right of the axes."""
+    axes.text(MARGIN, y, text, va='center', fontsize=8, transform=axes.get_yaxis_transform())
+
+
+def _dots(
+    axes: Axes, found: list[tuple[float, int]], colour: str, marker: str, label: str
+) -> None:
+    if found:
+        xs, ys = zip(*found, strict=True)
+        axes.plot(xs, ys, marker, color=colour, label=label, markersize=9 if marker == '|' else 5)
+
+
+def look_ahead(curves: list[Curve], path: Path) -> None:
+    """Draw the slow-down over what is known ahead, a line per curve."""
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4.6), sharey=True, layout='constrained')
+    for axis, limits, ramp in zip(axes, ('full', 'half'), (0.1, 0.2), strict=True):
+        for curve in (curve for curve in curves if curve.limits == limits):
+            axis.plot(
+                curve.times,
+                curve.ratios,
+                '--s' if curve.timed else '-o',
+                markersize=4,
+                label=f'{curve.name}, {"T" if curve.timed else "O"}',
+            )
+        for multiple in (2, 3):
+            known = multiple * ramp
+            if known <= max(curves[0].times) + 1e-9:
+                axis.axvline(known, color='tab:gray', linewidth=0.8, linestyle=':')
+                axis.text(
+                    known,
+                    0.02,
+                    f' {multiple}·A/J',
+                    fontsize=8,
+                    transform=axis.get_xaxis_transform(),
+                )
+        axis.axhline(1.10, color=MUST, linewidth=1, label='10 % slower')
+        axis.set_title(f'Limits: {limits}')
+        axis.set_xlabel('known ahead of the arm, s')
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8)
+    axes[0].set_ylabel('time / time with all points known')
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

@@ -1,0 +1,99 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The times that strategies are held against, per trajectory and limits; kept in a file.
+
+They change with the points, the limits and the algorithms only, so they are stored under a digest
+of these and computed once.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from benchmark.stop_and_go import stop_and_go
+from epson_driver.motion import Array, JointLimits
+
+VERSION = 1
+"""Of the algorithms behind the times; a new one makes the stored ones invalid."""
+FILE = Path(__file__).with_name('results') / 'reference.json'
+
+
+@dataclass(frozen=True)
+class ReferenceTimes:
+    """Times in s: PTP, TOPP-RA and OPT; what OPT attains of each limit; stops of PTP."""
+
+    ptp: float
+    ptp_stops: int
+    toppra: float
+    opt: float
+    opt_velocity: float
+    opt_acceleration: float
+    opt_jerk: float
+
+    def sound(self) -> bool:
+        """Return whether OPT keeps the limits and the bounds are in the order they must have.
+
+        A straight line's optimum is PTP's own; OPT finds it to within half a percent.
+        """
+        within = self.opt_velocity <= 1.001 and self.opt_acceleration <= 1.001
+        return within and self.opt_jerk <= 1.02 and self.toppra <= self.opt <= 1.01 * self.ptp
+
+
+def digest(positions: Array, limits: JointLimits) -> str:
+    """Return the key of a trajectory (n, joints) under limits."""
+    numbers = [positions, limits.velocity, limits.acceleration, limits.jerk]
+    parts = [f'version {VERSION}', *(repr(table.round(9).tolist()) for table in numbers)]
+    return hashlib.sha256('\n'.join(parts).encode()).hexdigest()[:16]
+
+
+def compute(positions: Array, limits: JointLimits) -> ReferenceTimes:
+    """Return the reference times of one trajectory (n, joints); takes 0.5 to 20 s."""
+    # here, so that who only reads stored times needs neither scipy nor toppra
+    from benchmark.optimum import jerk_limited_optimum
+    from benchmark.spline_path import spline_path
+    from benchmark.topp_ra import jerk_free_time
+
+    path = spline_path(positions, limits.velocity)
+    optimum = jerk_limited_optimum(path, limits)
+    ptp = stop_and_go(positions, limits)
+    return ReferenceTimes(
+        ptp=round(ptp.duration, 6),
+        ptp_stops=ptp.stops,
+        toppra=round(jerk_free_time(path, limits), 6),
+        opt=round(optimum.law.duration, 6),
+        opt_velocity=round(optimum.velocity, 5),
+        opt_acceleration=round(optimum.acceleration, 5),
+        opt_jerk=round(optimum.jerk, 5),
+    )
+
+
+class ReferenceFile:
+    """The stored reference times, by digest; rewritten whenever one is added."""
+
+    def __init__(self, path: Path = FILE, forget: bool = False) -> None:
+        self._path = path
+        self._entries: dict[str, dict[str, Any]] = {}
+        if path.exists() and not forget:
+            self._entries = json.loads(path.read_text(encoding='utf-8'))
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._entries
+
+    def __getitem__(self, key: str) -> ReferenceTimes:
+        entry = self._entries[key]
+        return ReferenceTimes(
+            **{field.name: entry[field.name] for field in fields(ReferenceTimes)}
+        )
+
+    def put(self, key: str, name: str, limits: str, times: ReferenceTimes) -> None:
+        """Store reference times with the names of trajectory and limits, for readers."""
+        self._entries[key] = {'name': name, 'limits': limits, **asdict(times)}
+        self._path.parent.mkdir(exist_ok=True)
+        ordered = dict(sorted(self._entries.items(), key=lambda item: _order(item[1])))
+        self._path.write_text(json.dumps(ordered, indent=1) + '\n', encoding='utf-8')
+
+
+def _order(entry: dict[str, Any]) -> tuple[str, str]:
+    return str(entry['limits']), str(entry['name'])

@@ -1,0 +1,169 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The ways to run a trajectory that are compared: a table from name to how the smoother is fed."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from benchmark.limit_sets import ramp_time
+from benchmark.motion_record import Record
+from benchmark.trajectories import BenchTrajectory
+from epson_driver.motion import Array, JointLimits
+
+DT = 0.001
+"""The sampling step, s: finer than the 4 ms cycle, so that no spike hides between two cycles."""
+LATENCY = 0.040
+"""A planner that answers so late, s."""
+PATIENCE = 60.0
+"""How long, s, a motion may take beyond half a second per point and twice its command."""
+
+
+TOO_LONG = 120.0
+"""Wall time that one run may take, s: some hundred times what it should."""
+
+
+class State(Protocol):
+    """What a step returns: arrays of shape (n,)."""
+
+    @property
+    def position(self) -> Array:
+        """In rad."""
+
+    @property
+    def velocity(self) -> Array:
+        """In rad/s."""
+
+    @property
+    def acceleration(self) -> Array:
+        """In rad/s²."""
+
+
+class Smoother(Protocol):
+    """What the harness needs of the class under test.
+
+    If it has a counter `plans` of the plans it made, steps in which that rises count as planning,
+    which has a process of its own in a controller, and not as the cost of a cycle.
+    """
+
+    @property
+    def moving(self) -> bool:
+        """False when at rest with nothing left to do."""
+
+    @property
+    def look_ahead(self) -> float:
+        """Time known ahead of the arm, s."""
+
+    def append(self, position: Array, duration: float | None) -> None:
+        """Take a point."""
+
+    def step(self, dt: float) -> State:
+        """Move on by `dt` s."""
+
+
+MakeSmoother = Callable[[JointLimits, Array, bool, float], Smoother]
+"""Makes one from limits, start (n,), whether it keeps the times, and the planner's latency."""
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """How a smoother is used. `look_ahead` gives the time known ahead, s, or None for all.
+
+    `timed`: whether it keeps the commanded durations (T) or is as fast as it can (O).
+    """
+
+    name: str
+    timed: bool
+    look_ahead: Callable[[JointLimits], float] | None = None
+    latency: float = 0.0
+
+    def suits(self, trajectory: BenchTrajectory) -> bool:
+        """Return whether the trajectory has what the strategy needs."""
+        return trajectory.durations is not None or not self.timed
+
+
+def _ahead(text: str, timed: bool, time_ahead: Callable[[JointLimits], float]) -> Strategy:
+    return Strategy(f'{"T" if timed else "O"}, {text} known', timed, time_ahead)
+
+
+def _both(timed: bool) -> tuple[Strategy, ...]:
+    return (
+        Strategy('T, all known' if timed else 'O, all known', timed),
+        _ahead('2·A/J', timed, lambda limits: 2.0 * ramp_time(limits)),
+        _ahead('3·A/J', timed, lambda limits: 3.0 * ramp_time(limits)),
+        _ahead('0.25 s', timed, lambda limits: 0.25),
+        _ahead('0.5 s', timed, lambda limits: 0.5),
+    )
+
+
+STRATEGIES = {
+    strategy.name: strategy
+    for strategy in (
+        *_both(timed=False),
+        *_both(timed=True),
+        Strategy(
+            'T, 3·A/J + 40 ms known, 40 ms late',
+            True,
+            lambda limits: 3.0 * ramp_time(limits) + LATENCY,
+            LATENCY,
+        ),
+    )
+}
+
+
+def run(
+    strategy: Strategy,
+    trajectory: BenchTrajectory,
+    limits: JointLimits,
+    make: MakeSmoother,
+    dies: bool = False,
+    patience: float = PATIENCE,
+) -> Record:
+    """Return the sampled motion of a smoother through the points.
+
+    A smoother with a method `finish` is told of the end, unless the stream just `dies`.
+
+    Raises RuntimeError if it does not end within `patience` s more than any motion needs.
+    """
+    positions = trajectory.positions
+    durations = trajectory.durations if strategy.timed else None
+    ahead = None if strategy.look_ahead is None else strategy.look_ahead(limits)
+    smoother = make(limits, positions[0], strategy.timed, strategy.latency)
+    n = len(positions)
+    fed = 1
+    started = time.perf_counter()
+    deadline = patience + 2.0 * (trajectory.commanded or 0.0) + 0.5 * n
+    rows = [np.concatenate([positions[0], np.zeros(2 * positions.shape[1])])]
+    costs: list[float] = []
+    planned: list[bool] = []
+    while True:
+        begin = time.perf_counter()
+        before = (fed, getattr(smoother, 'plans', 0))
+        while fed < n and (ahead is None or smoother.look_ahead < ahead):
+            smoother.append(positions[fed], None if durations is None else float(durations[fed]))
+            fed += 1
+        if fed == n and before[0] != n and not dies and hasattr(smoother, 'finish'):
+            smoother.finish()
+        state = smoother.step(DT)
+        costs.append(time.perf_counter() - begin)
+        planned.append((fed, getattr(smoother, 'plans', 0)) != before)
+        rows.append(np.concatenate([state.position, state.velocity, state.acceleration]))
+        if fed == n and not smoother.moving:
+            break
+        if time.perf_counter() - started > TOO_LONG:
+            raise RuntimeError(
+                f'{trajectory.name}, {strategy.name}: {TOO_LONG:g} s of computing for '
+                f'{len(rows) * DT:.3f} s of motion'
+            )
+        if len(rows) * DT > deadline:
+            raise RuntimeError(
+                f'{trajectory.name}, {strategy.name}: still moving after {deadline:g} s'
+            )
+    table = np.array(rows)
+    position, velocity, acceleration = np.split(table, 3, axis=1)
+    return Record(
+        DT, position, velocity, acceleration, np.array(costs), np.array(planned, dtype=np.bool_)
+    )

@@ -1,0 +1,147 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The trajectories of the benchmark: twelve generated ones (fixed seeds) and the shared plans."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmark.limit_sets import FACTORS, VELOCITY
+from benchmark.plans import TimedPath, blended, random_vias, time_law
+from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.motion import Array
+
+SHARED = Path(__file__).parents[1] / 'config' / 'trajectories'
+WITHOUT_TIMES = 'around_pillar_positions_only'
+"""The shared plan that is run as one that came without times."""
+
+LOW = np.array([-1.6, -1.6, 0.2, -1.6, -1.5, -2.5])
+HIGH = np.array([1.6, 0.1, 2.0, 1.6, -0.2, 2.5])
+"""Where generated poses lie, rad: well inside the arm's range, so that a spline stays inside."""
+
+BLEND = 0.15
+"""How far before a corner a generated plan leaves the straight line, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class BenchTrajectory:
+    """A trajectory as it is streamed. `kind` says what it is an example of.
+
+    positions: (n, 6), rad. durations: (n,), s, from the point before, the first one 0; None if the
+    plan came without times.
+    """
+
+    name: str
+    kind: str
+    positions: Array
+    durations: Array | None
+
+    @property
+    def commanded(self) -> float | None:
+        """The commanded time from the first point to the last, s."""
+        return None if self.durations is None else float(self.durations.sum())
+
+
+def bench_set() -> tuple[BenchTrajectory, ...]:
+    """Return all trajectories, the generated ones first; the same every time."""
+    generated = [_named(name, kind, make) for name, (kind, make) in GENERATED.items()]
+    return (*generated, *(_shared(path) for path in sorted(SHARED.glob('*.yaml'))))
+
+
+def _shared(path: Path) -> BenchTrajectory:
+    plan = read_trajectory(path)
+    durations = None if path.stem == WITHOUT_TIMES else np.diff(plan.times, prepend=plan.times[0])
+    return BenchTrajectory(path.stem, 'shared plan', plan.positions, durations)
+
+
+def _named(name: str, kind: str, make: Callable[[], tuple[Array, Array]]) -> BenchTrajectory:
+    positions, durations = make()
+    # nine decimals, as plans in files have them: the last bits differ from machine to machine
+    return BenchTrajectory(name, kind, positions.round(9), durations.round(9))
+
+
+def _timed(seed: int, vias: int, speed: float, blend: float = BLEND) -> TimedPath:
+    rng = np.random.default_rng(seed)
+    return _law(blended(random_vias(rng, vias, LOW, HIGH), blend), speed)
+
+
+def _law(path: Array, speed: float) -> TimedPath:
+    return time_law(path, speed * VELOCITY, speed * FACTORS['full'].acceleration * VELOCITY)
+
+
+def _every(path: TimedPath, step: float) -> tuple[Array, Array]:
+    """Return the plan at every `step` s and at its end."""
+    whole = np.arange(0.0, path.duration - 0.3 * step, step)
+    times = np.append(whole, path.duration)
+    return path.at(times), np.diff(times, prepend=0.0)
+
+
+def _points(path: TimedPath, count: int) -> tuple[Array, Array]:
+    times = np.linspace(0.0, path.duration, count)
+    return path.at(times), np.diff(times, prepend=0.0)
+
+
+def _reversal() -> tuple[Array, Array]:
+    rng = np.random.default_rng(61)
+    there = blended(random_vias(rng, 3, LOW, HIGH), BLEND)
+    half = _law(there, 0.6)
+    positions, durations = _points(half, 30)
+    return (
+        np.concatenate([positions, positions[-2::-1]]),
+        np.concatenate([durations, durations[:0:-1]]),
+    )
+
+
+def _repeated() -> tuple[Array, Array]:
+    """Doubled points in passing, points three times over, and one commanded rest of 0.4 s."""
+    positions, durations = _every(_timed(71, 4, 0.25), 0.06)
+    times = {5: 2, 12: 3, len(positions) // 2: 2, len(positions) - 1: 2}
+    rests = {len(positions) // 2: 0.4}
+    rows, steps = [], []
+    for index, (position, duration) in enumerate(zip(positions, durations, strict=True)):
+        for copy in range(times.get(index, 1)):
+            rows.append(position)
+            steps.append(float(duration) if not copy else rests.get(index, 0.004))
+    return np.array(rows), np.array(steps)
+
+
+def _tiny_steps() -> tuple[Array, Array]:
+    """Steps from 0.1 to 1 mrad with small side-steps, as a hand-guided or servoed motion has."""
+    rng = np.random.default_rng(81)
+    direction = np.array([0.6, -0.4, 0.5, -0.7, 0.3, 1.0])
+    steps = rng.uniform(1e-4, 1e-3, 299)[:, None] * direction
+    steps += rng.uniform(-2e-5, 2e-5, steps.shape)
+    positions = np.concatenate([np.zeros((1, 6)), np.cumsum(steps, axis=0)]) + (LOW + HIGH) / 2
+    return positions, np.append(0.0, np.full(299, 0.008))
+
+
+def _sparse_corners() -> tuple[Array, Array]:
+    """Nine poses far apart, each asked for at half of the speed on the straight line."""
+    rng = np.random.default_rng(91)
+    positions = rng.uniform(LOW, HIGH, (9, 6))
+    steps = np.max(np.abs(np.diff(positions, axis=0)) / VELOCITY, axis=1)
+    return positions, np.append(0.0, 2.0 * steps + 0.15)
+
+
+def _too_fast() -> tuple[Array, Array]:
+    """A plan at full speed whose clock runs 1.5 times too fast."""
+    positions, durations = _every(_timed(95, 5, 1.0), 0.02)
+    return positions, durations / 1.5
+
+
+GENERATED: dict[str, tuple[str, Callable[[], tuple[Array, Array]]]] = {
+    'moveit_10_percent': ('MoveIt-like, 10 % speed', lambda: _every(_timed(11, 4, 0.1), 0.1)),
+    'moveit_50_percent': ('MoveIt-like, 50 % speed', lambda: _every(_timed(12, 5, 0.5), 0.04)),
+    'moveit_100_percent': ('MoveIt-like, 100 % speed', lambda: _every(_timed(13, 6, 1.0), 0.02)),
+    'totg_100ms': ('TOTG-like, every 100 ms, 100 %', lambda: _every(_timed(21, 6, 1.0), 0.1)),
+    'totg_100ms_long': ('TOTG-like, every 100 ms, 30 %', lambda: _every(_timed(22, 10, 0.3), 0.1)),
+    'dense_4ms': ('every 4 ms, 40 % speed', lambda: _every(_timed(31, 5, 0.4), 0.004)),
+    'dense_4ms_slow': ('every 4 ms, 15 % speed', lambda: _every(_timed(32, 4, 0.15), 0.004)),
+    'reversal': ('there and back on the same path', _reversal),
+    'repeated_points': ('repeated points, one rest', _repeated),
+    'tiny_steps': ('steps of 0.1 to 1 mrad', _tiny_steps),
+    'sparse_corners': ('nine poses far apart', _sparse_corners),
+    'too_fast': ('1.5 times faster than a plan at the limits', _too_fast),
+}

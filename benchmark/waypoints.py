@@ -1,0 +1,127 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""When a motion passes its waypoints, in their order, and how far from them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmark.arrays import Index, Mask
+from benchmark.motion_record import Record
+from epson_driver.motion import Array
+
+NEAR = 0.02
+"""How far a passage may be from its waypoint to be considered beside the nearest one, rad."""
+CLOSE = 2e-3
+"""Within this distance, rad, a waypoint may be passed at the moment of the one before."""
+GRID = 16
+"""Parts of a step in which the nearest moment is looked for before it is refined."""
+REFINEMENTS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Passages:
+    """times: (m,), s, not decreasing; distances: (m,), rad, of the joint that is farthest off."""
+
+    times: Array
+    distances: Array
+
+
+def passages(positions: Array, record: Record) -> Passages:
+    """Return the passages of waypoints (m, n) that lie nearest altogether and in order.
+
+    Every local minimum of the distance is a candidate; of the ways to choose one per waypoint so
+    that the times do not decrease, the one with the least sum of distances is taken.
+    """
+    times, distances = _candidates(positions[0], record)
+    totals = distances
+    history: list[tuple[Array, Array, Index]] = [(times, distances, np.zeros(0, dtype=np.intp))]
+    for waypoint in positions[1:]:
+        before, best = history[-1][0], np.minimum.accumulate(totals)
+        arg = _arg_of_minimum(totals)
+        times, distances = _with_earlier(waypoint, record, before)
+        last = np.searchsorted(before, times, 'right') - 1
+        reachable = last >= 0
+        if not reachable.any():  # the motion ended before: hold it against its last sample
+            times = np.array([before[-1]])
+            distances = np.array([float(np.max(np.abs(record.positions[-1] - waypoint)))])
+            last, reachable = np.array([len(before) - 1]), np.array([True])
+        times, distances, last = times[reachable], distances[reachable], last[reachable]
+        totals = distances + best[last]
+        history.append((times, distances, arg[last]))
+    choice = int(np.argmin(totals))
+    chosen = []
+    for times, distances, origin in reversed(history):
+        chosen.append((times[choice], distances[choice]))
+        choice = int(origin[choice]) if origin.size else 0
+    result = np.array(chosen[::-1])
+    return Passages(result[:, 0], result[:, 1])
+
+
+def _arg_of_minimum(values: Array) -> Index:
+    """Return where the smallest value up to each place stands, the first of equal ones."""
+    lower = np.append(True, values[1:] < np.minimum.accumulate(values)[:-1])
+    return np.maximum.accumulate(np.where(lower, np.arange(len(values)), 0))
+
+
+def _candidates(waypoint: Array, record: Record) -> tuple[Array, Array]:
+    """Return times and distances of all passages near a waypoint, in the order of time."""
+    squares = np.einsum('kn,kn->k', record.positions - waypoint, record.positions - waypoint)
+    padded = np.concatenate([[np.inf], squares, [np.inf]])
+    falls, rises = squares <= padded[:-2], squares <= padded[2:]
+    plateau = (squares == padded[:-2]) & (squares == padded[2:])
+    minima = np.flatnonzero(falls & rises & ~plateau)
+    root = np.sqrt(squares[minima])
+    minima = minima[(root < NEAR) | (root <= root.min())]
+    samples = np.unique(np.concatenate([minima - 1, minima]))
+    samples = samples[(samples >= 0) & (samples < len(squares) - 1)]
+    low, width = np.zeros(len(samples)), 1.0
+    for _ in range(REFINEMENTS):
+        grid = low[:, None] + width * np.arange(GRID + 1) / GRID
+        grid = np.clip(grid, 0.0, 1.0)
+        off = _offsets(waypoint, record, np.repeat(samples, GRID + 1), grid.ravel())
+        where = np.argmin(np.einsum('kn,kn->k', off, off).reshape(grid.shape), axis=1)
+        low = grid[np.arange(len(samples)), where] - width / GRID
+        width = 2.0 * width / GRID
+    shares = np.clip(low + width / 2.0, 0.0, 1.0)
+    off = np.abs(_offsets(waypoint, record, samples, shares))
+    return record.dt * (samples + shares), off.max(axis=1)
+
+
+def _with_earlier(waypoint: Array, record: Record, before: Array) -> tuple[Array, Array]:
+    """Return the candidates of a waypoint and those of the one before that are close to it too.
+
+    At a sharp turn a motion may pass two close waypoints the other way round: then both may be
+    taken at the same moment.
+    """
+    times, distances = _candidates(waypoint, record)
+    samples = np.minimum((before / record.dt).astype(np.intp), len(record.positions) - 2)
+    off = np.abs(_offsets(waypoint, record, samples, before / record.dt - samples)).max(axis=1)
+    close = off < CLOSE
+    merged_times, first = np.unique(np.append(times, before[close]), return_index=True)
+    return merged_times, np.append(distances, off[close])[first]
+
+
+def _offsets(waypoint: Array, record: Record, samples: Index, shares: Array) -> Array:
+    return record.between(samples, shares) - waypoint
+
+
+def may_be_merged(positions: Array, tolerance: float) -> Mask:
+    """Return which waypoints a smoother may drop, shape (m,): close to one that it keeps.
+
+    Those within `tolerance` (rad, each joint) of a neighbour, or of an earlier point that the way
+    has not left by more than that since; never the first and the last.
+    """
+    count = len(positions)
+    result = np.zeros(count, dtype=np.bool_)
+    anchor = positions[0]
+    for index in range(1, count):
+        near_anchor = np.max(np.abs(positions[index] - anchor)) <= tolerance
+        near_before = np.max(np.abs(positions[index] - positions[index - 1])) <= tolerance
+        result[index] = near_anchor or near_before
+        if not near_anchor:
+            anchor = positions[index]
+    # the last point takes the place of a kept one right before it
+    result[:-1] |= np.max(np.abs(positions[:-1] - positions[-1]), axis=1) <= tolerance
+    result[0] = result[-1] = False
+    return result

@@ -1,0 +1,246 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver smooth FILE`: a planned trajectory through the smoother, without any robot.
+
+Writes the smooth trajectory as the same kind of file, and reports and draws it beside what a
+point-to-point controller and a plain spline make of the plan.
+"""
+
+import argparse
+import sys
+import time
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from epson_driver.cli.smooth_report import Study, column, draw, point_to_point, spline
+from epson_driver.cli.trajectory_file import (
+    TrajectoryFileError,
+    read_trajectory,
+    write_trajectory,
+)
+from epson_driver.motion import JointLimits, Trajectory, problems
+from epson_driver.motion.smoothed import smoothed
+from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
+from epson_driver.robots import RobotModelError, load_robot_model
+
+FINEST = 0.001
+"""The motion is judged and drawn at samples this far apart, s."""
+
+MENTIONED = 3
+"""So many of a plan's faults are spelled out."""
+
+
+class _PlanError(ValueError):
+    """A plan that cannot be smoothed. The text says what to do."""
+
+
+def main() -> int:
+    """Smooth a file. Returns 0, or ends with 2 and a sentence if it cannot be done."""
+    parser = _parser()
+    arguments = parser.parse_args()
+    try:
+        return _run(arguments)
+    except (OSError, TrajectoryFileError, RobotModelError, _PlanError) as error:
+        parser.error(str(error))
+    except KeyboardInterrupt:
+        return 130
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    console = Console()
+    file: Path = arguments.file
+    mode = Mode(arguments.mode)
+    limits = load_robot_model(arguments.robot).limits
+    given = read_trajectory(file, timed=False)
+    timed = bool(given.times.any())
+    plan_read = _checked(file, given, limits, mode)
+    planner = _CountingPlanner(console)
+    parts = max(round(1.0 / arguments.rate / FINEST), 1)
+    period = 1.0 / arguments.rate
+    try:
+        fine = smoothed(
+            plan_read, limits, mode, arguments.look_ahead, period / parts, planner=planner
+        )
+    except ValueError as error:
+        raise _PlanError(f'{file}: {error}') from error
+    output = arguments.output or Path(f'{file.stem}_smooth.yaml')
+    picture = arguments.picture or Path(f'{file.stem}_smooth.png')
+    written = _every(fine, parts)
+    about = f'{file.name}, smoothed ({mode.value}), one point every {period * 1e3:g} ms'
+    write_trajectory(output, written, about)
+    command = plan_read if mode is Mode.TIME_PRESERVING else None
+    columns = [column('point to point, full speed', point_to_point(plan_read, limits), limits)]
+    if timed:
+        kind = 'cubic' if plan_read.accelerations is None else 'quintic'
+        columns.append(column(f'{kind} spline', spline(plan_read), limits))
+    ours = column(f'smoothed, {mode.value.replace("_", " ")}', fine, limits, plan_read, command)
+    columns.append(ours)
+    study = Study(plan_read, limits, timed, columns)
+    console.print(_table(study, planner, arguments.look_ahead))
+    draw(picture, study)
+    console.print(f'trajectory: {output}\npicture: {picture}', highlight=False)
+    return 0
+
+
+class _CountingPlanner:
+    """Plans, counts the plans and their time, and shows that it is busy."""
+
+    def __init__(self, console: Console) -> None:
+        self.plans = 0
+        self.longest = 0.0
+        self.total = 0.0
+        self._status = console.status('planning')
+
+    def __call__(self, request: Request, limits: JointLimits) -> Plan | None:
+        began = time.perf_counter()
+        with self._status:
+            made = plan(request, limits)
+        took = time.perf_counter() - began
+        self.plans += 1
+        self.total += took
+        self.longest = max(self.longest, took)
+        return made
+
+
+def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode) -> Trajectory:
+    """Return the plan with its joints in the robot's order. Raises _PlanError."""
+    names = trajectory.joint_names
+    if sorted(names) != sorted(limits.names):
+        raise _PlanError(
+            f'{file}: its joints are {", ".join(names)}, the robot has {", ".join(limits.names)}: '
+            'rename them, or name another robot with --robot'
+        )
+    trajectory = trajectory.in_order(limits.names)
+    if mode is Mode.TIME_PRESERVING and len(trajectory.times) > 1 and not trajectory.times.any():
+        raise _PlanError(
+            f'{file}: no point has a time: add time_from_start, or use --mode time_optimal'
+        )
+    timed = mode is Mode.TIME_PRESERVING
+    times = trajectory.times if timed else np.arange(len(trajectory.times), dtype=float) * 1e3
+    found = problems(Trajectory(limits.names, times, trajectory.positions), limits)
+    wrong = [text for text in found if not text.startswith('points ')]  # too fast: will be slower
+    if wrong:
+        more = f'; and {len(wrong) - MENTIONED} more' if len(wrong) > MENTIONED else ''
+        raise _PlanError(f'{file}: {"; ".join(islice(wrong, MENTIONED))}{more}')
+    return trajectory
+
+
+def _every(trajectory: Trajectory, parts: int) -> Trajectory:
+    """Return every `parts`-th point, and one more at the end where the arm rests already."""
+    count = len(trajectory.times)
+    chosen = np.arange(0, count + parts - 1, parts)
+    period = float(trajectory.times[1] - trajectory.times[0])
+    times = trajectory.times[0] + chosen * period
+    chosen = np.minimum(chosen, count - 1)
+    assert trajectory.velocities is not None  # noqa: S101 - for the type checker
+    assert trajectory.accelerations is not None  # noqa: S101
+    return Trajectory(
+        trajectory.joint_names,
+        times,
+        trajectory.positions[chosen],
+        trajectory.velocities[chosen],
+        trajectory.accelerations[chosen],
+    )
+
+
+def _table(study: Study, planner: _CountingPlanner, look_ahead: float) -> Table:
+    ours, stop_and_go = study.columns[-1].figures, study.columns[0].figures
+    error = study.columns[-1].waypoint_error
+    known = 'all points known' if np.isinf(look_ahead) else f'{look_ahead:g} s known ahead'
+    duration = f'{ours.duration:.3f} s ({known})'
+    commanded = 'the plan has no times'
+    if study.timed:
+        planned = study.plan.duration - float(study.plan.times[0])
+        ratio = f', {ours.duration / planned:.3f} times' if planned > 0.0 else ''
+        commanded = f'{planned:.3f} s{ratio}'
+    stops = f'{ours.stops}'
+    if ours.commanded_stops:
+        stops += f', and {ours.commanded_stops} that the plan asks for'
+    times = ours.duration / stop_and_go.duration if stop_and_go.duration else 1.0
+    rows = (
+        ('points', f'{len(study.plan.times)}'),
+        ('duration', duration),
+        ('commanded', commanded),
+        ('point to point', f'{stop_and_go.duration:.3f} s, {times:.3f} times'),
+        ('stops on the way', stops),
+        ('highest velocity', f'{ours.velocity:.3f} of the limit'),
+        ('highest acceleration', f'{ours.acceleration:.3f} of the limit'),
+        ('highest jerk', f'{ours.jerk:.3f} of the limit'),
+        (
+            'worst waypoint error',
+            f'{error:.1e} rad (points closer than {MERGE_TOLERANCE:g} rad count as one)',
+        ),
+        (
+            'plans',
+            f'{planner.plans} in {planner.total * 1e3:.0f} ms, '
+            f'the longest {planner.longest * 1e3:.0f} ms',
+        ),
+    )
+    table = Table(show_header=False, title='The smooth motion', title_justify='left')
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _look_ahead(text: str) -> float:
+    value = _number(text)
+    if not value > 0.0:
+        raise argparse.ArgumentTypeError(f'{text}: must be a time above 0 s')
+    return value
+
+
+def _rate(text: str) -> float:
+    value = _number(text)
+    if not 1.0 <= value <= 1000.0:
+        raise argparse.ArgumentTypeError(f'{text}: must be 1 … 1000 Hz')
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='epson_driver smooth',
+        description='Makes a planned trajectory smooth: no stop on the way, inside every limit. '
+        'Writes it as a file, and draws it beside point-to-point motion and a plain spline.',
+        allow_abbrev=False,
+    )
+    parser.add_argument('file', type=Path, metavar='FILE', help='a JointTrajectory as YAML')
+    parser.add_argument(
+        '--mode',
+        choices=[mode.value for mode in Mode],
+        default=Mode.TIME_PRESERVING.value,
+        help='keep the times of the plan where the limits allow, or only its points and be as '
+        'fast as they allow (%(default)s)',
+    )
+    parser.add_argument(
+        '--look-ahead',
+        type=_look_ahead,
+        default=np.inf,
+        metavar='S',
+        help='so much is known ahead of the arm, s, as in a stream (all points)',
+    )
+    parser.add_argument(
+        '--output', type=Path, metavar='FILE', help='the smooth trajectory (NAME_smooth.yaml)'
+    )
+    parser.add_argument('--picture', type=Path, metavar='FILE', help='(NAME_smooth.png)')
+    parser.add_argument(
+        '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
+    )
+    parser.add_argument(
+        '--rate', type=_rate, default=250.0, metavar='HZ', help='points per second (%(default)g)'
+    )
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,216 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A smooth motion beside what it replaces, in figures and as a picture."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits, Trajectory, go
+from epson_driver.motion.smoothed import Figures, measure, passed
+
+RATE = 1000.0
+"""Samples per second of point-to-point motion and of the spline."""
+
+COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#F0E442')
+"""Of the joints: Okabe and Ito's, which the colour-blind can tell apart."""
+
+SHOWN = (1.35, 2.5, 4.0)
+"""How many times the limit the axes of velocity, acceleration and jerk show at most."""
+
+COMPARABLE = 3.0
+"""Up to this ratio of their durations, all motions are drawn over the same time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A motion through a plan's points: sampled, and when it passes them, s, shape (n,)."""
+
+    title: str
+    motion: Trajectory
+    figures: Figures
+    passed: Array
+    waypoint_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A plan, and motions through its points; the last one is the smooth one."""
+
+    plan: Trajectory
+    limits: JointLimits
+    timed: bool
+    columns: list[Column]
+
+
+def column(
+    title: str,
+    motion: tuple[Trajectory, Array] | Trajectory,
+    limits: JointLimits,
+    plan: Trajectory | None = None,
+    command: Trajectory | None = None,
+) -> Column:
+    """Return a motion with its figures.
+
+    With it comes when it passes the plan's points, or that is found out. `command`: the plan if
+    its times count.
+    """
+    if isinstance(motion, tuple):
+        sampled, at = motion
+        return Column(title, sampled, measure(sampled, command, limits), at, 0.0)
+    if plan is None:
+        raise ValueError('either the plan or the passages are needed')
+    errors, at = passed(plan.positions, motion)
+    return Column(title, motion, measure(motion, command, limits), at, float(errors.max()))
+
+
+def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, Array]:
+    """Return the motion that rests at every point, at full speed, and when it is at them, s."""
+    moves = [go(limits, start, target) for start, target in pairwise(plan.positions)]
+    at = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
+    times = np.arange(0.0, at[-1] + 1.0 / RATE, 1.0 / RATE)
+    index = np.clip(np.searchsorted(at, times, 'right') - 1, 0, max(len(moves) - 1, 0))
+    if moves:
+        states = [
+            moves[i].at(time) for i, time in zip(index, (times - at[index]).tolist(), strict=True)
+        ]
+    else:
+        states = [(plan.positions[0], *np.zeros((2, len(limits.names))))] * len(times)
+    position, velocity, acceleration = (np.array(part) for part in zip(*states, strict=True))
+    return Trajectory(plan.joint_names, times, position, velocity, acceleration), at
+
+
+def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
+    """Return what ros2_control's joint_trajectory_controller does with a plan, and its times, s.
+
+    A polynomial in time per segment, that keeps the plan's times whatever the limits say: quintic
+    if the plan has accelerations, else cubic. Velocities that it lacks are central differences.
+    Before and after the arm rests, whatever acceleration the first and the last point have.
+    """
+    t, q = plan.times - plan.times[0], plan.positions
+    v = _differences(t, q) if plan.velocities is None else plan.velocities
+    a = plan.accelerations
+    if len(t) == 1:
+        still = np.zeros((2, *q.shape))
+        return Trajectory(plan.joint_names, t, q, still[0], still[1]), t
+    times = np.arange(0.0, t[-1] + 1.0 / RATE, 1.0 / RATE)
+    i = np.clip(np.searchsorted(t, times, 'right') - 1, 0, len(t) - 2)
+    h = (t[i + 1] - t[i])[:, None]
+    s = (np.minimum(times, t[-1]) - t[i])[:, None]
+    d = q[i + 1] - q[i]
+    if a is None:
+        c2 = 3.0 * d / h**2 - (2.0 * v[i] + v[i + 1]) / h
+        c3 = -2.0 * d / h**3 + (v[i] + v[i + 1]) / h**2
+        c4 = c5 = np.zeros_like(c3)
+    else:
+        c2 = a[i] / 2.0
+        dq = d - (v[i] + c2 * h) * h
+        dv = (v[i + 1] - v[i] - a[i] * h) * h
+        da = (a[i + 1] - a[i]) * h**2
+        c3 = (10.0 * dq - 4.0 * dv + 0.5 * da) / h**3
+        c4 = (-15.0 * dq + 7.0 * dv - da) / h**4
+        c5 = (6.0 * dq - 3.0 * dv + 0.5 * da) / h**5
+    position = q[i] + (v[i] + (c2 + (c3 + (c4 + c5 * s) * s) * s) * s) * s
+    velocity = v[i] + (2.0 * c2 + (3.0 * c3 + (4.0 * c4 + 5.0 * c5 * s) * s) * s) * s
+    acceleration = 2.0 * c2 + (6.0 * c3 + (12.0 * c4 + 20.0 * c5 * s) * s) * s
+    acceleration[[0, -1]] = 0.0
+    return Trajectory(plan.joint_names, times, position, velocity, acceleration), t
+
+
+def _differences(times: Array, values: Array) -> Array:
+    """Return central differences, and 0 at both ends."""
+    result = np.zeros_like(values)
+    result[1:-1] = (values[2:] - values[:-2]) / (times[2:] - times[:-2])[:, None]
+    return result
+
+
+def draw(path: Path, study: Study) -> None:
+    """Write the picture: a column per motion; position, velocity, acceleration, jerk over time."""
+    import matplotlib as mpl
+
+    mpl.use('Agg')
+    from matplotlib import pyplot as plt
+
+    count = len(study.columns)
+    figure, grid = plt.subplots(
+        4,
+        count,
+        figsize=(3.7 * count + 0.3, 9.2),
+        sharex='col',
+        sharey='row',
+        squeeze=False,
+        layout='constrained',
+        gridspec_kw={'height_ratios': (1.25, 1, 1, 1)},
+    )
+    durations = [each.figures.duration for each in study.columns]
+    together = max(durations) <= COMPARABLE * min(durations)
+    for place, each in enumerate(study.columns):
+        _draw_column(grid[:, place], each, study)
+        width = max(max(durations) if together else durations[place], 0.1)
+        grid[0, place].set_xlim(-0.02 * width, 1.02 * width)
+        grid[3, place].set_xlabel('time [s]' if together else 'time [s], a scale of its own')
+    for row, limit in enumerate(_shown(study), start=1):
+        grid[row, 0].set_ylim(-limit, limit)
+    names = ('position [rad]', 'velocity / limit', 'acceleration / limit', 'jerk / limit')
+    for row, name in enumerate(names):
+        grid[row, 0].set_ylabel(name)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside lower center', ncols=8, frameon=False)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
+def _shown(study: Study) -> list[float]:
+    """Return how many times the limit the axes of velocity, acceleration and jerk reach."""
+    figures = [each.figures for each in study.columns]
+    worst = np.max([(each.velocity, each.acceleration, each.jerk) for each in figures], axis=0)
+    return [float(value) for value in np.clip(1.08 * worst, 1.25, SHOWN)]
+
+
+def _draw_column(axes: Any, drawn: Column, study: Study) -> None:
+    motion, figures = drawn.motion, drawn.figures
+    times = motion.times - motion.times[0]
+    assert motion.velocities is not None  # noqa: S101 - for the type checker
+    assert motion.accelerations is not None  # noqa: S101
+    velocities = motion.velocities / study.limits.velocity
+    accelerations = motion.accelerations / study.limits.acceleration
+    jerks = np.diff(motion.accelerations, axis=0) / np.diff(motion.times)[:, None]
+    rows = (
+        (times, velocities, figures.velocity),
+        (times, accelerations, figures.acceleration),
+        (times[:-1], jerks / study.limits.jerk, figures.jerk),
+    )
+    marker = 4.0 if len(study.plan.times) <= 30 else 2.5 if len(study.plan.times) <= 100 else 1.2
+    at_points = drawn.passed - drawn.passed[0]
+    for joint, name in enumerate(motion.joint_names):
+        colour = COLOURS[joint % len(COLOURS)]
+        axes[0].plot(times, motion.positions[:, joint], color=colour, label=name, linewidth=1.5)
+        axes[0].plot(
+            at_points, study.plan.positions[:, joint], 'o', color=colour, markersize=marker
+        )
+    for part, (at, values, worst), shown in zip(axes[1:], rows, SHOWN, strict=True):
+        part.axhspan(-1.0, 1.0, color='#009E73', alpha=0.10, linewidth=0)
+        for joint in range(values.shape[1]):
+            part.plot(at, values[:, joint], color=COLOURS[joint % len(COLOURS)], linewidth=1.1)
+        over = worst > 1.02
+        part.text(
+            0.98,
+            0.95,
+            f'up to {worst:#.3g} ×' + (', cut off' if worst > shown else ''),
+            transform=part.transAxes,
+            ha='right',
+            va='top',
+            fontsize=9.5,
+            color='#B00020' if over else '#333333',
+            weight='bold' if over else 'normal',
+            bbox={'facecolor': 'white', 'alpha': 0.85, 'edgecolor': 'none', 'pad': 1.5},
+        )
+    stops = figures.stops + figures.commanded_stops
+    said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
+    axes[0].set_title(f'{drawn.title}\n{figures.duration:.2f} s, {said} on the way', fontsize=11)
+    for part in axes:
+        part.grid(alpha=0.25)
+        part.tick_params(labelsize=9)

@@ -1,0 +1,56 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is sent instead of a plan's own points: its smooth motion, or the plan in other times."""
+
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits, Trajectory, problems
+from epson_driver.motion.smoothed import retimed, smoothed
+from epson_driver.motion.smoother import Mode
+
+MENTIONED = 3
+"""So many violations are spelled out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Smoothing:
+    """How a plan is sent otherwise than it came.
+
+    resample_period: time between two points of the smooth motion, s; None for the plan's own
+    points. time_optimal: as fast as the limits allow, whatever the plan's times.
+    """
+
+    resample_period: float | None = None
+    time_optimal: bool = False
+
+    @property
+    def wanted(self) -> bool:
+        """Whether a plan is sent otherwise than it came."""
+        return self.time_optimal or self.resample_period is not None
+
+
+def prepared(
+    trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
+) -> Trajectory:
+    """Return what to send for a checked trajectory of an arm that rests at `start`, (n,), rad.
+
+    It begins at the first point, or at `start` if that point has a time. Raises ValueError that
+    says why there is no such motion.
+    """
+    if trajectory.times[0] > 0.0:
+        trajectory = Trajectory(
+            trajectory.joint_names,
+            np.concatenate([[0.0], trajectory.times]),
+            np.vstack([start, trajectory.positions]),
+        )
+    if smoothing.resample_period is None:
+        return retimed(trajectory, limits) if smoothing.time_optimal else trajectory
+    mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
+    motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
+    wrong = list(islice(problems(motion, limits), MENTIONED))
+    if wrong:
+        raise ValueError('; '.join(wrong))
+    return motion

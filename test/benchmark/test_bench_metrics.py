@@ -1,0 +1,203 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The harness and its metrics, on motions of which everything is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmark.limit_sets import limit_set
+from benchmark.metrics import Metrics, measure
+from benchmark.motion_record import Record
+from benchmark.stop_and_go import stop_and_go
+from benchmark.strategies import DT, STRATEGIES, Strategy, run
+from benchmark.trajectories import BenchTrajectory
+from benchmark.waypoints import may_be_merged, passages
+from epson_driver.motion import Array, JointLimits, LineMotion, go
+
+LIMITS = limit_set('full')
+ALL_KNOWN = STRATEGIES['O, all known']
+POINTS = np.array([[0.0, -0.5, 0.5, 0.0, -1.0, 0.0]] * 5)
+POINTS[:, 0] = [0.0, 0.3, 0.1, 0.6, 0.5]
+POINTS[:, 5] = [0.0, -0.2, 0.4, 0.8, 1.2]
+
+
+def trajectory(positions: Array = POINTS, durations: Array | None = None) -> BenchTrajectory:
+    return BenchTrajectory('a test', 'a test', positions, durations)
+
+
+class _Rest:
+    def __init__(self, position: Array) -> None:
+        self.position = position
+        self.velocity = np.zeros_like(position)
+        self.acceleration = np.zeros_like(position)
+
+
+class StopAndGoSmoother:
+    """A smoother that smooths nothing: from rest to rest, each move when its point came."""
+
+    def __init__(self, limits: JointLimits, start: Array) -> None:
+        self._limits = limits
+        self._at = start
+        self._queue: list[Array] = []
+        self._move: LineMotion | None = None
+        self._time = 0.0
+        self.longest_queue = 0
+
+    @property
+    def moving(self) -> bool:
+        return self._move is not None or bool(self._queue)
+
+    @property
+    def look_ahead(self) -> float:
+        return 0.1 * len(self._queue)
+
+    def append(self, position: Array, duration: float | None) -> None:
+        self._queue.append(position)
+        self.longest_queue = max(self.longest_queue, len(self._queue))
+
+    def step(self, dt: float) -> _Rest:
+        if self._move is None and self._queue:
+            self._move, self._time = go(self._limits, self._at, self._queue[0]), 0.0
+        if self._move is None:
+            return _Rest(self._at)
+        self._time += dt
+        if self._time >= self._move.duration:
+            self._at, self._move = self._queue.pop(0), None
+            return _Rest(self._at)
+        state = _Rest(self._at)
+        state.position, state.velocity, state.acceleration = self._move.at(self._time)
+        return state
+
+
+def run_stop_and_go(
+    positions: Array = POINTS, durations: Array | None = None, strategy: Strategy = ALL_KNOWN
+) -> tuple[Record, Metrics]:
+    record = run(
+        strategy,
+        trajectory(positions, durations),
+        LIMITS,
+        lambda limits, start, timed, latency: StopAndGoSmoother(limits, start),
+    )
+    return record, measure(trajectory(positions, durations), record, LIMITS, strategy.timed)
+
+
+def test_stop_and_go_has_its_figures() -> None:
+    expected = stop_and_go(POINTS, LIMITS)
+    _, figures = run_stop_and_go()
+    assert figures.duration == pytest.approx(expected.duration, abs=0.02)
+    assert figures.stops == expected.stops == 3
+    assert figures.jerk == pytest.approx(1.0, abs=1e-3)
+    assert figures.acceleration <= 1.0 + 1e-9
+    assert figures.waypoint < 1e-6
+    assert figures.overrun == figures.end == 0.0
+    assert figures.deviation < 1e-9
+
+
+def test_a_limited_look_ahead_limits_what_is_fed() -> None:
+    made: list[StopAndGoSmoother] = []
+
+    def make(limits: JointLimits, start: Array, timed: bool, latency: float) -> StopAndGoSmoother:
+        made.append(StopAndGoSmoother(limits, start))
+        return made[0]
+
+    run(Strategy('0.2 s', False, lambda limits: 0.2), trajectory(), LIMITS, make)
+    assert made[0].longest_queue == 2
+
+
+def test_a_motion_that_does_not_end_is_given_up() -> None:
+    class Endless(StopAndGoSmoother):
+        moving = True  # type: ignore[assignment]
+
+    with pytest.raises(RuntimeError, match='still moving'):
+        run(
+            ALL_KNOWN,
+            trajectory(),
+            LIMITS,
+            lambda limits, start, timed, latency: Endless(limits, start),
+            patience=0.1,
+        )
+
+
+def test_a_commanded_rest_is_no_stop_and_others_are() -> None:
+    positions = np.repeat(POINTS, [1, 1, 2, 1, 1], axis=0)
+    durations = np.array([0.0, 0.3, 0.3, 0.5, 0.3, 0.3])
+    timed = STRATEGIES['T, all known']
+    assert run_stop_and_go(positions, durations, timed)[1].stops == 2
+    assert run_stop_and_go(positions, durations, ALL_KNOWN)[1].stops == 3
+
+
+def test_turning_round_is_no_stop() -> None:
+    times = DT * np.arange(401)
+    speed, push = (
+        2.0 * np.cos(np.pi * times / 0.4),
+        -2.0 * np.pi / 0.4 * np.sin(np.pi * times / 0.4),
+    )
+    way = 2.0 * 0.4 / np.pi * np.sin(np.pi * times / 0.4)
+    zeros = np.zeros((401, 5))
+    record = Record(
+        DT,
+        np.column_stack([way, zeros]),
+        np.column_stack([speed, zeros]),
+        np.column_stack([push, zeros]),
+        np.zeros(0),
+        np.zeros(0, dtype=np.bool_),
+    )
+    ends = record.positions[[0, 200, 400]]
+    assert measure(trajectory(ends), record, LIMITS, timed=False).stops == 0
+
+
+def test_going_too_far_is_an_overrun_even_if_it_comes_back() -> None:
+    record, _ = run_stop_and_go(np.concatenate([POINTS, [POINTS[-1] + 0.01], POINTS[-1:]]))
+    figures = measure(trajectory(), record, LIMITS, timed=False)
+    assert figures.overrun == pytest.approx(0.01, abs=1e-6)
+    assert figures.end == 0.0
+
+
+def test_a_missed_waypoint_is_found() -> None:
+    missed = POINTS.copy()
+    missed[2, 3] += 3e-3
+    record, _ = run_stop_and_go()
+    figures = measure(trajectory(missed), record, LIMITS, timed=False)
+    assert figures.waypoint == pytest.approx(3e-3, rel=1e-3)
+
+
+def test_a_merged_waypoint_may_be_missed_by_the_tolerance() -> None:
+    beside = POINTS[2] + np.array([0.0, 0.0, 0.0, 4e-4, 0.0, 0.0])
+    positions = np.insert(POINTS, 3, beside, axis=0)
+    assert may_be_merged(positions, 5e-4).tolist() == [False, False, False, True, False, False]
+    record, _ = run_stop_and_go()
+    assert measure(trajectory(positions), record, LIMITS, timed=False).waypoint < 1e-6
+
+
+def test_waypoints_are_matched_in_order() -> None:
+    there_and_back = POINTS[[0, 1, 0, 1, 4]]
+    record, _ = run_stop_and_go(there_and_back)
+    passed = passages(there_and_back, record)
+    assert np.all(np.diff(passed.times) > 0.1)
+    assert passed.distances.max() < 1e-6
+
+
+def test_passages_are_exact_between_the_samples() -> None:
+    record, _ = run_stop_and_go(POINTS[:2])
+    motion = go(LIMITS, POINTS[0], POINTS[1])
+    times = np.linspace(0.0213, motion.duration - 0.0211, 37)
+    passed = passages(np.array([motion.at(time)[0] for time in times]), record)
+    assert passed.distances.max() < 1e-6
+    assert passed.times == pytest.approx(times, abs=1e-5)
+
+
+def test_velocities_that_are_not_those_of_the_positions_are_noticed() -> None:
+    record, figures = run_stop_and_go()
+    assert figures.mismatch < 5e-3
+    wrong = replace(record, velocities=1.1 * record.velocities)
+    assert measure(trajectory(), wrong, LIMITS, timed=False).mismatch > 0.01
+
+
+def test_the_jerk_is_that_of_the_accelerations() -> None:
+    record, _ = run_stop_and_go()
+    accelerations = record.accelerations.copy()
+    accelerations[100:, 2] += 0.05 * LIMITS.acceleration[2]
+    spiked = replace(record, accelerations=accelerations)
+    assert measure(trajectory(), spiked, LIMITS, timed=False).jerk > 4.9

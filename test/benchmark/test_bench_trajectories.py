@@ -1,0 +1,63 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The generated trajectories are what they claim to be, and the same every time."""
+
+import numpy as np
+import pytest
+
+from benchmark.limit_sets import FACTORS, VELOCITY, limit_set, ramp_time
+from benchmark.references import ReferenceFile, digest
+from benchmark.trajectories import BenchTrajectory, bench_set
+
+SET = {trajectory.name: trajectory for trajectory in bench_set()}
+
+
+def test_the_set_is_the_same_every_time() -> None:
+    for one, other in zip(bench_set(), SET.values(), strict=True):
+        assert np.array_equal(one.positions, other.positions)
+
+
+@pytest.mark.parametrize('trajectory', SET.values(), ids=SET)
+def test_a_trajectory_can_be_streamed(trajectory: BenchTrajectory) -> None:
+    limits = limit_set('full')
+    assert 9 <= len(trajectory.positions) <= 1000
+    assert trajectory.positions.shape[1] == 6
+    assert np.all(trajectory.positions > limits.position_min)
+    assert np.all(trajectory.positions < limits.position_max)
+    if trajectory.durations is not None:
+        assert trajectory.durations.shape == (len(trajectory.positions),)
+        assert trajectory.durations[0] == 0.0
+        assert np.all(trajectory.durations[1:] > 0.0)
+
+
+def test_all_kinds_are_there() -> None:
+    assert len(SET) == 17
+    assert [name for name, one in SET.items() if one.durations is None] == [
+        'around_pillar_positions_only'
+    ]
+    there = SET['reversal'].positions
+    assert np.array_equal(there, there[::-1])
+    assert np.sum(~np.any(np.diff(SET['repeated_points'].positions, axis=0), axis=1)) == 5
+    assert np.abs(np.diff(SET['tiny_steps'].positions, axis=0)).max() < 1.1e-3
+
+
+def test_only_the_plan_that_is_too_fast_asks_for_more_than_the_velocity_limits() -> None:
+    for name, one in SET.items():
+        if one.durations is not None:
+            speeds = np.abs(np.diff(one.positions, axis=0)) / one.durations[1:, None]
+            assert (np.max(speeds / VELOCITY) > 1.001) == (name == 'too_fast'), name
+
+
+def test_limit_sets() -> None:
+    assert ramp_time(limit_set('full')) == pytest.approx(0.1)
+    assert ramp_time(limit_set('half')) == pytest.approx(0.2)
+    assert limit_set('half').acceleration == pytest.approx(5.0 * VELOCITY)
+
+
+def test_the_stored_references_are_those_of_the_set_and_sound() -> None:
+    stored = ReferenceFile()
+    for trajectory in SET.values():
+        for name in FACTORS:
+            key = digest(trajectory.positions, limit_set(name))
+            assert key in stored, f'{trajectory.name}, {name}: run `make bench-motion`'
+            assert stored[key].sound(), f'{trajectory.name}, {name}'

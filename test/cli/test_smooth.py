@@ -1,0 +1,163 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver smooth`: the file, the report and the picture, and what it says when it cannot."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from epson_driver.cli import smooth
+from epson_driver.cli.smooth_report import column, point_to_point, spline
+from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.motion import Trajectory, problems
+from epson_driver.motion.smoothed import measure, passed
+from epson_driver.robots import load_robot_model
+from epson_driver.share import share_file
+
+FILE = share_file('config', 'trajectories', 'around_pillar_fast_100ms.yaml')
+BARE = share_file('config', 'trajectories', 'around_pillar_positions_only.yaml')
+LIMITS = load_robot_model('c3_a601s').limits
+PLAN = read_trajectory(FILE)
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path, capsys):
+    """Return a function that runs the command in an empty folder: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('COLUMNS', '120')
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, 'argv', ['smooth', *map(str, arguments)])
+        try:
+            code = smooth.main()
+        except SystemExit as end:
+            code = end.code
+        return (code, *capsys.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def without_times(tmp_path):
+    """Return a file like the plan, without any time."""
+    lines = BARE.read_text(encoding='utf-8').splitlines(keepends=True)
+    path = tmp_path / 'bare.yaml'
+    path.write_text(''.join(line for line in lines if 'time_from_start' not in line), 'utf-8')
+    return path
+
+
+def test_it_writes_the_smooth_motion_and_a_picture_beside(run, tmp_path):
+    code, text, _ = run(FILE)
+    assert code == 0
+    for word in (
+        'duration',
+        'point to point',
+        'stops on the way',
+        'highest jerk',
+        'waypoint error',
+    ):
+        assert word in text
+    motion = read_trajectory(tmp_path / f'{FILE.stem}_smooth.yaml')
+    assert np.diff(motion.times) == pytest.approx(0.004)
+    assert list(problems(motion, LIMITS)) == []
+    assert np.array_equal(motion.positions[[0, -1]], PLAN.positions[[0, -1]])
+    assert passed(PLAN.positions, motion)[0].max() < 1e-5
+    figures = measure(motion, PLAN, LIMITS)
+    assert figures.stops == 0
+    assert max(figures.velocity, figures.acceleration) <= 1.0
+    assert figures.jerk <= 1.02
+    assert (tmp_path / f'{FILE.stem}_smooth.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_names_rate_mode_and_look_ahead_can_be_chosen(run, tmp_path):
+    out, picture = tmp_path / 'out.yaml', tmp_path / 'out.png'
+    options = ['--rate', 100, '--look-ahead', 0.5, '--mode', 'time_optimal']
+    code, text, _ = run(FILE, '--output', out, '--picture', picture, *options)
+    assert code == 0
+    assert '0.5 s known ahead' in text
+    assert np.diff(read_trajectory(out).times) == pytest.approx(0.01)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['out.png', 'out.yaml']
+
+
+def test_a_plan_without_times_becomes_time_optimal_only(run, without_times):
+    code, text, _ = run(without_times, '--mode', 'time_optimal')
+    assert code == 0
+    assert 'the plan has no times' in text
+    code, _, error = run(without_times)
+    assert code == 2
+    assert 'no point has a time: add time_from_start, or use --mode time_optimal' in error
+
+
+def test_what_is_wrong_is_said_in_one_sentence(run, tmp_path):
+    text = FILE.read_text(encoding='utf-8')
+
+    def refusal(*options, **changes):
+        path = tmp_path / 'wrong.yaml'
+        wrong = text
+        for before, after in changes.get('replace', ()):
+            assert before in wrong
+            wrong = wrong.replace(before, after)
+        path.write_text(wrong, encoding='utf-8')
+        code, _, error = run(path, *options)
+        assert code == 2
+        assert len(list(tmp_path.iterdir())) == 1
+        return error
+
+    assert 'rename them, or name another robot' in refusal(replace=[('joint_6', 'tool')])
+    error = refusal(replace=[('[-1.0, -0.55', '[-3.5, -0.55')])
+    assert 'point 0, joint_1: position -3.5 rad is outside the limits -2.96706 … 2.96706' in error
+    assert 'times must strictly increase' in refusal(
+        replace=[('{sec: 0, nanosec: 300000000}', '{sec: 0, nanosec: 100000000}')]
+    )
+    assert 'not YAML' in refusal(replace=[('points:', '{')])
+    assert "'points' is missing" in refusal(replace=[('points:', 'way:')])
+    assert 'must be a time above 0 s' in refusal('--look-ahead', '0')
+    assert 'must be 1 … 1000 Hz' in refusal('--rate', '5000')
+    assert 'no_robot' in refusal('--robot', 'no_robot')
+
+
+def test_a_file_that_is_not_there(run):
+    code, _, error = run('nothing.yaml')
+    assert code == 2
+    assert 'nothing.yaml' in error
+
+
+# --- what it is compared with -----------------------------------------------------------------
+
+
+def test_point_to_point_rests_at_every_point_within_the_limits():
+    motion, at = point_to_point(PLAN, LIMITS)
+    figures = measure(motion, None, LIMITS)
+    assert figures.stops >= len(PLAN.times) - 3  # the shortest may be over within a sample
+    assert max(figures.velocity, figures.acceleration, figures.jerk) <= 1.0 + 1e-6
+    for time, point in zip(at, PLAN.positions, strict=True):
+        nearest = int(np.argmin(np.abs(motion.times - time)))
+        assert np.abs(motion.positions[nearest] - point).max() < 2e-3
+
+
+@pytest.mark.parametrize('accelerations', [True, False])
+def test_the_spline_keeps_the_times_and_the_velocities_of_the_plan(accelerations):
+    plan = Trajectory(
+        PLAN.joint_names,
+        PLAN.times,
+        PLAN.positions,
+        PLAN.velocities,
+        PLAN.accelerations if accelerations else None,
+    )
+    motion, at = spline(plan)
+    assert np.array_equal(at, plan.times)
+    for time, point, velocity in zip(at[:-1], plan.positions, plan.velocities, strict=False):
+        sample = round(time * 1000)
+        assert motion.positions[sample] == pytest.approx(point, abs=1e-6)
+        assert motion.velocities[sample] == pytest.approx(velocity, abs=1e-6)
+    numeric = np.gradient(motion.positions, 0.001, axis=0)[5:-5]
+    assert np.abs(numeric - motion.velocities[5:-5]).max() < 0.05
+    assert column('spline', (motion, at), LIMITS).figures.jerk > 2.0  # what it is shown for
+
+
+def test_plans_of_one_point():
+    one = Trajectory(PLAN.joint_names, PLAN.times[:1], PLAN.positions[:1])
+    for motion, at in (point_to_point(one, LIMITS), spline(one)):
+        assert at.tolist() == [0.0]
+        assert measure(motion, None, LIMITS).stops == 0

@@ -1,0 +1,382 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The smoother as its users see it: points in, motion out (docs/invariants.md, 2 and 3)."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
+from epson_driver.robots import load_robot_model
+from epson_driver.share import share_file
+
+LIMITS = load_robot_model('c3_a601s').limits
+HOME = np.array([0.0, -0.5, 1.0, 0.0, -1.0, 0.0])
+DT = 1e-3
+
+
+def arc(count: int, spacing: float = 0.03) -> Array:
+    """Points on a bow that begins at HOME, shape (count, 6)."""
+    s = spacing * np.arange(1, count + 1)[:, None]
+    return (
+        HOME
+        + np.hstack([np.sin(s), 1.0 - np.cos(s), -0.5 * s, 0.3 * np.sin(2.0 * s), 0.0 * s, s])
+        * 0.5
+    )
+
+
+def rest(smoother: Smoother, longest: float = 60.0) -> tuple[Array, Array, Array]:
+    """Step until it rests; return positions, velocities, accelerations every DT, (k, 6) each."""
+    motions = [smoother.motion]
+    while smoother.moving:
+        assert len(motions) < longest / DT, 'it does not come to rest'
+        motions.append(smoother.step(DT))
+    position, velocity, acceleration = (np.array(values) for values in zip(*motions, strict=True))
+    return position, velocity, acceleration
+
+
+def assert_inside(limits: JointLimits, velocity: Array, acceleration: Array) -> None:
+    jerk = np.diff(acceleration, axis=0) / DT
+    assert np.max(np.abs(velocity) / limits.velocity) <= 1.0 + 1e-6
+    assert np.max(np.abs(acceleration) / limits.acceleration) <= 1.0 + 1e-6
+    assert np.max(np.abs(jerk) / limits.jerk) <= 1.02
+
+
+def interior_stops(velocity: Array) -> int:
+    speed = np.max(np.abs(velocity) / LIMITS.velocity, axis=1)
+    moving = np.flatnonzero(speed > 1e-4)
+    return int(np.sum(speed[moving[0] : moving[-1]] < 1e-4))
+
+
+def near(positions: Array, points: Array) -> float:
+    """How far the motion stays away from the point that it misses most, rad, to a step's way."""
+    return max(float(np.min(np.max(np.abs(positions - point), axis=1))) for point in points)
+
+
+@pytest.mark.parametrize('mode', Mode)
+@pytest.mark.parametrize('name', ['around_pillar_11_points', 'around_pillar_fast_100ms'])
+def test_a_plan_is_followed_without_a_stop(name: str, mode: Mode) -> None:
+    trajectory = read_trajectory(Path(share_file(f'config/trajectories/{name}.yaml')))
+    smoother = Smoother(LIMITS, trajectory.positions[0], mode)
+    durations = np.diff(trajectory.times)
+    for point, duration in zip(trajectory.positions[1:], durations.tolist(), strict=True):
+        smoother.append(point, duration)
+    smoother.finish()
+    position, velocity, acceleration = rest(smoother)
+    assert_inside(LIMITS, velocity, acceleration)
+    assert interior_stops(velocity) == 0
+    assert np.array_equal(position[-1], trajectory.positions[-1])
+    assert near(position, trajectory.positions) < np.max(np.abs(velocity)) * DT
+    assert len(position) * DT < 1.25 * trajectory.duration
+
+
+def test_time_is_kept_where_the_limits_allow_it() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    for point in arc(40):
+        smoother.append(point, 0.1)
+    position, velocity, _ = rest(smoother)
+    assert len(position) * DT == pytest.approx(4.0, rel=0.03)
+    assert interior_stops(velocity) == 0
+
+
+def test_one_way_takes_about_its_time() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    smoother.append(HOME + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 2.0)
+    assert len(rest(smoother)[0]) * DT == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize('known', range(1, 12))
+def test_a_stream_that_dies_leaves_the_arm_at_rest_at_the_last_point(known: int) -> None:
+    smoother = Smoother(LIMITS, HOME, latency=0.02)
+    points = arc(12)
+    for point in points[:known]:
+        smoother.append(point, 0.05)
+        smoother.step(0.01)
+    position, velocity, acceleration = rest(smoother)
+    assert np.array_equal(position[-1], points[known - 1])
+    assert_inside(LIMITS, velocity, acceleration)
+    smoother.append(points[known % 12], 0.5)
+    position, _, _ = rest(smoother)
+    assert np.array_equal(position[-1], points[known % 12])
+
+
+def test_points_that_come_late_are_gone_to_when_they_come() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    points = arc(5, 0.1)
+    for point in points:
+        smoother.append(point, 0.05)
+        position, velocity, acceleration = rest(smoother)
+        assert np.array_equal(position[-1], point)
+        assert_inside(LIMITS, velocity, acceleration)
+
+
+def test_stop_comes_to_rest_on_the_path() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    for point in arc(40):
+        smoother.append(point, 0.1)
+    free = Smoother(LIMITS, HOME)
+    for point in arc(40):
+        free.append(point, 0.1)
+    path, _, _ = rest(free)
+    for _ in range(1000):
+        smoother.step(DT)
+    smoother.stop()
+    assert smoother.waiting == 0
+    position, velocity, acceleration = rest(smoother)
+    assert len(position) * DT < 0.3
+    assert_inside(LIMITS, velocity, acceleration)
+    assert near(path, position) < 1e-3
+    smoother.append(HOME, 1.0)
+    position, _, _ = rest(smoother)
+    assert np.array_equal(position[-1], HOME)
+
+
+@pytest.mark.parametrize('when', range(50, 900, 50))
+def test_stop_at_any_time_stays_inside(when: int) -> None:
+    smoother = Smoother(LIMITS, HOME, Mode.TIME_OPTIMAL)
+    target = LIMITS.position_max - 1e-3
+    for share in (0.3, 0.7, 1.0, 0.2, 0.9):
+        smoother.append(HOME + share * (target - HOME))
+    before = [smoother.step(DT) for _ in range(when)]
+    smoother.stop()
+    position, velocity, acceleration = rest(smoother)
+    assert_inside(
+        LIMITS,
+        np.vstack([[m.velocity for m in before], velocity]),
+        np.vstack([[m.acceleration for m in before], acceleration]),
+    )
+    assert np.all(position <= LIMITS.position_max + 1e-9)
+    assert len(position) * DT < 1.0
+
+
+def test_replace_goes_on_from_the_motion() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    for point in arc(40):
+        smoother.append(point, 0.05)
+    before = [smoother.step(DT) for _ in range(500)]
+    others = HOME + np.array([[-0.2] * 6, [-0.3] * 6, [-0.4] * 6])
+    smoother.replace(others, [0.3, 0.3, 0.3])
+    position, velocity, acceleration = rest(smoother)
+    assert_inside(
+        LIMITS,
+        np.vstack([[m.velocity for m in before], velocity]),
+        np.vstack([[m.acceleration for m in before], acceleration]),
+    )
+    assert np.array_equal(position[-1], others[-1])
+    assert near(position, others) < np.max(np.abs(velocity)) * DT
+
+
+def test_pause_and_resume_stay_on_the_path() -> None:
+    free, paused = Smoother(LIMITS, HOME), Smoother(LIMITS, HOME)
+    for point in arc(40):
+        free.append(point, 0.05)
+        paused.append(point, 0.05)
+    path, _, _ = rest(free)
+    motions = [paused.step(DT) for _ in range(700)]
+    paused.scale = 0.0
+    motions += [paused.step(DT) for _ in range(1000)]
+    assert np.all(motions[-1].velocity == 0.0)
+    assert paused.moving
+    assert not np.array_equal(motions[-1].position, path[-1])
+    paused.scale = 0.3
+    motions += [paused.step(DT) for _ in range(500)]
+    paused.scale = 1.0
+    position, velocity, acceleration = rest(paused)
+    assert np.array_equal(position[-1], path[-1])
+    assert_inside(
+        LIMITS,
+        np.vstack([[m.velocity for m in motions], velocity]),
+        np.vstack([[m.acceleration for m in motions], acceleration]),
+    )
+    assert near(path, np.array([m.position for m in motions])) < 2e-3
+
+
+def test_scale_slows_down() -> None:
+    durations = []
+    for scale in (1.0, 0.5):
+        smoother = Smoother(LIMITS, HOME)
+        smoother.scale = scale
+        for point in arc(40):
+            smoother.append(point, 0.05)
+        durations.append(len(rest(smoother)[0]))
+    assert durations[1] == pytest.approx(2 * durations[0], rel=0.05)
+
+
+def test_a_repeated_point_with_a_duration_commands_a_rest() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    points = arc(20)
+    for point in points[:10]:
+        smoother.append(point, 0.1)
+    smoother.append(points[9], 0.5)
+    for point in points[10:]:
+        smoother.append(point, 0.1)
+    _, velocity, _ = rest(smoother)
+    assert 450 <= interior_stops(velocity) <= 560
+
+
+def test_finish_ends_a_trajectory_at_rest() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    points = arc(20)
+    for point in points[:10]:
+        smoother.append(point, 0.1)
+    smoother.finish()
+    for point in points[10:]:
+        smoother.append(point, 0.1)
+    position, velocity, _ = rest(smoother)
+    there = int(np.argmin(np.max(np.abs(position - points[9]), axis=1)))
+    assert np.all(np.abs(velocity[there]) <= LIMITS.jerk * DT**2)
+
+
+def test_tiny_steps_are_merged_and_the_last_one_is_reached() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    point = HOME.copy()
+    for _ in range(30):
+        point = point + 0.2 * MERGE_TOLERANCE
+        smoother.append(point, 0.02)
+        smoother.step(0.02)
+    position, _, _ = rest(smoother)
+    assert np.max(np.abs(position[-1] - point)) < 1e-9
+
+
+def test_a_point_next_to_where_the_arm_rests_is_gone_to() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    near_by = HOME + 1e-4
+    smoother.append(near_by, 0.0)
+    position, _, _ = rest(smoother)
+    for _ in range(200):
+        smoother.step(DT)
+    assert np.max(np.abs(smoother.motion.position - near_by)) < 1e-9
+    assert len(position) > 0
+
+
+def test_planning_elsewhere() -> None:
+    """A plan counts from the time that it was asked for; one that comes later is dropped."""
+    smoother = Smoother(LIMITS, HOME, latency=0.03, planner=None)
+    points = arc(60)
+    for point in points:
+        smoother.append(point, 0.05)
+    late = 0
+    travelled = []
+    pending: list[tuple[int, Plan | None]] = []
+    step = 0
+    while smoother.moving:
+        request = smoother.request()
+        if request is not None:
+            copy: Request = pickle.loads(pickle.dumps(request))
+            answer = pickle.loads(pickle.dumps(plan(copy, LIMITS)))
+            pending.append((step + (45 if step % 7 == 0 else 20), answer))
+        while pending and pending[0][0] <= step:
+            late += not smoother.take(pending.pop(0)[1])
+        travelled.append(smoother.step(DT))
+        step += 1
+        assert step < 10_000
+    assert_inside(
+        LIMITS,
+        np.array([m.velocity for m in travelled]),
+        np.array([m.acceleration for m in travelled]),
+    )
+    assert np.array_equal(smoother.motion.position, points[-1])
+
+
+def test_without_any_plan_the_arm_rests_where_its_last_plan_ends() -> None:
+    smoother = Smoother(LIMITS, HOME, planner=None)
+    for point in arc(60):
+        smoother.append(point, 0.05)
+    request = smoother.request()
+    assert request is not None
+    assert smoother.take(plan(request, LIMITS))
+    for _ in range(10_000):
+        if smoother.request() is not None:
+            smoother.take(None)
+        smoother.step(DT)
+    assert np.all(smoother.motion.velocity == 0.0)
+    assert smoother.moving, 'there are points left'
+
+
+def test_an_answer_to_nothing_changes_nothing() -> None:
+    smoother = Smoother(LIMITS, HOME, planner=None)
+    assert not smoother.take(None)
+    smoother.append(arc(1)[0], 0.1)
+    smoother.step(0.1)
+    request = smoother.request()
+    assert request is not None
+    smoother.stop()
+    assert not smoother.take(plan(request, LIMITS))
+    assert not smoother.moving
+
+
+def test_memory_does_not_grow_with_the_stream() -> None:
+    smoother = Smoother(LIMITS, HOME, planner=None)
+    t = 0.0
+    sizes = []
+    for _ in range(3000):
+        while smoother.look_ahead < 1.0:
+            t += 0.02
+            smoother.append(HOME + 0.3 * np.sin(t * np.arange(1, 7) / 4.0), 0.02)
+        request = smoother.request()
+        if request is not None:
+            answer = plan(request, LIMITS)
+            assert answer is not None
+            smoother.take(answer)
+            sizes.append(len(pickle.dumps((request, answer))))
+        smoother.step(0.02)
+    assert smoother.waiting < 60
+    assert max(sizes[-10:]) < 2 * max(sizes[:20])
+
+
+@pytest.mark.parametrize(
+    ('position', 'duration', 'sentence'),
+    [
+        (np.zeros(5), 0.1, r'point 1: shape \(5,\) instead of one number for each of 6 joints'),
+        (HOME + np.array([0, 0, np.nan, 0, 0, 0]), 0.1, r'point 1, joint_3: position nan'),
+        (
+            HOME + np.array([0, 9.0, 0, 0, 0, 0]),
+            0.1,
+            r'point 1, joint_2: position 8\.5 is outside',
+        ),
+        (HOME + 0.2, 0.0, r'point 1: duration = 0 s must be positive: joint_\d has 0\.\d+ rad to'),
+        (HOME + 0.2, -1.0, r'point 1: duration = -1\.0 s must be'),
+        (HOME + 0.2, np.nan, r'point 1: duration = nan s must be'),
+        (HOME + 0.2, np.inf, r'point 1: duration = inf s must be'),
+    ],
+)
+def test_bad_points_are_refused_and_nothing_is_lost(
+    position: Array, duration: float, sentence: str
+) -> None:
+    smoother = Smoother(LIMITS, HOME)
+    good = arc(2)
+    smoother.append(good[0], 0.1)
+    with pytest.raises(ValueError, match=sentence):
+        smoother.append(position, duration)
+    smoother.append(good[1], 0.1)
+    assert np.array_equal(rest(smoother)[0][-1], good[1])
+
+
+def test_a_bad_replacement_changes_nothing() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    points = arc(3)
+    for point in points:
+        smoother.append(point, 0.1)
+    smoother.step(0.1)
+    with pytest.raises(ValueError, match='1 durations for 3 points'):
+        smoother.replace(points, [0.1])
+    with pytest.raises(ValueError, match='point 1: duration = -1 s must be'):
+        smoother.replace(points, [0.1, -1, 0.1])
+    with pytest.raises(ValueError, match='point 2, joint_1: position 9 is outside'):
+        smoother.replace(np.vstack([points[:2], np.full(6, 9.0)]))
+    assert np.array_equal(rest(smoother)[0][-1], points[-1])
+
+
+def test_a_start_outside_the_limits_is_refused() -> None:
+    with pytest.raises(ValueError, match='the start, joint_1: position 9 is outside the limits'):
+        Smoother(LIMITS, np.array([9.0, 0, 0, 0, 0, 0]))
+
+
+def test_a_bad_scale_is_refused() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    with pytest.raises(ValueError, match=r'scale = 1\.5: must be 0 … 1'):
+        smoother.scale = 1.5

@@ -1,0 +1,197 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The parts of the smoother: path, laws, the judge, the linear solver."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from epson_driver.motion import JointLimits
+from epson_driver.motion.smoother import filtered, optimal, ruckig_move
+from epson_driver.motion.smoother.banded import solve_pentadiagonal
+from epson_driver.motion.smoother.check import loads
+from epson_driver.motion.smoother.joint_motion import fastest_move, fastest_stop
+from epson_driver.motion.smoother.law import from_accelerations, from_pieces
+from epson_driver.motion.smoother.path import Knots, Path, through
+from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.profile import Course
+
+LIMITS = JointLimits(
+    ('a', 'b'),
+    np.array([-2.0, -2.0]),
+    np.array([2.0, 2.0]),
+    np.array([3.0, 5.0]),
+    np.array([20.0, 30.0]),
+    np.array([200.0, 400.0]),
+)
+
+
+def at_rest(position: tuple[float, float]) -> Knots:
+    zeros = np.zeros((1, 2))
+    return Knots(np.zeros(1), np.array([position]), zeros, zeros)
+
+
+def bow(count: int = 20) -> Path:
+    s = np.linspace(0.0, 2.0, count)
+    points = np.stack([np.sin(s), np.cos(2.0 * s)], axis=1)
+    return through(at_rest((0.0, 1.0)), points[1:], LIMITS, clamped=False)
+
+
+def unbound(path: Path) -> Problem:
+    return Problem(path, (0.0, 0.0, 0.0), LIMITS, np.full(len(path.knots.u), 1e6))
+
+
+def test_a_path_goes_through_its_points_with_continuous_curvature() -> None:
+    path = bow()
+    before = path.sample(path.knots.u[1:-1] - 1e-9)
+    after = path.sample(path.knots.u[1:-1] + 1e-9)
+    for left, right, tolerance in zip(before[:3], after[:3], (1e-7, 1e-4, 1e-2), strict=True):
+        assert left == pytest.approx(right, abs=tolerance)
+    positions = path.sample(path.knots.u)[0]
+    assert positions == pytest.approx(path.knots.position, abs=1e-14)
+
+
+def test_one_point_and_many_are_the_same_path() -> None:
+    path = bow()
+    us = np.linspace(0.0, path.end, 50)
+    q, first, second, _ = path.sample(us)
+    for index, u in enumerate(us):
+        one = path.at(u)
+        assert one[0] == pytest.approx(q[index], abs=1e-12)
+        assert one[1] == pytest.approx(first[index], abs=1e-9)
+        assert one[2] == pytest.approx(second[index], abs=1e-7)
+
+
+def test_kept_knots_stay_as_they_are() -> None:
+    path = bow()
+    kept = path.knots[:10]
+    longer = through(kept, path.knots.position[10:] + 0.01, LIMITS)
+    us = np.linspace(0.0, float(kept.u[-1]), 100)[:-1]
+    for old, new in zip(path.sample(us), longer.sample(us), strict=True):
+        assert new == pytest.approx(old, abs=1e-9)
+
+
+def test_a_path_between_points_at_a_limit_stays_inside() -> None:
+    points = np.array([[1.9, 1.9], [2.0, 2.0], [1.0, 2.0], [2.0, -2.0], [2.0, 1.0]])
+    path = through(at_rest((-1.0, 0.0)), points, LIMITS, clamped=False)
+    positions = path.sample(np.linspace(0.0, path.end, 5000))[0]
+    assert np.all(positions <= LIMITS.position_max + 1e-6)
+    assert np.all(positions >= LIMITS.position_min - 1e-6)
+
+
+def test_a_law_is_the_integral_of_its_jerks() -> None:
+    law = from_pieces((1.0, 0.0, 0.0), np.full(4, 0.1), np.array([10.0, -10.0, -10.0, 10.0]))
+    times = np.linspace(0.0, law.duration, 4001)
+    u, v, a, _ = law.sample(times)
+    assert v[:-1] + np.diff(u) / np.diff(times) == pytest.approx(
+        v[:-1] + (v[1:] + v[:-1]) / 2, abs=1e-6
+    )
+    assert np.diff(a) / np.diff(times) == pytest.approx(law.sample(times[:-1] + 1e-6)[3], abs=1e-6)
+    assert law.at(law.duration + 1.0) == (law.end, 0.0, 0.0)
+    assert v[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_law_from_accelerations_ends_exactly_at_its_end() -> None:
+    times = np.linspace(0.0, 1.0, 101)
+    law = from_accelerations((0.0, 0.3, 0.5), 0.4, times, 2.0 * np.cos(3.0 * times))
+    u, v, a, _ = law.sample(np.array([0.0, 1.0 - 1e-9]))
+    assert (u[0], v[0], a[0]) == (0.0, 0.3, 0.5)
+    assert (u[1], v[1], a[1]) == pytest.approx((0.4, 0.0, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize('proposer', [optimal, filtered, ruckig_move])
+def test_each_proposer_finds_a_law_that_the_judge_allows(proposer: object) -> None:
+    problem = unbound(bow())
+    law = proposer.propose(problem, Course(problem))  # type: ignore[attr-defined]
+    assert law is not None
+    assert loads(problem.path, law, LIMITS).allowed
+
+
+def test_the_optimal_law_is_the_fastest_and_uses_the_limits() -> None:
+    problem = unbound(bow())
+    course = Course(problem)
+    best, other = optimal.propose(problem, course), filtered.propose(problem, course)
+    assert best is not None
+    assert other is not None
+    assert best.duration < other.duration
+    load = loads(problem.path, best, LIMITS)
+    assert load.jerk.max() > 0.9
+
+
+def test_on_a_straight_line_the_optimal_law_is_ruckigs() -> None:
+    path = through(at_rest((-1.0, -1.0)), np.array([[1.0, 1.0]]), LIMITS, clamped=False)
+    problem = unbound(path)
+    best = optimal.propose(problem, Course(problem))
+    exact = ruckig_move.propose(problem, Course(problem))
+    assert best is not None
+    assert exact is not None
+    whole = ruckig_move.move(
+        (0.0, 0.0, 0.0), path.end, *ruckig_move._slope_bounds(problem, path.end)
+    )
+    assert whole is not None
+    assert best.duration == pytest.approx(whole.duration, rel=0.03)
+
+
+def test_the_judge_sees_every_excess() -> None:
+    path = bow()
+    problem = unbound(path)
+    law = optimal.propose(problem, Course(problem))
+    assert law is not None
+    for quantity in ('velocity', 'acceleration', 'jerk'):
+        used = float(getattr(loads(path, law, LIMITS), quantity).max())
+        values = {name: getattr(LIMITS, name) for name in LIMITS.__dataclass_fields__}
+        tighter = JointLimits(**(values | {quantity: values[quantity] * used * 0.99}))
+        assert not loads(path, law, tighter).allowed
+    narrow = JointLimits(
+        LIMITS.names,
+        LIMITS.position_min / 4.0,
+        LIMITS.position_max,
+        LIMITS.velocity,
+        LIMITS.acceleration,
+        LIMITS.jerk,
+    )
+    assert not loads(path, law, narrow).allowed
+
+
+@given(st.integers(1, 40), st.integers(0, 1000))
+def test_the_pentadiagonal_solver(size: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lower = np.eye(size)
+    for offset in (1, 2):
+        if size > offset:
+            lower += np.diag(rng.normal(size=size - offset) * 0.5, -offset)
+    matrix = lower @ np.diag(rng.uniform(0.5, 2.0, size)) @ lower.T
+    bands = []
+    for offset in range(3):
+        band = np.zeros(size)
+        if size > offset:
+            band[: size - offset] = np.diag(matrix, offset)
+        bands.append(band)
+    right = rng.normal(size=size)
+    solution = solve_pentadiagonal(*bands, right)
+    assert solution is not None
+    assert matrix @ solution == pytest.approx(right, abs=1e-6)
+
+
+def test_the_pentadiagonal_solver_refuses_what_is_not_positive_definite() -> None:
+    assert solve_pentadiagonal(np.array([1.0, -1.0]), np.zeros(2), np.zeros(2), np.ones(2)) is None
+
+
+def test_a_stop_that_would_leave_the_range_is_made_by_each_joint_alone() -> None:
+    slow_joint_limits = JointLimits(
+        LIMITS.names,
+        LIMITS.position_min,
+        LIMITS.position_max,
+        LIMITS.velocity,
+        np.array([20.0, 2.0]),
+        np.array([200.0, 20.0]),
+    )
+    state = (np.array([1.7, 0.0]), np.array([2.5, 1.5]), np.zeros(2))
+    stop = fastest_stop(slow_joint_limits, state)
+    assert stop.within(slow_joint_limits)
+
+
+def test_a_move_that_would_leave_the_range_is_none() -> None:
+    state = (np.array([1.99, 0.0]), np.array([3.0, 0.0]), np.zeros(2))
+    assert fastest_move(LIMITS, state, np.array([0.0, 0.0])) is None
