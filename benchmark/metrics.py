@@ -15,7 +15,7 @@ MERGE_TOLERANCE = 5e-4
 """How far the smoother may pass from a waypoint that lies as close to another one, rad."""
 ARRIVED = 1e-6
 """The motion is over once it stays so close to its last position, rad."""
-AT_REST = 1e-3
+AT_REST = 1e-4
 """Share of the velocity limit below which a joint rests; the arm, if all do."""
 TURNING = 0.05
 """Share of the acceleration limit above which an arm without speed turns round, and is no stop."""

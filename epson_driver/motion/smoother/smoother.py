@@ -39,6 +39,9 @@ PERIOD = 0.03
 SLOWER_ON_PATH = 2.0
 """A stop on the path may take this many times as long as one that leaves it."""
 
+TELLABLE = 5e-7
+"""A resting arm is not moved by less than this (rad, in every joint): messages carry float32."""
+
 SHORTEST = 1e-9
 """A way shorter than this (rad, in every joint) is no way."""
 
@@ -65,8 +68,8 @@ class Motion(NamedTuple):
 class _Point:
     """A point that the motion goes through.
 
-    index counts them. anchor: where the first of the points merged into it was; position: where
-    the last one was. clock: when it should be reached, s. timed: whether its clock comes from a
+    index counts them. anchor: where the first of the points merged into it was. position: where
+    to go, the anchor, or the last of the merged points if nothing follows. clock: when it should be reached, s. timed: whether its clock comes from a
     duration. rest: how long to rest there, s; None to go on. tiny: the way there from rest is
     shorter than the merge tolerance.
     """
@@ -261,7 +264,7 @@ class Smoother:
         """Whether the arm rests beside the last point, by less than the merge tolerance."""
         if self._in_motion or self._last is not self._rest:
             return False
-        return bool(np.max(np.abs(self._rest.position - self._position)) > SHORTEST)
+        return bool(np.max(np.abs(self._rest.position - self._position)) > TELLABLE)
 
     def _merge(self, position: Array, duration: float) -> None:
         """Take a point that is (nearly) where the last one is: it may command a rest."""
@@ -279,6 +282,8 @@ class Smoother:
             self._ahead.pop()  # nothing asks for an exact rest there any more
             self._last = self._rest
         last = self._last
+        if last.rest is None and last is not self._rest:
+            last.position = last.anchor  # not the end any more: the first of those merged counts
         if duration is None:
             time = float(np.max(np.abs(position - last.position) / self.limits.velocity))
         else:
