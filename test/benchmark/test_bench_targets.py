@@ -52,7 +52,7 @@ def test_each_target_can_be_missed() -> None:
         'largest velocity / limit': {'velocity': 1.0001},
         'largest acceleration / limit': {'acceleration': 1.0001},
         'largest jerk / limit': {'jerk': 1.021},
-        'interior stops that were not commanded': {'stops': 1},
+        'interior stops that were not commanded, 3·A/J or more known': {'stops': 1},
         'waypoint error beyond the merge tolerance': {'waypoint': 1.1e-5},
         'overrun past the last known point': {'overrun': 1e-6},
         'distance from the last known point at the end': {'end': 1e-6},

@@ -69,7 +69,8 @@ class _Point:
     """A point that the motion goes through.
 
     index counts them. anchor: where the first of the points merged into it was. position: where
-    to go, the anchor, or the last of the merged points if nothing follows. clock: when it should be reached, s. timed: whether its clock comes from a
+    to go, the anchor, or the last of the merged points if nothing follows. clock: when it should
+    be reached, s. timed: whether its clock comes from a
     duration. rest: how long to rest there, s; None to go on. tiny: the way there from rest is
     shorter than the merge tolerance.
     """
