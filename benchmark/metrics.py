@@ -111,8 +111,10 @@ def _stops(
     """Count stops on the way that the command did not ask for."""
     rests = commanded_rests(trajectory, limits) if timed else []
     times = [(passed[first] - EARLY, passed[last] + EARLY) for first, last in rests]
-    middles = [record.dt * (first + last) / 2.0 for first, last in stops(record, limits)]
-    return sum(not any(begin <= middle <= end for begin, end in times) for middle in middles)
+    made = [(record.dt * first, record.dt * last) for first, last in stops(record, limits)]
+    return sum(
+        not any(begin <= last and first <= end for begin, end in times) for first, last in made
+    )
 
 
 def stops(record: Record, limits: JointLimits) -> list[tuple[int, int]]:

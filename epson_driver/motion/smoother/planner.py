@@ -135,7 +135,7 @@ def _within_horizon(
         if cut:
             problem = _problem(request, path, limits, CATCH_UP)
             course = Course(problem)
-        factor = _catch_up(request, path, filtered.filtered(problem, course))
+        factor = _catch_up(request, path, limits, filtered.filtered(problem, course))
         problem = _problem(request, path, limits, factor)
         course = Course(problem)
     elif cut:
@@ -144,7 +144,7 @@ def _within_horizon(
     return path, problem, course
 
 
-def _catch_up(request: Request, path: Path, guess: Law | None) -> Array:
+def _catch_up(request: Request, path: Path, limits: JointLimits, guess: Law | None) -> Array:
     """Return the factor on the commanded speed at each knot that makes up for lost time."""
     knots = path.knots.u
     late = np.full(len(knots), request.lag)
@@ -161,7 +161,18 @@ def _catch_up(request: Request, path: Path, guess: Law | None) -> Array:
         arrival = np.interp(knots[ahead], guess.positions, guess.times)
         late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
         late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
-    return 1.0 + np.clip(late / CATCH_UP_TIME, -1.0, 1.0) * (CATCH_UP - 1.0)
+    spare = float(request.clock[-1]) - float(
+        np.interp(request.state[0], knots, request.clock[: len(knots)])
+    )
+    # with less known than a stop takes, the time that was lost would be lost again in a stop
+    share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
+    return 1.0 + np.clip(late / CATCH_UP_TIME, -1.0, share) * (CATCH_UP - 1.0)
+
+
+def stopping_time(limits: JointLimits) -> float:
+    """Return about how long a stop from full speed takes, s: V/A + A/J of the slowest joint."""
+    slowing = np.max(limits.velocity / limits.acceleration)
+    return float(slowing + np.max(limits.acceleration / limits.jerk))
 
 
 def _problem(request: Request, path: Path, limits: JointLimits, factor: Array | float) -> Problem:

@@ -15,7 +15,7 @@ from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.joint_motion import JointMotion, fastest_move, fastest_stop
 from epson_driver.motion.smoother.law import Law
 from epson_driver.motion.smoother.path import Knots, Path
-from epson_driver.motion.smoother.planner import UNBOUND, Plan, Request, plan
+from epson_driver.motion.smoother.planner import UNBOUND, Plan, Request, plan, stopping_time
 from epson_driver.motion.smoother.problem import Problem
 
 MERGE_TOLERANCE = 5e-4
@@ -24,7 +24,7 @@ MERGE_TOLERANCE = 5e-4
 DWELL = 0.2
 """A repeated point that takes longer than this (s) commands a rest."""
 
-PATIENCE = 0.012
+PATIENCE = 0.03
 """How long to wait at rest for more points before beginning with few, s."""
 
 URGENT = 0.4
@@ -35,9 +35,6 @@ FEWEST_POINTS = 3
 
 PERIOD = 0.03
 """Time between two plans at least, s."""
-
-SLOWER_ON_PATH = 2.0
-"""A stop on the path may take this many times as long as one that leaves it."""
 
 TELLABLE = 5e-7
 """A resting arm is not moved by less than this (rad, in every joint): messages carry float32."""
@@ -70,9 +67,8 @@ class _Point:
 
     index counts them. anchor: where the first of the points merged into it was. position: where
     to go, the anchor, or the last of the merged points if nothing follows. clock: when it should
-    be reached, s. timed: whether its clock comes from a
-    duration. rest: how long to rest there, s; None to go on. tiny: the way there from rest is
-    shorter than the merge tolerance.
+    be reached, s. timed: whether its clock comes from a duration. rest: how long to rest there, s;
+    None to go on. tiny: the way there from rest is shorter than the merge tolerance.
     """
 
     index: int
@@ -99,6 +95,14 @@ class _Course:
     def end(self) -> float:
         """When it rests, s."""
         return self.begin + self.law.duration
+
+    @property
+    def finished(self) -> bool:
+        """Whether it ends at a rest, which has not been moved since by a point that was merged."""
+        last = self.route[-1]
+        return last.rest is not None and bool(
+            np.all(last.position == self.path.knots.position[-1])
+        )
 
     def clock(self, time: float) -> float:
         """Return when the motion of a time should be, s on the clock of the points."""
@@ -143,9 +147,7 @@ class Smoother:
         self._check(self._position, 'the start')
         self._now = 0.0
         self._scale = 1.0
-        slowing = np.max(limits.velocity / limits.acceleration)
-        ramp = np.max(limits.acceleration / limits.jerk)
-        self._reserve = 2.5 * float(slowing + ramp)
+        self._reserve = 2.5 * stopping_time(limits)
         """A plan that rests later than in this time (s) need not be replaced yet."""
         # The motion: a course, or a joint motion, or rest at a position.
         self._rest_until = 0.0
@@ -216,7 +218,6 @@ class Smoother:
                 self._begin_joint_motion(fastest_stop(self.limits, state))
                 self._stopping = True
         elif course is not None and not self._stopping:
-            off_path = fastest_stop(self.limits, state)
             law = ruckig_move.stop(
                 Problem(
                     course.path,
@@ -225,11 +226,11 @@ class Smoother:
                     np.full(len(course.route), UNBOUND),
                 )
             )
-            if law is not None and law.duration <= SLOWER_ON_PATH * off_path.duration:
+            if law is not None:
                 self._course = dataclasses.replace(course, law=law, begin=self._now)
                 self._settle(course.path.at(law.end)[0])
             else:
-                self._begin_joint_motion(off_path)
+                self._begin_joint_motion(fastest_stop(self.limits, state))
             self._stopping = True
 
     def replace(self, points: Array, durations: Sequence[float | None] | None = None) -> None:
@@ -449,7 +450,7 @@ class Smoother:
         return (
             self._news
             and self._scale > 0.0
-            and course.route[-1].rest is None
+            and not course.finished
             and (self.latency < left < self._reserve + self.latency or self._paused)
         )
 
