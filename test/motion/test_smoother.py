@@ -242,6 +242,20 @@ def test_tiny_steps_are_merged_and_the_last_one_is_reached() -> None:
     assert np.max(np.abs(position[-1] - point)) < 1e-9
 
 
+def test_the_end_moves_with_the_points_that_are_merged_into_it() -> None:
+    """Also while the arm is on its way there: no rest before the end, and a small way after it."""
+    smoother = Smoother(LIMITS, HOME)
+    points = arc(40, 0.01)
+    tail = points[-1] + np.linspace(0.0, 0.4 * MERGE_TOLERANCE, 20)[1:, None]
+    for point in np.vstack([points, tail]):
+        smoother.append(point, 0.02)
+        smoother.step(0.005)
+    smoother.finish()
+    position, velocity, _ = rest(smoother)
+    assert np.max(np.abs(position[-1] - tail[-1])) < 1e-9
+    assert interior_stops(velocity) == 0
+
+
 def test_a_point_next_to_where_the_arm_rests_is_gone_to() -> None:
     smoother = Smoother(LIMITS, HOME)
     near_by = HOME + 1e-4
