@@ -242,18 +242,25 @@ def test_tiny_steps_are_merged_and_the_last_one_is_reached() -> None:
     assert np.max(np.abs(position[-1] - point)) < 1e-9
 
 
-def test_the_end_moves_with_the_points_that_are_merged_into_it() -> None:
-    """Also while the arm is on its way there: no rest before the end, and a small way after it."""
+@pytest.mark.parametrize('known', [0.2, 0.3, 0.5])
+def test_an_end_that_points_were_merged_into_is_reached_without_a_rest_before(
+    known: float,
+) -> None:
+    """The last points of a plan that slows down lie so close together that they count as one."""
+    time = np.linspace(0.0, 1.0, 251)[1:, None]
+    points = HOME + 0.5 * time**3 * (10.0 - 15.0 * time + 6.0 * time**2)
     smoother = Smoother(LIMITS, HOME)
-    points = arc(40, 0.01)
-    tail = points[-1] + np.linspace(0.0, 0.4 * MERGE_TOLERANCE, 20)[1:, None]
-    for point in np.vstack([points, tail]):
-        smoother.append(point, 0.02)
-        smoother.step(0.005)
-    smoother.finish()
-    position, velocity, _ = rest(smoother)
-    assert np.max(np.abs(position[-1] - tail[-1])) < 1e-9
-    assert interior_stops(velocity) == 0
+    velocities = []
+    following = 0
+    while following < len(points) or smoother.moving:
+        while following < len(points) and smoother.look_ahead < known:
+            smoother.append(points[following], 0.008)
+            following += 1
+            if following == len(points):
+                smoother.finish()
+        velocities.append(smoother.step(DT).velocity)
+    assert np.max(np.abs(smoother.motion.position - points[-1])) < 1e-9
+    assert interior_stops(np.array(velocities)) == 0
 
 
 def test_a_point_next_to_where_the_arm_rests_is_gone_to() -> None:
