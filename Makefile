@@ -14,13 +14,14 @@ PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 # Fast DDS would multicast on every network otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench-motion clean help
+.PHONY: demo test lint bench bench-motion clean help
 
 help:
 	@echo "make demo    a planned trajectory through ROS 2 to a simulated EPSON controller, and a report"
 	@echo "             (other arguments: make demo ARGS='--trajectory FILE')"
 	@echo "make test    all tests"
 	@echo "make lint    ruff and mypy"
+	@echo "make bench          what a step of the smoother costs in streams of 10 to 100,000 points"
 	@echo "make bench-motion   the smoother against stop-and-go, splines and optima; tables and pictures in benchmark/results"
 	@echo "             (a part of it: make bench-motion ARGS='--quick'; all of what can be chosen: ARGS=--help)"
 	@echo "make clean   remove what the others made"
@@ -38,6 +39,9 @@ lint: $(VENV)/.dev
 	$(BIN)/mypy
 
 # one thread per process: the matrices are small, and two processes share the machine
+bench: $(VENV)/.run
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.cost
+
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
 
