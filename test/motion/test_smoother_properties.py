@@ -110,14 +110,14 @@ def run(scenario: Scenario) -> Run:
     smoother = Smoother(limits, points[0], scenario.mode, latency=scenario.latency)
     result = Run(scenario, limits, points, points[0], False)
     events = sorted(scenario.events)
+    patience = 4.0 * LONGEST + 3.0 * float(durations.sum())
     following, step = 1, 0
     while following < len(points) or smoother.moving or events:
         if step * DT > LONGEST:
             following = len(points)  # the stream dies
             result.disturbed = True
             events = []
-        if step * DT > 4.0 * LONGEST:
-            break
+        assert step * DT < patience, 'it does not come to rest'
         if step % (scenario.pause + 1) == 0:
             for _ in range(scenario.burst):
                 if following < len(points):
