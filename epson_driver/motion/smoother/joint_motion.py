@@ -8,9 +8,6 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
 
-INTERVAL = 0.004
-"""Time between the positions that are held against the position limits, s."""
-
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
 
