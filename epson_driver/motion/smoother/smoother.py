@@ -12,8 +12,8 @@ import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import ruckig_move
+from epson_driver.motion.smoother.committed import Asked, Committed, Point
 from epson_driver.motion.smoother.joint_motion import JointMotion, fastest_move, fastest_stop
-from epson_driver.motion.smoother.law import Law
 from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.planner import UNBOUND, Plan, Request, plan, stopping_time
 from epson_driver.motion.smoother.problem import Problem
@@ -61,63 +61,6 @@ class Motion(NamedTuple):
     acceleration: Array
 
 
-@dataclasses.dataclass(slots=True, eq=False)
-class _Point:
-    """A point that the motion goes through.
-
-    index counts them. anchor: where the first of the points merged into it was. position: where
-    to go, the anchor, or the last of the merged points if nothing follows. clock: when it should
-    be reached, s. timed: whether its clock comes from a duration. rest: how long to rest there, s;
-    None to go on. tiny: the way there from rest is shorter than the merge tolerance.
-    """
-
-    index: int
-    anchor: Array
-    position: Array
-    clock: float = 0.0
-    timed: bool = False
-    rest: float | None = None
-    tiny: bool = False
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Course:
-    """What is executed since `begin`: a law on a path whose knots are the points of `route`."""
-
-    path: Path
-    law: Law
-    route: list[_Point]
-    clocks: Array
-    begin: float
-    scale: float
-
-    @property
-    def end(self) -> float:
-        """When it rests, s."""
-        return self.begin + self.law.duration
-
-    @property
-    def finished(self) -> bool:
-        """Whether it ends at a rest, which has not been moved since by a point that was merged."""
-        last = self.route[-1]
-        return last.rest is not None and bool(
-            np.all(last.position == self.path.knots.position[-1])
-        )
-
-    def clock(self, time: float) -> float:
-        """Return when the motion of a time should be, s on the clock of the points."""
-        return float(np.interp(self.law.at(time - self.begin)[0], self.path.knots.u, self.clocks))
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Asked:
-    """A request, the points that its knots are, and whether there are more behind them."""
-
-    request: Request
-    route: list[_Point]
-    more: bool
-
-
 class Smoother:
     """A smooth motion through streamed points, inside every limit.
 
@@ -151,23 +94,23 @@ class Smoother:
         """A plan that rests later than in this time (s) need not be replaced yet."""
         # The motion: a course, or a joint motion, or rest at a position.
         self._rest_until = 0.0
-        self._course: _Course | None = None
+        self._course: Committed | None = None
         self._joint_motion: JointMotion | None = None
         self._joint_begin = 0.0
         self._stopping = False
         self._paused = False
         # The points: the one the arm rests at, those not passed yet, and the last one known.
-        self._rest = self._last = _Point(0, self._position, self._position)
-        self._ahead: deque[_Point] = deque()
+        self._rest = self._last = Point(0, self._position, self._position)
+        self._ahead: deque[Point] = deque()
         self._count = 0
         self._points_made = 0
         self._arrival = 0.0
         self._departure: float | None = None
         """When the clock of the points would have been 0, s, had the motion kept to it."""
         # Planning: what is asked, what begins at its time, and whether a plan could do better.
-        self._asked: _Asked | None = None
+        self._asked: Asked | None = None
         self._asked_at = -np.inf
-        self._next: _Course | None = None
+        self._next: Committed | None = None
         self._news = False
 
     # What comes in.
@@ -293,7 +236,7 @@ class Smoother:
         clock = last.clock + (last.rest or 0.0) + time
         anchor = last.anchor if tiny else position
         timed = duration is not None
-        self._last = _Point(self._index(), anchor, position, clock, timed, tiny=tiny)
+        self._last = Point(self._index(), anchor, position, clock, timed, tiny=tiny)
         self._ahead.append(self._last)
 
     def _index(self) -> int:
@@ -310,7 +253,7 @@ class Smoother:
     def _settle(self, position: Array) -> None:
         """Expect to rest at a position, from where the next points go on."""
         position = np.clip(position, self.limits.position_min, self.limits.position_max)
-        self._rest = self._last = _Point(self._index(), position, position)
+        self._rest = self._last = Point(self._index(), position, position)
 
     def _check(self, position: Array, what: str) -> None:
         limits = self.limits
@@ -423,7 +366,7 @@ class Smoother:
         count = len(answer.knots.u)
         route = asked.route[:count]
         clocks = asked.request.clock[:count]
-        self._next = _Course(
+        self._next = Committed(
             Path(answer.knots), answer.law, route, clocks, begin, asked.request.scale
         )
         short = count < len(asked.route) or answer.law.end < answer.knots.u[-1]
@@ -465,7 +408,7 @@ class Smoother:
             self._add(self._rest.position, None, tiny=True)
         return patient or self._last.rest is not None or self.look_ahead > self._reserve / 2.0
 
-    def _ask(self) -> _Asked:
+    def _ask(self) -> Asked:
         horizon = 2.0 * self._reserve
         course = self._course
         start: float | None = None
@@ -520,7 +463,7 @@ class Smoother:
             horizon,
             urgent,
         )
-        return _Asked(request, route, more)
+        return Asked(request, route, more)
 
     # The course of events.
 
@@ -558,7 +501,7 @@ class Smoother:
                 course.path.knots.position[-1], None if self._stopping else course.route[-1]
             )
 
-    def _arrive(self, position: Array, point: _Point | None = None) -> None:
+    def _arrive(self, position: Array, point: Point | None = None) -> None:
         """Come to rest at a position; at a point of the path, or where `_settle` said."""
         self._position = np.clip(position, self.limits.position_min, self.limits.position_max)
         if point is not None:
@@ -570,12 +513,12 @@ class Smoother:
         self._stopping = self._paused = False
         self._departure = None
 
-    def _rest_between(self, course: _Course) -> None:
+    def _rest_between(self, course: Committed) -> None:
         """Rest between two points of a path, free to go on to the next one by another."""
         u = course.law.end
         position = course.path.at(u)[0]
         index = course.route[course.path.segment(u)].index
-        self._rest = _Point(index, position, position, course.clock(self._now))
+        self._rest = Point(index, position, position, course.clock(self._now))
         self._arrive(position)
 
     def _pass(self) -> None:
