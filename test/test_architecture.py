@@ -165,7 +165,7 @@ def test_the_table_itself_goes_down_only() -> None:
         ('robots/a.py', 'from epson_driver import share, link', 'robots imports link'),
         ('robots/a.py', 'import epson_driver', 'robots imports *'),
         ('link/a.py', 'from epson_driver.simple_message import Framer', ''),
-        ('link/a.py', 'import epson_driver.controller.servo', 'link imports controller'),
+        ('link/a.py', 'import epson_driver.controller.arm.servo', 'link imports controller'),
         ('link/a.py', 'import rclpy.node as n', 'link imports rclpy'),
         ('controller/a.py', 'from epson_driver.link import Link', 'controller imports link'),
         ('controller/a.py', 'def f():\n  import epson_driver.client', 'controller imports client'),

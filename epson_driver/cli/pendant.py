@@ -5,54 +5,46 @@
 import argparse
 import asyncio
 import sys
-from contextlib import suppress
+from collections.abc import Sequence
 
-from epson_driver.controller.errors import TEXTS
-from epson_driver.link.remote_ethernet import RemoteError, execute
+from epson_driver.cli.pendant_status import ask_flags, status
+from epson_driver.cli.pendant_words import (
+    TEXTS,
+    Request,
+    UsageError,
+    completion,
+    request,
+)
+from epson_driver.controller.faults.fault_text import describe
+from epson_driver.link.remote_ethernet import Ask, RemoteError, logged_in
 from epson_driver.remote_errors import RemoteErrorNumber
 
 _TIMEOUT = 5.0  # s
-_FLAGS = (
-    'Test',
-    'Teach',
-    'Auto',
-    'Warning',
-    'SError',
-    'Safeguard',
-    'EStop',
-    'Error',
-    'Paused',
-    'Running',
-    'Ready',
-)
 
-ACTIONS: dict[str, tuple[str, str]] = {
-    'motors on': ('SetMotorsOn,1', 'motors on'),
-    'motors off': ('SetMotorsOff,1', 'motors off'),
-    'estop press': ('Sim,estop,press', 'E-stop pressed'),
-    'estop release': (
-        'Sim,estop,release',
-        'E-stop released; it stays latched until the reset',
-    ),
-    'reset': ('Reset', 'reset; the motors are switched on separately'),
-}
-"""What is said on the command line: the remote command, and the answer when it is done."""
+_LOCAL = {'fault kinds': describe, 'completion': completion}
+"""What is answered without a controller."""
 
-_WORDS = ('status', *ACTIONS)
+
+class _RefusedError(Exception):
+    """The controller does not do it; the text says why."""
 
 
 def main() -> int:
     """Do one action. Return 0 if it is done, 1 if it is refused or nobody answers."""
     parser = _parser()
     args = parser.parse_args()
-    action = ' '.join(args.action)
-    if action not in _WORDS:
-        parser.error(f'{action}: must be one of {", ".join(_WORDS)}')
+    said = ' '.join(args.action)
+    if said in _LOCAL:
+        print(_LOCAL[said]())
+        return 0
     try:
-        print(asyncio.run(_do(action, args.host, args.port)))
-    except RemoteError as error:
-        reason = _advice(error, args.host, args.port)
-        print(f'refused: {reason}', file=sys.stderr)
+        asked = None if said == 'status' else request(args.action)
+    except UsageError as error:
+        parser.error(str(error))
+    try:
+        print(asyncio.run(_do(asked, args.host, args.port, args.password)))
+    except (RemoteError, _RefusedError) as error:
+        print(f'refused: {error}', file=sys.stderr)
         return 1
     except TimeoutError:
         print(f'no answer from {args.host}:{args.port} in {_TIMEOUT:g} s', file=sys.stderr)
@@ -63,71 +55,52 @@ def main() -> int:
     return 0
 
 
-async def _do(action: str, host: str, port: int) -> str:
-    if action == 'status':
-        return await _status(host, port)
-    command, done = ACTIONS[action]
-    await execute(host, port, [command], _TIMEOUT)
-    return done
+async def _do(asked: Request | None, host: str, port: int, password: str) -> str:
+    async with logged_in(host, port, _TIMEOUT, password) as ask:
+        if asked is None:
+            return await status(ask)
+        value = await _first_known(ask, asked.commands)
+    return asked.done if isinstance(asked.done, str) else asked.done(value)
 
 
-async def _status(host: str, port: int) -> str:
-    flags, number = await _flags(host, port)
+async def _first_known(ask: Ask, commands: Sequence[str]) -> str:
+    """Give the first of the commands that the controller knows; return the value."""
+    for command in commands:
+        try:
+            return await ask(command)
+        except RemoteError as error:
+            unknown = error.number == RemoteErrorNumber.BAD_COMMAND
+            if not unknown or not command.startswith('Sim,'):
+                raise _RefusedError(await _reason(ask, error)) from error
+    raise _RefusedError('this is no simulation: it is done by hand, at the controller')
+
+
+async def _reason(ask: Ask, error: RemoteError) -> str:
+    """Return why the controller refused: in its own words, or by what its flags show."""
     try:
-        values = await execute(host, port, ['GetMotor,0'], _TIMEOUT)
-        motors = 'on' if values[0].split(',')[1:2] == ['1'] else 'off'
-    except RemoteError:  # an older firmware
-        motors = 'unknown'
-    mode = 'AUTO' if 'Auto' in flags else 'TEACH' if 'Teach' in flags else 'unknown'
-    error = f'{number:04d} ({TEXTS.get(number, "see the manual")})' if number else 'none'
-    rows = {
-        'motors': motors,
-        'E-stop': 'active (release, then reset)' if 'EStop' in flags else 'not active',
-        'arm': 'moves' if 'Running' in flags else 'stands',
-        'error': error,
-        'mode': mode,
-        'flags': ' '.join(flags) or 'none',
-    }
-    with suppress(RemoteError):  # a real controller
-        rows['late'] = _late(*await execute(host, port, ['Sim,timing'], _TIMEOUT))
-    return '\n'.join(f'{name + ":":8}{text}' for name, text in rows.items())
-
-
-def _late(value: str) -> str:
-    """Return what the simulated controller says of its timing since it was started."""
-    cycles, plans, failures = value.split(',')
-    return f'{cycles} cycles, {plans} plans; {failures} plans failed'
-
-
-async def _flags(host: str, port: int) -> tuple[tuple[str, ...], int]:
-    """Return the names of the flags that are set, and the error number.
-
-    RC+ 5 sends ten flags, without Test; so they are counted from the end.
-    """
-    (value,) = await execute(host, port, ['GetStatus'], _TIMEOUT)
-    bits, _, number = value.partition(',')
-    if not number.isdecimal() or not 0 < len(bits) <= len(_FLAGS) or set(bits) - {'0', '1'}:
-        raise ConnectionError(f'{host}:{port}: {value!r} is no status')
-    named = zip(_FLAGS[-len(bits) :], bits, strict=True)
-    return tuple(name for name, bit in named if bit == '1'), int(number)
-
-
-def _advice(error: RemoteError, host: str, port: int) -> str:
+        if why := await ask('Sim,why'):
+            return f'{why} (error {error.number})'
+    except RemoteError:  # a real controller
+        pass
     if error.number != RemoteErrorNumber.NOT_READY:
         return str(error)
-    try:
-        flags, _ = asyncio.run(_flags(host, port))
-    except (RemoteError, OSError):
-        return str(error)
-    if 'EStop' in flags:
-        return f'the E-stop is active: release the E-stop, then reset (error {error.number})'
-    if 'Running' in flags:
-        return f'the arm still moves: try again when it stands (error {error.number})'
+    flags, number = await ask_flags(ask)
+    for flag, sentence in (
+        ('EStop', 'the E-stop is active: release the E-stop, then reset'),
+        ('SError', 'there is a critical error: boot the controller again'),
+        ('Safeguard', 'the safeguard door is open: close it first'),
+        ('Teach', 'the mode is TEACH: turn the key to AUTO first'),
+        ('Error', f'there is error {number:04d}: reset first'),
+        ('Paused', 'the tasks are paused: continue, or stop, first'),
+        ('Running', 'the arm still moves: try again when it stands'),
+    ):
+        if flag in flags:
+            return f'{sentence} (error {error.number})'
     return str(error)
 
 
 def _port(text: str) -> int:
-    port = int(text) if text.isdecimal() else 0
+    port = int(text) if text.isascii() and text.isdecimal() and len(text) <= 5 else 0
     if not 1 <= port <= 65_535:
         raise argparse.ArgumentTypeError(f'{text}: must be a port from 1 to 65535')
     return port
@@ -137,9 +110,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='pendant',
         description='What a person does at the controller.',
-        usage='%(prog)s [-h] [--host HOST] [--port PORT] ' + '|'.join(_WORDS),
+        usage='%(prog)s [-h] [--host HOST] [--port PORT] [--password PASSWORD] WORD …',
+        epilog='\n'.join(['words:', *(f'  {said:26}{text}' for said, text in TEXTS.items())]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
     parser.add_argument('--host', default='127.0.0.1', help='the controller (%(default)s)')
     parser.add_argument('--port', type=_port, default=5000, help='its remote port (%(default)s)')
-    parser.add_argument('action', nargs='+', help=', '.join(_WORDS))
+    parser.add_argument('--password', default='', help='of the remote port (none)')
+    parser.add_argument('action', nargs='+', metavar='WORD', help='what to do: see below')
     return parser

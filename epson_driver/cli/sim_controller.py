@@ -14,16 +14,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from epson_driver.controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.controller.core import Controller
-from epson_driver.controller.planner_process import PlannerError, PlannerProcess
-from epson_driver.controller.points import angles_refusal, clipped
+from epson_driver.controller.faults.fault_kinds import Fault, FaultError
+from epson_driver.controller.faults.fault_text import parse
+from epson_driver.controller.network.servers import ControllerServers, Ports
+from epson_driver.controller.network.stderr_log import StderrLog
 from epson_driver.controller.profile import (
     LOOK_AHEAD,
+    ControllerProfile,
     ControllerProfileError,
     load_controller_profile,
 )
-from epson_driver.controller.servers import ControllerServers, Ports
-from epson_driver.controller.stderr_log import StderrLog
+from epson_driver.controller.programs.points import angles_refusal, clipped
 from epson_driver.motion import Array, JointLimits
 from epson_driver.robots import RobotModelError, load_robot_model
 from epson_driver.simple_message import ByteOrder, Dialect
@@ -46,16 +49,34 @@ def main() -> int:
     if args.byte_order is not None:
         byte_order = ByteOrder[args.byte_order.upper()]
     if args.look_ahead is not None:
-        profile = dataclasses.replace(profile, look_ahead=args.look_ahead)
+        motion = dataclasses.replace(profile.motion, look_ahead=args.look_ahead)
+        profile = dataclasses.replace(profile, motion=motion)
     planner = PlannerProcess(model.limits) if args.motion == 'smooth' else None
-    controller = Controller(model, profile, start, Dialect(byte_order), planner)
-    ports = Ports(args.motion_port, args.state_port, args.io_port, args.remote_port)
+    controller = Controller(
+        model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed
+    )
+    try:
+        for fault in args.fault:
+            controller.faults.start(fault)
+    except FaultError as error:
+        parser.error(str(error))
+    ports = Ports(*[_port_of(args, name, profile) for name in Ports._fields])
     log = StderrLog()
     logging.basicConfig(level=logging.INFO, handlers=[log])
     try:
-        return asyncio.run(_run(controller, planner, args.host, ports, args.state_period))
+        return asyncio.run(_run(controller, planner, args.host, ports))
     finally:
         log.finish()
+
+
+def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) -> int:
+    """Return the port asked for, or the profile's; one that it has not, the usual one."""
+    asked: int | None = getattr(args, f'{name}_port')
+    if asked is not None:
+        return asked
+    own: int = getattr(profile.ports, name)
+    usual: int = getattr(_PORTS, name)
+    return own or usual
 
 
 async def _run(
@@ -63,13 +84,12 @@ async def _run(
     planner: PlannerProcess | None,
     host: str,
     ports: Ports,
-    state_period: float | None,
 ) -> int:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    servers = ControllerServers(controller, state_period, planner)
+    servers = ControllerServers(controller, planner)
     try:
         ports = await servers.open(host, ports)
     except (OSError, PlannerError) as error:
@@ -135,6 +155,13 @@ def _period(text: str) -> float:
     return period
 
 
+def _fault(text: str) -> Fault:
+    try:
+        return parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
 def _look_ahead(text: str) -> float:
     shortest, longest = LOOK_AHEAD
     try:
@@ -155,11 +182,9 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument('--host', default='127.0.0.1', help='address to listen on (%(default)s)')
-    for name, default in _PORTS._asdict().items():
-        text = f'{name} port, 0 for any free one (%(default)s)'
-        parser.add_argument(
-            f'--{name}-port', type=_port, default=default, metavar='PORT', help=text
-        )
+    for name, usual in _PORTS._asdict().items():
+        text = f"{name} port, 0 for any free one (the profile's, {usual} for rc620)"
+        parser.add_argument(f'--{name}-port', type=_port, metavar='PORT', help=text)
     parser.add_argument(
         '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
     )
@@ -186,6 +211,17 @@ def _parser() -> argparse.ArgumentParser:
         type=_period,
         metavar='SECONDS',
         help="time between two state messages (the profile's, 0.005 for rc620)",
+    )
+    parser.add_argument(
+        '--fault',
+        type=_fault,
+        action='append',
+        default=[],
+        metavar='NAME[:KEY=VALUE,…]',
+        help='a fault from the start, may be given several times (pendant fault lists them)',
+    )
+    parser.add_argument(
+        '--seed', type=int, default=0, help='of what is random in faults (%(default)s)'
     )
     parser.add_argument(
         '--start', metavar='Q1,…,Q6', help='initial joint angles, rad, as in -1.0,0.2,0,0,0,0'

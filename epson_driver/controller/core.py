@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated controller without its sockets and its clock.
+"""The simulated controller without its sockets and its real time.
 
-What a person does (motors, E-stop, reset), what the motion client sends, and time all come in as
-calls; state and reply bytes come out. The same calls give the same bytes.
+What people do (`apply`), what clients send (`connect` and the sessions it opens) and time (`step`)
+come in as calls; bytes go out to the functions that were given. The same calls and the same seed
+give the same bytes.
 """
 
 import copy
@@ -12,61 +13,87 @@ from collections.abc import Callable
 
 import numpy as np
 
-from epson_driver.controller.errors import ErrorNumber, ErrorRegister, Refusal
-from epson_driver.controller.executor import Executor
-from epson_driver.controller.motion_program import MotionProgram
-from epson_driver.controller.point_to_point import PointToPoint
-from epson_driver.controller.points import clipped
+from epson_driver.controller.arm.executor import Executor
+from epson_driver.controller.arm.recovery import Recovery
+from epson_driver.controller.arm.servo import Servo
+from epson_driver.controller.arm.streaming import Planner
+from epson_driver.controller.assembly import new_arm, new_program
+from epson_driver.controller.clock import Clock
+from epson_driver.controller.errors import TEXTS, ErrorNumber, ErrorRegister, Refusal
+from epson_driver.controller.faults.faults import Faults
+from epson_driver.controller.io.io_points import IoPoints
+from epson_driver.controller.lines import Lines
 from epson_driver.controller.profile import ControllerProfile
+from epson_driver.controller.programs.points import angles_refusal, clipped
+from epson_driver.controller.remote.spel_memory import SpelMemory
+from epson_driver.controller.remote.spel_settings import DEFAULTS_AFTER, defaults
+from epson_driver.controller.session import Client, Send, Session
 from epson_driver.controller.states import (
-    ESTOP_CONDITIONS,
-    POWERED_CONDITIONS,
+    REGIONS,
     Condition,
+    Door,
+    EStop,
     Event,
+    Fault,
+    Mode,
+    Motors,
+    Power,
     RefusedError,
+    Tasks,
     after,
 )
-from epson_driver.controller.streaming import Planner, Streaming
 from epson_driver.controller.timing import Timing
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.simple_message import (
     Dialect,
-    FrameError,
-    Framer,
+    JointFeedback,
     JointPosition,
     Packet,
     Status,
     TriState,
+    ValidFields,
     encode,
     joint_data,
 )
+from epson_driver.simple_message import Mode as StatusMode
 
 _log = logging.getLogger(__name__)
 
-Send = Callable[[bytes], None]
-
-_NO_MOTION = {
-    Condition.MOTORS_OFF: Refusal(
-        ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'
+_ESTOP = 'the E-stop is pressed: release it, reset, motors on'
+_LATCHED = 'the E-stop is released but not reset: reset, motors on'
+_NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Refusal] = {
+    EStop.PRESSED: Refusal(ErrorNumber.TASK_ABORTED, _ESTOP),
+    EStop.LATCHED: Refusal(ErrorNumber.TASK_ABORTED, _LATCHED),
+    Fault.CRITICAL: Refusal(
+        ErrorNumber.TASK_ABORTED, 'a critical error aborted the motion task: boot the controller'
     ),
-    Condition.STOPPING: Refusal(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
-    Condition.ESTOP_PRESSED: Refusal(
-        ErrorNumber.TASK_ABORTED, 'the E-stop is pressed: release it, reset, motors on'
+    Fault.ERROR: Refusal(
+        ErrorNumber.TASK_ABORTED, 'an error aborted the motion task: reset, motors on'
     ),
-    Condition.ESTOP_LATCHED: Refusal(
-        ErrorNumber.TASK_ABORTED, 'the E-stop is released but not reset: reset, motors on'
+    Tasks.STOPPED: Refusal(ErrorNumber.TASK_ABORTED, 'the motion task is stopped: start it'),
+    Mode.MANUAL: Refusal(
+        ErrorNumber.MOTORS_OFF, 'the key switch is at MANUAL: turn it to AUTO, motors on'
     ),
+    Motors.OFF: Refusal(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
+    Motors.BRAKING: Refusal(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
 }
-"""Why a point is refused in a condition; motion is possible in the one that is missing."""
+"""Why a point is refused, the first that applies; points that come in a pause wait."""
 
 _NO_PLANNER = Refusal(
     ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
 )
 
+_STATUS_MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
+
+_ENDED = (Tasks.STOPPED, Tasks.ABORTED)
+
+SMALL_PUSH = np.radians(1.0)
+"""What the servo of a joint pushes back; more is a position error, rad."""
+
 
 class Controller:
-    """Motors, E-stop, arm and motion program of one controller.
+    """Everything that one controller is, but for sockets and real time.
 
     `start` is where the arm stands at first, shape (n,), rad: zeros by default, or the nearest
     within the limits. With a `planner` the arm moves smoothly, without one point to point.
@@ -80,165 +107,320 @@ class Controller:
         start: Array | None = None,
         dialect: Dialect | None = None,
         planner: Planner | None = None,
+        state_period: float | None = None,
+        seed: int = 0,
     ) -> None:
         limits = model.limits
         if start is None:
             start = clipped(np.zeros(len(limits.names)), limits)
+        self.model = model
         self.profile = profile
         self.dialect = dialect or Dialect(profile.byte_order)
-        self.condition = Condition.MOTORS_OFF
+        self.state_period = profile.state.period if state_period is None else state_period
+        self.clock = Clock()
+        mode = Mode.AUTO if profile.mode is StatusMode.AUTO else Mode.MANUAL
+        self.condition: Condition = Condition(mode=mode)
         self.timing = Timing()
         self._told = Timing()
+        self.io = IoPoints(profile.io)
+        self.faults = Faults(self.clock, seed, self, len(limits.names))
+        self.lines = Lines(self)
+        self.spel = SpelMemory()
         self._errors = ErrorRegister()
         self._planner = planner
-        self._arm: Executor
-        if planner is None:
-            self._arm = PointToPoint(limits, start, profile.speed, profile.accel)
-        else:
-            self._arm = Streaming(
-                limits,
-                start,
-                planner,
-                self.timing,
-                self.planner_failed,
-                profile.look_ahead,
-                profile.look_ahead_points,
-            )
-        self._program = MotionProgram(
-            self._arm, profile.pending_limit, self._errors, self._motion_refusal, self._reply
-        )
-        self._framer: Framer | None = None
-        self._send: Send | None = None
+        self._arm: Executor = new_arm(self, start, planner)
+        servo = profile.servo
+        self.servo = Servo(start, model.pulses_per_degree, servo.lag, servo.encoder, servo.settled)
+        self.reply: Send | None = None  # where replies of the motion program go
+        self.program = new_program(self, self._arm, self._errors)
+        self._recovery: Recovery | None = None
+        self._pushed: Array | None = None  # where the arm was pushed to while it had no power
+        self._error = ErrorNumber.NONE  # of the controller itself, until it is reset
+        self._until = 0.0
+        self._set_power()
 
-    # The person at the controller. Each raises RefusedError, which says why and what to do.
+    # What people and clients do.
 
-    def motors_on(self) -> None:
-        """Switch the motors on."""
-        self._apply(Event.MOTORS_ON)
-
-    def motors_off(self) -> None:
-        """Switch the motors off; an arm that moves brakes first."""
-        self._apply(Event.MOTORS_OFF)
-
-    def estop_press(self) -> None:
-        """Press the E-stop: brake, motors off, motion task aborted."""
-        self._apply(Event.ESTOP_PRESS)
-
-    def estop_release(self) -> None:
-        """Release the E-stop's button. It stays latched."""
-        self._apply(Event.ESTOP_RELEASE)
-
-    def reset(self) -> None:
-        """Clear the error and a released E-stop. The motors stay as they are."""
-        if self.condition is Condition.ESTOP_LATCHED and self.moving:
+    def apply(self, event: Event) -> None:
+        """Let something happen to the controller. Raises RefusedError: why, and what to do."""
+        before = self.condition
+        unpowered = before.motors in (Motors.OFF, Motors.HELD)
+        if self.in_motion and unpowered and event in (Event.RESET, Event.MOTORS_ON):
             raise RefusedError('the arm still brakes: try again when it stands')
-        self._apply(Event.RESET)
+        self.condition = after(before, event)
+        if self.condition is not before:
+            _log.info('%s: %s', event.value, _difference(before, self.condition))
+        if event is Event.RESET:
+            self._errors.clear()
+            self._error = ErrorNumber.NONE
+            self.io.reset()
+        elif event is Event.MOTORS_ON:
+            self._errors.clear(ErrorNumber.MOTORS_OFF)
+        elif event is Event.START:
+            self.lines.start()
+        elif event is Event.BOOT:
+            self.io.boot()
+            self._errors.clear()
+            self._error = ErrorNumber.NONE
+        if event in DEFAULTS_AFTER:
+            defaults(self)
+        self._react(before)
+        self._set_power()
+        self._settle()
 
-    # The motion client: at most one.
+    def connect(self, port: str, client: Client) -> Session:
+        """Serve a client, as `Lines.connect` does."""
+        return self.lines.connect(port, client)
 
-    def connected(self, send: Send) -> None:
-        """Listen to a new client, whose replies `send` takes.
+    def raise_error(self, number: ErrorNumber, critical: bool = False) -> None:
+        """Let the controller itself fail: no power, tasks aborted, until a reset (or a boot)."""
+        if self.condition.fault is not Fault.CRITICAL:
+            self._error = number
+        _log.error('error %d: %s', number, TEXTS[number])
+        self.apply(Event.CRITICAL_ERROR if critical else Event.ERROR)
 
-        Raises RuntimeError if there is one already.
+    def reboot(self, seconds: float) -> None:
+        """Switch off and on again; it takes `seconds`. Buttons, door and key stay as they are."""
+        self.lines.boot(seconds)
+        held = self.condition
+        self.apply(Event.BOOT)
+        if held.estop is EStop.PRESSED:
+            self.apply(Event.ESTOP_PRESS)
+        if held.door is Door.OPEN:
+            self.apply(Event.DOOR_OPEN)
+
+    def disturb(self, joint: int, angle: float) -> None:
+        """Push one joint (index from 0) by an angle, rad, as somebody who leans on the arm.
+
+        Without power the arm stays where it is pushed to. With power its servo pushes back; more
+        than `SMALL_PUSH` does not get through, but is a position error. Raises RefusedError for a
+        push out of the limits or while an arm without power still brakes.
         """
-        if self._send is not None:
-            raise RuntimeError('there is a motion client already')
-        self._framer = Framer(self.dialect.byte_order)
-        self._send = send
-        self._program.restart()
-
-    def receive(self, data: bytes) -> None:
-        """Take bytes from the client, in any segmentation.
-
-        Raises FrameError when the position in the stream is lost: the client counts as lost then,
-        and its connection must be closed.
-        """
-        if self._framer is None:
-            raise RuntimeError('there is no motion client')
-        self._framer.receive_data(data)
-        try:
-            while (frame := self._framer.next_frame()) is not None:
-                self._program.receive(frame)
-        except FrameError as error:
-            self._errors.enter(Refusal(ErrorNumber.CORRUPT_MESSAGE, str(error)))
-            self.disconnected()
-            raise
-
-    def disconnected(self) -> None:
-        """Take note that the client is gone: brake, motors off."""
-        if self._send is None:
+        pushed = self.servo.position.copy()
+        pushed[joint] += angle
+        refusal = angles_refusal(pushed, self.model.limits)
+        if refusal is not None:
+            raise RefusedError(refusal.sentence)
+        if self.condition.powered:
+            if abs(angle) > SMALL_PUSH:
+                self.raise_error(ErrorNumber.SERVO_ERROR)
+            else:
+                self.servo.jump(pushed)
             return
-        self._apply(Event.CLIENT_LOST)
-        self._framer = None
-        self._send = None
+        if self.in_motion:
+            raise RefusedError('the arm still brakes: try again when it stands')
+        self._pushed = clipped(pushed, self.model.limits)
+        self._recovery = None
+        self.servo.place(self._pushed)
+        self._settle()
 
-    # Time and state.
+    def freeze(self, joint: int | None) -> None:
+        """Let the encoder of one joint (index from 0) report its last value; None: of none."""
+        self.servo.freeze(joint)
 
-    def step(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass."""
-        moved = self.moving
-        self._program.step(dt)
-        if moved and not self._arm.moving:
-            self._apply(Event.STANDSTILL)
-            self._tell_timing()
+    def servo_error(self, joint: int, critical: bool = False) -> None:
+        """Let the servo of one joint (index from 0) fail."""
+        _log.error('servo error of %s', self.model.joint_names[joint])
+        self.raise_error(ErrorNumber.SERVO_ERROR, critical)
+
+    def press_estop(self) -> None:
+        """Press the E-stop."""
+        self.apply(Event.ESTOP_PRESS)
+
+    def show(self, refusal: Refusal) -> None:
+        """Show in STATUS why something was refused."""
+        self._errors.enter(refusal)
 
     def planner_failed(self, reason: str) -> None:
         """Take note that nobody plans: brake and end the trajectory, without a planner's help."""
         self.timing.planner_failures += 1
-        self._errors.enter(Refusal(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
-        self._program.restart()
+        self.show(Refusal(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
+        self.program.restart()
+
+    # Time.
+
+    def step(self, dt: float) -> None:
+        """Let `dt` ≥ 0 s pass."""
+        self._until = self.clock.now + dt
+        while (due := self.clock.next_due) is not None and due <= self._until:
+            self._move(due - self.clock.now)
+            self.clock.advance(due)
+        self._move(self._until - self.clock.now)
+        self.clock.advance(self._until)
+
+    @property
+    def lag(self) -> float:
+        """How far the clock is behind the step that is being made, s."""
+        return self._until - self.clock.now
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether the arm moves, or is about to."""
+        moving = not self._arm.still if self._recovery is None else not self._recovery.still
+        return moving or not self.servo.settled
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves, or is about to."""
-        return self._arm.moving
+        """Whether the arm moves or has somewhere to go, be it after a pause."""
+        return self._arm.moving or self.in_motion
+
+    def _move(self, dt: float) -> None:
+        moves = self.in_motion
+        if not moves:
+            return
+        if self._recovery is not None:
+            self._recovery.step(max(dt, 0.0))
+        else:
+            self.program.step(max(dt, 0.0))
+        self.servo.step(self._commanded, max(dt, 0.0))
+        if self.condition.tasks is Tasks.RECOVERING and not self.in_motion:
+            self._recovered()
+        if not self.in_motion:
+            self._settle()
+            self._tell_timing()
+
+    @property
+    def _commanded(self) -> Array:
+        if self._recovery is not None:
+            return self._recovery.position
+        return self._arm.position if self._pushed is None else self._pushed
+
+    # State.
+
+    @property
+    def speed(self) -> float:
+        """SPEL+ Speed, a fraction (0, 1] of the joints' speed, for point-to-point motion."""
+        return self._arm.speed
+
+    @speed.setter
+    def speed(self, value: float) -> None:
+        self._arm.speed = value
+
+    @property
+    def accel(self) -> float:
+        """SPEL+ Accel, a fraction (0, 1] of the acceleration, for point-to-point motion."""
+        return self._arm.accel
+
+    @accel.setter
+    def accel(self, value: float) -> None:
+        self._arm.accel = value
 
     @property
     def error_number(self) -> ErrorNumber:
         """The error shown in STATUS; through an E-stop, that the motion task is aborted."""
-        if self.condition in ESTOP_CONDITIONS:
+        if self.condition.estopped:
             return ErrorNumber.TASK_ABORTED
-        return self._errors.number
+        return self._error or self._errors.number
 
     def joint_position(self) -> JointPosition:
-        """Return where the joints are now."""
-        return JointPosition(0, joint_data(self._arm.position.tolist()))
+        """Return where the encoders say that the joints are."""
+        return JointPosition(0, joint_data(self.servo.position.tolist()))
+
+    def joint_feedback(self) -> JointFeedback:
+        """Return where the joints are and how fast, with the controller's time."""
+        return JointFeedback(
+            0,
+            ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY,
+            self.clock.now,
+            joint_data(self.servo.position.tolist()),
+            joint_data(self.servo.velocity.tolist()),
+        )
 
     def status(self) -> Status:
         """Return what STATUS says now."""
+        condition, known = self.condition, self.profile.state
         error = self.error_number
+        none = error is ErrorNumber.NONE
+        possible = _tri_state(condition.motion_possible and none)
         return Status(
-            drives_powered=_tri_state(self.condition in POWERED_CONDITIONS),
-            e_stopped=_tri_state(self.condition in ESTOP_CONDITIONS),
+            drives_powered=_tri_state(condition.powered),
+            e_stopped=_tri_state(condition.estopped),
             error_code=error,
-            in_error=_tri_state(error is not ErrorNumber.NONE),
-            in_motion=_tri_state(self.moving),
-            mode=self.profile.mode,
-            motion_possible=_tri_state(
-                self.condition is Condition.MOTORS_ON and error is ErrorNumber.NONE
-            ),
+            in_error=_tri_state(not none),
+            in_motion=_tri_state(self.in_motion) if known.in_motion else TriState.UNKNOWN,
+            mode=_STATUS_MODES[condition.mode],
+            motion_possible=possible if known.motion_possible else TriState.UNKNOWN,
         )
 
-    def _apply(self, event: Event) -> None:
-        before = self.condition
-        self.condition = after(before, event)
-        if self.condition is not before:
-            _log.info('%s: %s → %s', event.value, before.value, self.condition.value)
-        if event is Event.ESTOP_PRESS:
-            self._program.restart()
-        elif before is Condition.MOTORS_ON and self.condition is not before:
-            self._program.abort()
-        if event is Event.RESET:
-            self._errors.clear()
-        elif event is Event.MOTORS_ON:
-            self._errors.clear(ErrorNumber.MOTORS_OFF)
-        if self.condition is Condition.STOPPING and not self.moving:
-            self._apply(Event.STANDSTILL)
+    # What follows from a change of the condition.
 
-    def _motion_refusal(self) -> Refusal | None:
+    def _react(self, before: Condition) -> None:
+        now = self.condition
+        if now.tasks in _ENDED and before.tasks not in _ENDED:
+            self._end(self.program.restart)
+            self.lines.tasks_ended()
+        elif now.motors in (Motors.OFF, Motors.BRAKING) and before.motors is not now.motors:
+            self._end(self.program.abort)
+        if now.tasks is before.tasks:
+            return
+        if now.tasks is Tasks.RECOVERING:
+            self._recover()
+        elif now.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER):
+            self.program.pause()
+            self._arm.hold()
+            if self._recovery is not None:
+                self._recovery.stop()
+        else:
+            self._arm.resume()
+            self.program.resume()
+
+    def _end(self, end: Callable[[], None]) -> None:
+        """End the motion: brake, and forget where it was to go on."""
+        end()
+        if self._recovery is not None and not self._recovery.still:
+            self._recovery.stop()
+
+    def _recover(self) -> None:
+        """Go back slowly to where the arm was interrupted, if it has power and a way to go on."""
+        if self.condition.motors is not Motors.ON or not self._arm.moving:
+            self.apply(Event.RECOVERED)
+            return
+        share = self.profile.motion.low_power
+        start = self._commanded
+        self._recovery = Recovery(self.model.limits, start, self._arm.position, share)
+        if self._recovery.still:
+            self._recovered()
+
+    def _recovered(self) -> None:
+        self._recovery = self._pushed = None
+        self.apply(Event.RECOVERED)
+
+    def _settle(self) -> None:
+        """Draw the conclusions from a standstill, if it is one."""
+        if self.in_motion:
+            return
+        if self.condition.tasks is not Tasks.RECOVERING and not self._arm.moving:
+            stands = self._commanded
+            self._recovery = self._pushed = None
+            if not np.array_equal(stands, self._arm.position):
+                self._arm.settle(stands)
+        if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):
+            self.apply(Event.STANDSTILL)
+
+    def _set_power(self) -> None:
+        self._arm.low_power = self.condition.power is not Power.HIGH
+
+    def trajectory_begins(self) -> None:
+        """Take note that a trajectory begins: the program sets its power."""
+        if self.profile.motion.power == 'high':
+            self.apply(Event.PROGRAM_POWER_HIGH)
+
+    def motion_refusal(self) -> Refusal | None:
+        """Return why a point is refused in this condition, or None."""
+        condition = self.condition
+        states = {
+            condition.estop,
+            condition.fault,
+            condition.tasks,
+            condition.mode,
+            condition.motors,
+        }
+        for state, refusal in _NO_MOTION.items():
+            if state in states:
+                return refusal
         if self._planner is not None and not self._planner.ready:
-            return _NO_MOTION.get(self.condition, _NO_PLANNER)
-        return _NO_MOTION.get(self.condition)
+            return _NO_PLANNER
+        return None
 
     def _tell_timing(self) -> None:
         """Log what came too late in the motion that has ended."""
@@ -247,9 +429,17 @@ class Controller:
             _log.warning('in this motion: %s', sentence)
             self._told = copy.copy(self.timing)
 
-    def _reply(self, packet: Packet) -> None:
-        if self._send is not None:
-            self._send(encode(packet, self.dialect))
+    def send_reply(self, packet: Packet) -> None:
+        """Send a reply to the motion client, if there is one."""
+        if self.reply is not None:
+            self.reply(encode(packet, self.dialect))
+
+
+def _difference(before: Condition, after: Condition) -> str:
+    changes = (
+        (region, getattr(before, region).value, getattr(after, region).value) for region in REGIONS
+    )
+    return ', '.join(f'{name} {old} → {new}' for name, old, new in changes if old != new)
 
 
 def _tri_state(value: bool) -> TriState:

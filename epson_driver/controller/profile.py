@@ -1,152 +1,267 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A controller profile read from config/controllers/NAME.yaml, validated."""
+"""A controller profile: what one kind of controller does differently, as data.
 
-import math
-from collections.abc import Callable, Iterator
+It is read from config/controllers/NAME.yaml by `load_controller_profile`. The sections and keys of
+the file have the names of the sections and fields here; what each may hold is in
+profile_rules.py.
+"""
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 
+from epson_driver.controller.io.io_profile import IoProfile, read_io_profile
+from epson_driver.controller.profile_rules import (
+    LOOK_AHEAD,
+    RULES,
+    ControllerProfileError,
+    checked,
+)
 from epson_driver.share import share_file
 from epson_driver.simple_message import ByteOrder, Mode
 
-LOOK_AHEAD = (0.01, 60.0)
-"""Shortest and longest look-ahead of smooth motion, s."""
+__all__ = [
+    'LOOK_AHEAD',
+    'ControllerProfile',
+    'ControllerProfileError',
+    'DownloadProfile',
+    'IoProfile',
+    'MotionProfile',
+    'PortsProfile',
+    'ProgramProfile',
+    'RemoteProfile',
+    'ServerProfile',
+    'ServoProfile',
+    'StateProfile',
+    'load_controller_profile',
+]
 
 
-class ControllerProfileError(ValueError):
-    """A profile that cannot be used. The text names the file, the key and the value."""
+@dataclass(frozen=True, slots=True)
+class PortsProfile:
+    """TCP ports of the servers. `remote` 0: the real controller has none for the driver."""
+
+    motion: int
+    state: int
+    io: int
+    remote: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
+class MotionProfile:
+    """How the arm is moved.
+
+    `speed` and `accel` are fractions (0, 1] of the robot's limits, for point-to-point motion.
+    `power` is what the program sets when a trajectory begins; at low power speed and accel are at
+    most `low_power`, a fraction, and the tool moves at most at `low_power_tool_speed` m/s. `cp`:
+    point-to-point moves blend into the next one if that is known in time. `statement_overhead` s
+    pass before each move. In smooth motion points are taken while less than `look_ahead` s and
+    fewer than `look_ahead_points` are ahead; in both, at most `pending_limit` points wait.
+    """
+
+    speed: float
+    accel: float
+    power: Literal['high', 'low']
+    low_power: float
+    low_power_tool_speed: float
+    cp: bool
+    statement_overhead: float
+    look_ahead: float
+    look_ahead_points: int
+    pending_limit: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoProfile:
+    """How the real joints follow the commanded ones.
+
+    They come `lag` s later, 0 for at once; `encoder`: what is reported are whole pulses. A joint
+    that is less than `settled` rad from where it shall be stands.
+    """
+
+    lag: float
+    encoder: bool
+    settled: float
+
+
+@dataclass(frozen=True, slots=True)
+class DownloadProfile:
+    """How a trajectory is taken that comes as a whole, before the arm moves.
+
+    At most `buffer` points are kept; with more, `overflow` refuses all or drops those beyond. The
+    program spends `dead_time` s on each.
+    """
+
+    buffer: int
+    overflow: Literal['refuse', 'drop']
+    dead_time: float
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramProfile:
+    """The program on the motion port: which messages it takes, and how it answers.
+
+    * `kind`: JOINT_TRAJ_PT ('points'), or Motoman's messages.
+    * `reply`: JOINT_POSITION with the request's sequence, all zero, or only a header of the
+      request's type.
+    * `acknowledge`: when a streamed point is answered: when the arm has taken it, when it is
+      there ('done'), or 'default': done point to point, taken in smooth motion.
+    * `failure_replies`: False: every reply is SUCCESS.
+    * `check_sequence`, `check_limits`: whether a point is refused for them. A point outside the
+      limits that is not refused ends the motion with error 4001 when its turn comes.
+    * `negative_is_stop`: every negative sequence is a STOP.
+    * `stop_works`: False: a STOP is answered and nothing else.
+    * `uses`: which of a point's velocity and duration count.
+    * `corrupt`: a message with a wrong length or header is refused, or the servers quit.
+    * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too.
+    """
+
+    kind: Literal['points', 'motoman']
+    reply: Literal['sequence', 'zero', 'header']
+    acknowledge: Literal['default', 'taken', 'done']
+    failure_replies: bool
+    check_sequence: bool
+    check_limits: bool
+    negative_is_stop: bool
+    stop_works: bool
+    uses: Literal['both', 'velocity', 'duration', 'nothing']
+    corrupt: Literal['refuse', 'quit']
+    late_failure: bool
+    download: DownloadProfile
+
+
+@dataclass(frozen=True, slots=True)
+class StateProfile:
+    """What the state port sends: one message per slot of `period` s.
+
+    After `joint_positions_per_status` slots with the joints comes one with a STATUS. `in_motion`,
+    `motion_possible`: whether the STATUS fills these fields; UNKNOWN otherwise.
+    """
+
+    period: float
+    joint_positions_per_status: int
+    message: Literal['joint_position', 'joint_feedback']
+    in_motion: bool
+    motion_possible: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ServerProfile:
+    """How the ports treat their clients.
+
+    `reconnect` False: a server whose client is gone serves nobody until the program is started
+    again. `byte_by_byte`: every byte is sent for itself. `aborted` is what a port does whose task
+    is aborted: refuse requests, stay silent, or close. `…_clients`: how many at once.
+    """
+
+    reconnect: bool
+    byte_by_byte: bool
+    aborted: Literal['refuse', 'silent', 'close']
+    motion_clients: int
+    state_clients: int
+    io_clients: int
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteProfile:
+    """The Remote Ethernet port. A session ends `session_timeout` s after the last word, 0: never.
+
+    `password` may be empty.
+    """
+
+    session_timeout: float
+    password: str
+
+
+@dataclass(frozen=True, slots=True)
 class ControllerProfile:
     """Data of one kind of controller.
 
-    `speed` and `accel` are fractions (0, 1] of the robot's limits, for point-to-point motion; the
-    periods are in s; `pending_limit` is how many points may wait for the arm; in smooth motion
-    points are taken while less than `look_ahead` s and `look_ahead_points` are ahead; after every
-    `joint_positions_per_status` JOINT_POSITION messages comes a STATUS in a slot of its own.
+    `approximate` holds sentences on what is only approximated; `cycle_period` is that of the
+    motion, s.
     """
 
     name: str
     description: str
+    approximate: tuple[str, ...]
     byte_order: ByteOrder
     mode: Mode
-    speed: float
-    accel: float
     cycle_period: float
-    pending_limit: int
-    look_ahead: float
-    look_ahead_points: int
-    state_period: float
-    joint_positions_per_status: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Rule:
-    """What a key must hold: `read` returns the profile's value, or raises for any other."""
-
-    read: Callable[[Any], Any]
-    text: str
-
-
-def _number(low: float, high: float) -> _Rule:
-    def read(value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise TypeError
-        if not (math.isfinite(value) and low <= value <= high):
-            raise ValueError
-        return float(value)
-
-    return _Rule(read, f'must be a number from {low:g} to {high:g}')
-
-
-def _count(high: int) -> _Rule:
-    def read(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise TypeError
-        if not 1 <= value <= high:
-            raise ValueError
-        return value
-
-    return _Rule(read, f'must be a whole number from 1 to {high}')
-
-
-def _choice(choices: dict[str, Any]) -> _Rule:
-    return _Rule(lambda value: choices[value], f'must be {" or ".join(choices)}')
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError
-    return value
-
-
-_RULES: dict[str, _Rule] = {
-    'name': _Rule(_text, 'must be a text'),
-    'description': _Rule(_text, 'must be a text'),
-    'byte_order': _choice({'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}),
-    'mode': _choice({'auto': Mode.AUTO, 'manual': Mode.MANUAL}),
-    'motion.speed_percent': _number(1.0, 100.0),
-    'motion.accel_percent': _number(1.0, 100.0),
-    'motion.cycle_period': _number(0.0005, 0.1),
-    'motion.pending_limit': _count(100_000),
-    'motion.look_ahead': _number(*LOOK_AHEAD),
-    'motion.look_ahead_points': _count(100_000),
-    'state.period': _number(0.001, 1.0),
-    'state.joint_positions_per_status': _count(1000),
-}
+    ports: PortsProfile
+    motion: MotionProfile
+    servo: ServoProfile
+    program: ProgramProfile
+    state: StateProfile
+    server: ServerProfile
+    io: IoProfile
+    remote: RemoteProfile
 
 
 def load_controller_profile(name: str) -> ControllerProfile:
     """Read config/controllers/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
 
-    Raises FileNotFoundError (which lists the profiles there are) or ControllerProfileError.
+    A profile that says `like: OTHER` holds only what differs from that one: a name, or a .yaml
+    file beside it. Raises FileNotFoundError (which lists the profiles there are) or
+    ControllerProfileError.
     """
-    file = name if name.endswith('.yaml') else share_file('config', 'controllers', name + '.yaml')
-    path = Path(file)
-    try:
-        data = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except yaml.YAMLError as cause:
-        raise ControllerProfileError(f'{path}: not YAML: {cause}') from cause
-    values = dict(_values(data, path))
+    path = _path(name, Path())
+    values = checked(_read(path, ()), str(path))
+    download = DownloadProfile(**values['program'].pop('download'))
     return ControllerProfile(
-        name=values['name'],
-        description=values['description'],
-        byte_order=values['byte_order'],
-        mode=values['mode'],
-        speed=values['motion.speed_percent'] / 100.0,
-        accel=values['motion.accel_percent'] / 100.0,
-        cycle_period=values['motion.cycle_period'],
-        pending_limit=values['motion.pending_limit'],
-        look_ahead=values['motion.look_ahead'],
-        look_ahead_points=values['motion.look_ahead_points'],
-        state_period=values['state.period'],
-        joint_positions_per_status=values['state.joint_positions_per_status'],
+        ports=PortsProfile(**values.pop('ports')),
+        motion=MotionProfile(**values.pop('motion')),
+        servo=ServoProfile(**values.pop('servo')),
+        program=ProgramProfile(download=download, **values.pop('program')),
+        state=StateProfile(**values.pop('state')),
+        server=ServerProfile(**values.pop('server')),
+        io=read_io_profile(values.pop('io'), str(path)),
+        remote=RemoteProfile(**values.pop('remote')),
+        **values,
     )
 
 
-def _values(data: Any, path: Path) -> Iterator[tuple[str, Any]]:
-    flat = dict(_flat(data, path))
-    for key in flat.keys() - _RULES.keys():
-        raise ControllerProfileError(f'{path}: {key} is not a key of a controller profile')
-    for key, rule in _RULES.items():
-        if key not in flat:
-            raise ControllerProfileError(f'{path}: {key} is missing')
-        try:
-            yield key, rule.read(flat[key])
-        except (TypeError, ValueError, KeyError) as cause:
-            raise ControllerProfileError(f'{path}: {key} = {flat[key]!r}: {rule.text}') from cause
+def _path(name: str, folder: Path) -> Path:
+    if name.endswith('.yaml'):
+        return folder / name
+    return share_file('config', 'controllers', name + '.yaml')
 
 
-def _flat(data: Any, path: Path) -> Iterator[tuple[str, Any]]:
+def _read(path: Path, below: tuple[Path, ...]) -> dict[Any, Any]:
+    """Return what the file says, over what the one says that it is like."""
+    try:
+        data = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (yaml.YAMLError, UnicodeDecodeError) as cause:
+        raise ControllerProfileError(f'{path}: not YAML: {cause}') from cause
     if not isinstance(data, dict):
         raise ControllerProfileError(f'{path}: the file = {data!r}: must be a mapping')
-    for key, value in data.items():
-        if isinstance(value, dict):
-            yield from ((f'{key}.{inner}', held) for inner, held in value.items())
+    like = data.pop('like', None)
+    if like is None:
+        return data
+    if not isinstance(like, str):
+        raise ControllerProfileError(f'{path}: like = {like!r}: must be the name of a profile')
+    other = _path(like, path.parent)
+    if other.resolve() in (at.resolve() for at in (*below, path)):
+        raise ControllerProfileError(f'{path}: like = {like!r}: that one is like this one')
+    for key in ('name', 'description'):
+        if key not in data:
+            raise ControllerProfileError(f'{path}: {key} is missing')
+    return _merged(_read(other, (*below, path)), data)
+
+
+def _merged(base: dict[Any, Any], over: dict[Any, Any], place: str = '') -> dict[Any, Any]:
+    """Return `base` with what `over` says, section by section."""
+    merged = dict(base)
+    for key, value in over.items():
+        held = base.get(key)
+        section = f'{place}{key}.'
+        if isinstance(held, dict) and isinstance(value, dict) and section in _SECTIONS:
+            merged[key] = _merged(held, value, section)
         else:
-            yield str(key), value
+            merged[key] = value
+    return merged
+
+
+_SECTIONS = {key[: key.rindex('.') + 1] for key in RULES if '.' in key} | {'io.'}

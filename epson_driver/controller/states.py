@@ -1,28 +1,93 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's condition: motors and E-stop, as one table.
+"""The controller's condition as tables: motors, E-stop, door, tasks, errors, mode, power.
 
-The rules (SPEL+: motors, emergency stop, reset):
+Each region of the condition is a table of its own; `after` gives an event to all of them at once,
+or to none. The rules (SPEL+ language reference; thesis chapter 3):
 
-* It boots with the motors off. Only a person (or the remote port) switches them on.
-* Motors off, or the motion client lost, while the motors are on: the arm brakes along its line,
-  and at standstill the motors go off.
-* The E-stop works in every condition. Back from it in three steps, in this order: release the
-  button, reset, motors on. Until the reset it is latched. A reset never switches motors on.
+* It boots with the motors off, at low power. Nothing but motors on, or continue after a door that
+  interrupted a motion, switches the motors on; both are done by a person or through the remote
+  port.
+* Motors off, the motion client lost, or the key switch to MANUAL, while the motors are on: the arm
+  brakes along its path, and at standstill the motors go off.
+* The E-stop works in every condition. It takes the power from the motors and aborts the Normal
+  tasks. Back from it in three steps, in this order: release the button, reset, motors on.
+* The safeguard door interrupts: the arm brakes, the motors go off, the Normal tasks pause. Back
+  from it: close the door, continue; the arm goes slowly to where it was interrupted, then on.
+* Pause brakes the arm on its path and pauses the Normal tasks; continue goes on.
+* Stop ends the Normal tasks and what they were doing; start runs them again.
+* An error takes the power from the motors and aborts the Normal tasks until a reset; a critical
+  one until the controller is booted again.
+* Power is low after boot, motors on, reset and stop, and while the motors are off, but for the
+  door. The motion program raises it for its trajectories where its profile says so, unless a
+  person has chosen low power.
 * Asking for what is already so is no error.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from enum import Enum
+from typing import Any
 
 
-class Condition(Enum):
-    """What the controller is in; the value is how it is called in sentences."""
+class Motors(Enum):
+    """The servo power. The value is how it is called in sentences."""
 
-    MOTORS_OFF = 'motors off'
-    MOTORS_ON = 'motors on'
-    STOPPING = 'braking, then motors off'
-    ESTOP_PRESSED = 'E-stop pressed'
-    ESTOP_LATCHED = 'E-stop released, not reset'
+    OFF = 'off'
+    ON = 'on'
+    BRAKING = 'braking, then off'
+    HOLDING = 'braking for the door'
+    HELD = 'off until continue'
+
+
+class EStop(Enum):
+    """The emergency stop."""
+
+    CLEAR = 'not active'
+    PRESSED = 'pressed'
+    LATCHED = 'released, not reset'
+
+
+class Door(Enum):
+    """The safeguard door."""
+
+    CLOSED = 'closed'
+    OPEN = 'open'
+
+
+class Tasks(Enum):
+    """What becomes of the Normal tasks: the motion server and the I/O server."""
+
+    RUNNING = 'running'
+    PAUSED = 'paused'
+    INTERRUPTED = 'paused by the door'
+    WAIT_RECOVER = 'waiting to continue after the door'
+    RECOVERING = 'going back to where the door interrupted'
+    STOPPED = 'stopped'
+    ABORTED = 'aborted'
+
+
+class Fault(Enum):
+    """Errors of the controller itself. A refused point is none of these."""
+
+    NONE = 'none'
+    ERROR = 'error'
+    CRITICAL = 'critical error'
+
+
+class Mode(Enum):
+    """The key switch."""
+
+    AUTO = 'AUTO'
+    MANUAL = 'MANUAL'
+
+
+class Power(Enum):
+    """How fast the motors may be driven."""
+
+    LOW = 'low'
+    HIGH = 'high'
+    HELD_LOW = 'low by choice'
 
 
 class Event(Enum):
@@ -34,69 +99,240 @@ class Event(Enum):
     STANDSTILL = 'standstill'
     ESTOP_PRESS = 'E-stop press'
     ESTOP_RELEASE = 'E-stop release'
+    DOOR_OPEN = 'door open'
+    DOOR_CLOSE = 'door close'
+    PAUSE = 'pause'
+    CONTINUE = 'continue'
+    RECOVERED = 'recovered'
+    STOP = 'stop'
+    START = 'start'
     RESET = 'reset'
+    ERROR = 'error'
+    CRITICAL_ERROR = 'critical error'
+    MODE_AUTO = 'mode auto'
+    MODE_MANUAL = 'mode manual'
+    POWER_HIGH = 'power high'
+    POWER_LOW = 'power low'
+    PROGRAM_POWER_HIGH = 'a trajectory begins'
+    BOOT = 'boot'
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """All regions of the controller's condition."""
+
+    motors: Motors = Motors.OFF
+    estop: EStop = EStop.CLEAR
+    door: Door = Door.CLOSED
+    tasks: Tasks = Tasks.RUNNING
+    fault: Fault = Fault.NONE
+    mode: Mode = Mode.AUTO
+    power: Power = Power.LOW
+
+    @property
+    def powered(self) -> bool:
+        """Whether the motors have power."""
+        return self.motors in (Motors.ON, Motors.BRAKING, Motors.HOLDING)
+
+    @property
+    def estopped(self) -> bool:
+        """Whether the E-stop is pressed, or not reset yet."""
+        return self.estop is not EStop.CLEAR
+
+    @property
+    def paused(self) -> bool:
+        """Whether the Normal tasks wait for continue."""
+        return self.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER)
+
+    @property
+    def motion_possible(self) -> bool:
+        """Whether a point would be executed."""
+        return self.motors is Motors.ON and self.tasks is Tasks.RUNNING
 
 
 class RefusedError(Exception):
     """An event that the condition does not allow. The text says why and what to do."""
 
 
-TRANSITIONS: dict[tuple[Condition, Event], Condition] = {
-    (Condition.MOTORS_OFF, Event.MOTORS_ON): Condition.MOTORS_ON,
-    (Condition.MOTORS_OFF, Event.MOTORS_OFF): Condition.MOTORS_OFF,
-    (Condition.MOTORS_OFF, Event.CLIENT_LOST): Condition.MOTORS_OFF,
-    (Condition.MOTORS_OFF, Event.ESTOP_PRESS): Condition.ESTOP_PRESSED,
-    (Condition.MOTORS_OFF, Event.ESTOP_RELEASE): Condition.MOTORS_OFF,
-    (Condition.MOTORS_OFF, Event.RESET): Condition.MOTORS_OFF,
-    (Condition.MOTORS_ON, Event.MOTORS_ON): Condition.MOTORS_ON,
-    (Condition.MOTORS_ON, Event.MOTORS_OFF): Condition.STOPPING,
-    (Condition.MOTORS_ON, Event.CLIENT_LOST): Condition.STOPPING,
-    (Condition.MOTORS_ON, Event.STANDSTILL): Condition.MOTORS_ON,
-    (Condition.MOTORS_ON, Event.ESTOP_PRESS): Condition.ESTOP_PRESSED,
-    (Condition.MOTORS_ON, Event.ESTOP_RELEASE): Condition.MOTORS_ON,
-    (Condition.MOTORS_ON, Event.RESET): Condition.MOTORS_ON,
-    (Condition.STOPPING, Event.MOTORS_OFF): Condition.STOPPING,
-    (Condition.STOPPING, Event.CLIENT_LOST): Condition.STOPPING,
-    (Condition.STOPPING, Event.STANDSTILL): Condition.MOTORS_OFF,
-    (Condition.STOPPING, Event.ESTOP_PRESS): Condition.ESTOP_PRESSED,
-    (Condition.STOPPING, Event.ESTOP_RELEASE): Condition.STOPPING,
-    (Condition.STOPPING, Event.RESET): Condition.STOPPING,
-    (Condition.ESTOP_PRESSED, Event.MOTORS_OFF): Condition.ESTOP_PRESSED,
-    (Condition.ESTOP_PRESSED, Event.CLIENT_LOST): Condition.ESTOP_PRESSED,
-    (Condition.ESTOP_PRESSED, Event.STANDSTILL): Condition.ESTOP_PRESSED,
-    (Condition.ESTOP_PRESSED, Event.ESTOP_PRESS): Condition.ESTOP_PRESSED,
-    (Condition.ESTOP_PRESSED, Event.ESTOP_RELEASE): Condition.ESTOP_LATCHED,
-    (Condition.ESTOP_LATCHED, Event.MOTORS_OFF): Condition.ESTOP_LATCHED,
-    (Condition.ESTOP_LATCHED, Event.CLIENT_LOST): Condition.ESTOP_LATCHED,
-    (Condition.ESTOP_LATCHED, Event.STANDSTILL): Condition.ESTOP_LATCHED,
-    (Condition.ESTOP_LATCHED, Event.ESTOP_PRESS): Condition.ESTOP_PRESSED,
-    (Condition.ESTOP_LATCHED, Event.ESTOP_RELEASE): Condition.ESTOP_LATCHED,
-    (Condition.ESTOP_LATCHED, Event.RESET): Condition.MOTORS_OFF,
+_E = Event
+
+MOTORS: dict[tuple[Motors, Event], Motors] = {
+    (Motors.OFF, _E.MOTORS_ON): Motors.ON,
+    (Motors.ON, _E.MOTORS_OFF): Motors.BRAKING,
+    (Motors.ON, _E.CLIENT_LOST): Motors.BRAKING,
+    (Motors.ON, _E.MODE_MANUAL): Motors.BRAKING,
+    (Motors.ON, _E.DOOR_OPEN): Motors.HOLDING,
+    (Motors.ON, _E.ESTOP_PRESS): Motors.OFF,
+    (Motors.ON, _E.ERROR): Motors.OFF,
+    (Motors.ON, _E.CRITICAL_ERROR): Motors.OFF,
+    (Motors.ON, _E.BOOT): Motors.OFF,
+    (Motors.BRAKING, _E.STANDSTILL): Motors.OFF,
+    (Motors.BRAKING, _E.ESTOP_PRESS): Motors.OFF,
+    (Motors.BRAKING, _E.ERROR): Motors.OFF,
+    (Motors.BRAKING, _E.CRITICAL_ERROR): Motors.OFF,
+    (Motors.BRAKING, _E.BOOT): Motors.OFF,
+    (Motors.HOLDING, _E.STANDSTILL): Motors.HELD,
+    (Motors.HOLDING, _E.MOTORS_OFF): Motors.BRAKING,
+    (Motors.HOLDING, _E.CLIENT_LOST): Motors.BRAKING,
+    (Motors.HOLDING, _E.MODE_MANUAL): Motors.BRAKING,
+    (Motors.HOLDING, _E.STOP): Motors.BRAKING,
+    (Motors.HOLDING, _E.START): Motors.BRAKING,
+    (Motors.HOLDING, _E.ESTOP_PRESS): Motors.OFF,
+    (Motors.HOLDING, _E.ERROR): Motors.OFF,
+    (Motors.HOLDING, _E.CRITICAL_ERROR): Motors.OFF,
+    (Motors.HOLDING, _E.BOOT): Motors.OFF,
+    (Motors.HELD, _E.CONTINUE): Motors.ON,
+    (Motors.HELD, _E.MOTORS_OFF): Motors.OFF,
+    (Motors.HELD, _E.CLIENT_LOST): Motors.OFF,
+    (Motors.HELD, _E.MODE_MANUAL): Motors.OFF,
+    (Motors.HELD, _E.STOP): Motors.OFF,
+    (Motors.HELD, _E.START): Motors.OFF,
+    (Motors.HELD, _E.ESTOP_PRESS): Motors.OFF,
+    (Motors.HELD, _E.ERROR): Motors.OFF,
+    (Motors.HELD, _E.CRITICAL_ERROR): Motors.OFF,
+    (Motors.HELD, _E.BOOT): Motors.OFF,
 }
 
-REFUSALS: dict[tuple[Condition, Event], str] = {
-    (Condition.MOTORS_OFF, Event.STANDSTILL): 'the arm stands still already',
-    (Condition.STOPPING, Event.MOTORS_ON): (
-        'the arm still brakes and the motors are going off: try again when it stands'
-    ),
-    (Condition.ESTOP_PRESSED, Event.MOTORS_ON): (
+ESTOP: dict[tuple[EStop, Event], EStop] = {
+    (EStop.CLEAR, _E.ESTOP_PRESS): EStop.PRESSED,
+    (EStop.PRESSED, _E.ESTOP_RELEASE): EStop.LATCHED,
+    (EStop.LATCHED, _E.ESTOP_PRESS): EStop.PRESSED,
+    (EStop.LATCHED, _E.RESET): EStop.CLEAR,
+    (EStop.LATCHED, _E.BOOT): EStop.CLEAR,
+}
+
+DOOR: dict[tuple[Door, Event], Door] = {
+    (Door.CLOSED, _E.DOOR_OPEN): Door.OPEN,
+    (Door.OPEN, _E.DOOR_CLOSE): Door.CLOSED,
+}
+
+TASKS: dict[tuple[Tasks, Event], Tasks] = {
+    (Tasks.RUNNING, _E.PAUSE): Tasks.PAUSED,
+    (Tasks.RUNNING, _E.DOOR_OPEN): Tasks.INTERRUPTED,
+    (Tasks.PAUSED, _E.CONTINUE): Tasks.RUNNING,
+    (Tasks.PAUSED, _E.DOOR_OPEN): Tasks.INTERRUPTED,
+    (Tasks.INTERRUPTED, _E.DOOR_CLOSE): Tasks.WAIT_RECOVER,
+    (Tasks.WAIT_RECOVER, _E.DOOR_OPEN): Tasks.INTERRUPTED,
+    (Tasks.WAIT_RECOVER, _E.CONTINUE): Tasks.RECOVERING,
+    (Tasks.RECOVERING, _E.RECOVERED): Tasks.RUNNING,
+    (Tasks.RECOVERING, _E.PAUSE): Tasks.WAIT_RECOVER,
+    (Tasks.RECOVERING, _E.DOOR_OPEN): Tasks.INTERRUPTED,
+    (Tasks.STOPPED, _E.START): Tasks.RUNNING,
+    (Tasks.ABORTED, _E.RESET): Tasks.RUNNING,
+    **{
+        (tasks, event): outcome
+        for event, outcome in (
+            (_E.STOP, Tasks.STOPPED),
+            (_E.ESTOP_PRESS, Tasks.ABORTED),
+            (_E.ERROR, Tasks.ABORTED),
+            (_E.CRITICAL_ERROR, Tasks.ABORTED),
+            (_E.BOOT, Tasks.RUNNING),
+        )
+        for tasks in Tasks
+        if tasks is not outcome and not (tasks is Tasks.ABORTED and event is _E.STOP)
+    },
+}
+
+FAULT: dict[tuple[Fault, Event], Fault] = {
+    (Fault.NONE, _E.ERROR): Fault.ERROR,
+    (Fault.NONE, _E.CRITICAL_ERROR): Fault.CRITICAL,
+    (Fault.ERROR, _E.CRITICAL_ERROR): Fault.CRITICAL,
+    (Fault.ERROR, _E.RESET): Fault.NONE,
+    (Fault.ERROR, _E.BOOT): Fault.NONE,
+    (Fault.CRITICAL, _E.BOOT): Fault.NONE,
+}
+
+MODE: dict[tuple[Mode, Event], Mode] = {
+    (Mode.AUTO, _E.MODE_MANUAL): Mode.MANUAL,
+    (Mode.MANUAL, _E.MODE_AUTO): Mode.AUTO,
+}
+
+POWER: dict[tuple[Power, Event], Power] = {
+    (Power.LOW, _E.POWER_HIGH): Power.HIGH,
+    (Power.LOW, _E.PROGRAM_POWER_HIGH): Power.HIGH,
+    (Power.LOW, _E.POWER_LOW): Power.HELD_LOW,
+    (Power.HIGH, _E.POWER_LOW): Power.HELD_LOW,
+    (Power.HIGH, _E.MOTORS_ON): Power.LOW,
+    (Power.HIGH, _E.MOTORS_OFF): Power.LOW,
+    (Power.HIGH, _E.CLIENT_LOST): Power.LOW,
+    (Power.HIGH, _E.ESTOP_PRESS): Power.LOW,
+    (Power.HIGH, _E.ERROR): Power.LOW,
+    (Power.HIGH, _E.CRITICAL_ERROR): Power.LOW,
+    (Power.HIGH, _E.RESET): Power.LOW,
+    (Power.HIGH, _E.STOP): Power.LOW,
+    (Power.HIGH, _E.MODE_MANUAL): Power.LOW,
+    (Power.HIGH, _E.BOOT): Power.LOW,
+    (Power.HELD_LOW, _E.POWER_HIGH): Power.HIGH,
+    (Power.HELD_LOW, _E.BOOT): Power.LOW,
+}
+
+REGIONS: dict[str, Mapping[tuple[Any, Event], Any]] = {
+    'motors': MOTORS,
+    'estop': ESTOP,
+    'door': DOOR,
+    'tasks': TASKS,
+    'fault': FAULT,
+    'mode': MODE,
+    'power': POWER,
+}
+"""The field of `Condition`, and its table."""
+
+REFUSALS: dict[tuple[Event, Enum], str] = {
+    (_E.MOTORS_ON, EStop.PRESSED): (
         'the E-stop is pressed: release the E-stop, then reset, then motors on'
     ),
-    (Condition.ESTOP_PRESSED, Event.RESET): (
-        'the E-stop is pressed: release the E-stop, then reset'
+    (_E.MOTORS_ON, EStop.LATCHED): ('the E-stop is released but not reset: reset, then motors on'),
+    (_E.MOTORS_ON, Fault.ERROR): 'there is an error: reset, then motors on',
+    (_E.MOTORS_ON, Fault.CRITICAL): 'there is a critical error: boot the controller again',
+    (_E.MOTORS_ON, Door.OPEN): 'the safeguard door is open: close it first',
+    (_E.MOTORS_ON, Mode.MANUAL): 'the key switch is at MANUAL: turn it to AUTO first',
+    (_E.MOTORS_ON, Motors.BRAKING): (
+        'the arm still brakes and the motors are going off: try again when it stands'
     ),
-    (Condition.ESTOP_LATCHED, Event.MOTORS_ON): (
-        'the E-stop is released but not reset: reset, then motors on'
-    ),
+    (_E.MOTORS_ON, Motors.HELD): 'the door interrupted a motion: continue, or stop and start',
+    (_E.RESET, EStop.PRESSED): 'the E-stop is pressed: release the E-stop, then reset',
+    (_E.RESET, Fault.CRITICAL): 'there is a critical error: boot the controller again',
+    (_E.RESET, Tasks.PAUSED): 'the tasks are paused: continue, or stop, first',
+    (_E.RESET, Tasks.INTERRUPTED): 'the tasks are paused: close the door and continue, or stop',
+    (_E.RESET, Tasks.WAIT_RECOVER): 'the tasks are paused: continue, or stop, first',
+    (_E.PAUSE, Tasks.STOPPED): 'the tasks are stopped: there is nothing to pause',
+    (_E.PAUSE, Tasks.ABORTED): 'the tasks are aborted: there is nothing to pause',
+    (_E.CONTINUE, Tasks.RUNNING): 'nothing is paused',
+    (_E.CONTINUE, Tasks.INTERRUPTED): 'the safeguard door is open: close it, then continue',
+    (_E.CONTINUE, Tasks.RECOVERING): 'the arm is on its way back already',
+    (_E.CONTINUE, Tasks.STOPPED): 'the tasks are stopped: start them',
+    (_E.CONTINUE, Tasks.ABORTED): 'the tasks are aborted: reset',
+    (_E.CONTINUE, Motors.HOLDING): 'the arm still brakes: try again when it stands',
+    (_E.CONTINUE, Mode.MANUAL): 'the key switch is at MANUAL: turn it to AUTO first',
+    (_E.START, Tasks.PAUSED): 'the tasks are paused: continue, or stop, first',
+    (_E.START, Tasks.INTERRUPTED): 'the tasks are paused: close the door and continue, or stop',
+    (_E.START, Tasks.WAIT_RECOVER): 'the tasks are paused: continue, or stop, first',
+    (_E.START, Tasks.ABORTED): 'the tasks are aborted: reset, which starts them again',
+    (_E.START, Door.OPEN): 'the safeguard door is open: close it first',
+    (_E.START, Mode.MANUAL): 'the key switch is at MANUAL: turn it to AUTO first',
+    (_E.POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
+    (_E.PROGRAM_POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
 }
+"""Which event is refused in which state of any region, and what a person is told.
 
-ESTOP_CONDITIONS = frozenset({Condition.ESTOP_PRESSED, Condition.ESTOP_LATCHED})
-POWERED_CONDITIONS = frozenset({Condition.MOTORS_ON, Condition.STOPPING})
+The first row that applies counts.
+"""
 
 
 def after(condition: Condition, event: Event) -> Condition:
     """Return the condition that `event` leads to. Raises RefusedError if it is not allowed."""
-    following = TRANSITIONS.get((condition, event))
-    if following is None:
-        raise RefusedError(REFUSALS[condition, event])
-    return following
+    states = {getattr(condition, region) for region in REGIONS}
+    for (refused, state), sentence in REFUSALS.items():
+        if refused is event and state in states:
+            raise RefusedError(sentence)
+    changes = {}
+    for region, table in REGIONS.items():
+        state = getattr(condition, region)
+        following = table.get((state, event), state)
+        if following is not state:
+            changes[region] = following
+    return replace(condition, **changes) if changes else condition
+
+
+if {field.name for field in fields(Condition)} != set(REGIONS):
+    raise TypeError('every region needs its table')

@@ -10,17 +10,25 @@ has no such port.
 
 import asyncio
 import os
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager
 
 from epson_driver.remote_errors import MEANINGS
 
-_LONGEST_LINE = 4096
+_LONGEST_LINE = 65_536
+
+Ask = Callable[[str], Awaitable[str]]
+"""Gives a command without its `$`; returns the value of the answer, or raises RemoteError."""
 
 
 class RemoteError(Exception):
-    """The controller's refusal: `command` as it was sent, `number`, and its `meaning` in words."""
+    """The controller's refusal: `command` as it was sent, `number`, and its `meaning` in words.
+
+    Of a login only the name is kept, not the password.
+    """
 
     def __init__(self, command: str, number: int) -> None:
+        command = _without_password(command)
         self.command = command
         self.number = number
         self.meaning = MEANINGS.get(number, 'unknown error number')
@@ -32,24 +40,41 @@ async def execute(
 ) -> list[str]:
     """Log in, give the commands one after the other, log out; return the value of each answer.
 
-    Commands are written without their `$`, as in `'SetMotorsOn,1'`. Raises RemoteError at the
-    first one that is refused, TimeoutError if all together took longer than `timeout` s, and
-    ConnectionError if the controller cannot be reached, hangs up or answers something else.
+    Commands are written without their `$`, as in `'SetMotorsOn,1'`. Raises what `logged_in` does;
+    nothing is given any more after the first command that is refused.
+    """
+    async with logged_in(host, port, timeout, password) as ask:
+        return [await ask(command) for command in commands]
+
+
+@asynccontextmanager
+async def logged_in(
+    host: str, port: int, timeout: float, password: str = ''
+) -> AsyncIterator[Ask]:
+    """Be logged in for several commands; what they have in common is one `timeout`, s.
+
+    Raises RemoteError for a command that is refused, TimeoutError if all together took longer
+    than `timeout`, and ConnectionError if the controller cannot be reached, hangs up or answers
+    something else.
     """
     async with asyncio.timeout(timeout):
         try:
             reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
         except (OSError, OverflowError) as error:
             raise ConnectionError(f'{host}:{port}: {_reason(error)}') from error
+
+        async def ask(command: str) -> str:
+            try:
+                return await _ask(reader, writer, command)
+            except ConnectionError as error:
+                raise ConnectionError(f'{host}:{port}: {error}') from error
+
         try:
-            await _ask(reader, writer, f'Login,{password}')
-            values = [await _ask(reader, writer, command) for command in commands]
-            await _ask(reader, writer, 'Logout')
-        except ConnectionError as error:
-            raise ConnectionError(f'{host}:{port}: {error}') from error
+            await ask(f'Login,{password}')
+            yield ask
+            await ask('Logout')
         finally:
             writer.close()
-    return values
 
 
 def _reason(error: OSError | OverflowError) -> str:
@@ -60,20 +85,27 @@ def _reason(error: OSError | OverflowError) -> str:
 
 async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str) -> str:
     if not command.isprintable():
-        raise ValueError(f'{command!r} is not one command')
+        raise ValueError(f'{_without_password(command)!r} is not one command')
     writer.write(f'${command}\r\n'.encode())
     await writer.drain()
     try:
         line = await reader.readline()
     except ValueError as error:
-        raise ConnectionError(f'the answer to {command} does not end') from error
+        shown = _without_password(command)
+        raise ConnectionError(f'the answer to {shown} does not end') from error
     answer = line.decode(errors='replace').strip()
     if not line.endswith(b'\n'):
-        raise ConnectionError(f'closed by the controller before it answered {command}')
+        shown = _without_password(command)
+        raise ConnectionError(f'closed by the controller before it answered {shown}')
     name, _, value = answer[1:].partition(',')
     if name.lower() == command.partition(',')[0].lower():
         if answer.startswith('#'):
             return value
         if answer.startswith('!') and value.isdecimal():
             raise RemoteError(command, int(value))
-    raise ConnectionError(f'{answer!r} is no answer to {command}')
+    raise ConnectionError(f'{answer!r} is no answer to {_without_password(command)}')
+
+
+def _without_password(command: str) -> str:
+    name = command.partition(',')[0]
+    return name if name.lower() == 'login' else command

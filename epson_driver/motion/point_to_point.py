@@ -6,6 +6,8 @@ All joints start and end together (SPEL+ `Go`). The move is one jerk-limited mot
 line, with the limits of the joint that binds; so a stop stays on the line too.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
@@ -16,9 +18,24 @@ SHORTEST_MOVE = 1e-9
 """A line shorter than this (rad, in the joint that moves most) is no move."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Pieces:
+    """A course as pieces of constant jerk, each until the next begins; the last one is the rest.
+
+    Arrays of shape (8,): when each begins (s), and the way, its derivatives and the jerk then.
+    """
+
+    times: Array
+    ways: Array
+    velocities: Array
+    accelerations: Array
+    jerks: Array
+
+
 class LineMotion:
     """A motion along a line, as a function of the time since it began.
 
+    `origin`, `direction` and `end` have shape (n,): the joints are at origin + way · direction.
     `duration` is in s. Made by `go` and `stop`, not directly.
     """
 
@@ -31,34 +48,56 @@ class LineMotion:
         end: Array,
     ) -> None:
         self._limits = limits
-        self._origin = origin
-        self._direction = direction
+        self.origin = origin
+        self.direction = direction
+        self.end = end
         self._course = course
-        self._end = end
         self.duration: float = 0.0 if course is None else course.duration
+
+    @property
+    def braking(self) -> float:
+        """When the deceleration of a move from rest to rest begins, s."""
+        if self._course is None:
+            return 0.0
+        times = self._course.profiles[0][0].t
+        cruise = 3
+        # Speeding up and slowing down are mirror images.
+        return float(sum(times[: cruise + 1])) if times[cruise] > 0.0 else self.duration / 2.0
+
+    @property
+    def pieces(self) -> Pieces:
+        """The way along the line as pieces of constant jerk. Raises ValueError for no move."""
+        if self._course is None:
+            raise ValueError('a move of no length has no pieces')
+        profile = self._course.profiles[0][0]
+        times = np.concatenate([[0.0], np.cumsum(profile.t)])
+        velocities, accelerations = np.array(profile.v), np.array(profile.a)
+        velocities[-1] = accelerations[-1] = 0.0
+        jerks = np.array([*profile.j, 0.0])
+        return Pieces(times, np.array(profile.p), velocities, accelerations, jerks)
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
         if self._course is None or time >= self.duration:
-            zeros = np.zeros_like(self._end)
-            return self._end.copy(), zeros, zeros.copy()
+            zeros = np.zeros_like(self.end)
+            return self.end.copy(), zeros, zeros.copy()
         (s,), (v,), (a,) = self._course.at_time(max(time, 0.0))
-        direction = self._direction
-        return self._origin + s * direction, v * direction, a * direction
+        direction = self.direction
+        return self.origin + s * direction, v * direction, a * direction
 
     def stop(self, time: float) -> 'LineMotion':
         """Return the fastest stop along the line from this motion's state at `time`."""
         if self._course is None or time >= self.duration:
-            return LineMotion(self._limits, self._end, self._direction, None, self._end)
+            return LineMotion(self._limits, self.end, self.direction, None, self.end)
         state = self._course.at_time(max(time, 0.0))
-        inp = _bounds_along(self._direction, self._limits, 1.0, 1.0)
+        inp = _bounds_along(self.direction, self._limits, 1.0, 1.0)
         inp.control_interface = ControlInterface.Velocity
         inp.current_position, inp.current_velocity, inp.current_acceleration = state
         inp.target_velocity = [0.0]
-        course = _solve(inp)
+        course = solve(inp)
         (s,), _, _ = course.at_time(course.duration)
-        end = self._origin + s * self._direction
-        return LineMotion(self._limits, self._origin, self._direction, course, end)
+        end = self.origin + s * self.direction
+        return LineMotion(self._limits, self.origin, self.direction, course, end)
 
 
 def go(
@@ -70,21 +109,9 @@ def go(
     SPEL+'s percentages. Raises ValueError for other fractions, wrong lengths, numbers that are not
     finite, and a target outside the position limits.
     """
-    for name, value in (('speed', speed), ('accel', accel)):
-        if not 0.0 < value <= 1.0:
-            raise ValueError(f'{name} = {value}: must be in (0, 1]')
-    for name, vector in (('start', start), ('target', target)):
-        if vector.shape != (len(limits.names),):
-            raise ValueError(f'{name}: {vector.size} values for {len(limits.names)} joints')
-        if not np.all(np.isfinite(vector)):
-            raise ValueError(f'{name} = {vector.tolist()}: not finite')
-    outside = (target < limits.position_min) | (target > limits.position_max)
-    if outside.any():
-        joint = int(np.argmax(outside))
-        raise ValueError(
-            f'{limits.names[joint]}: target {target[joint]:.6g} is outside the limits '
-            f'{limits.position_min[joint]:.6g} … {limits.position_max[joint]:.6g} rad'
-        )
+    check_fractions(speed, accel)
+    _check_vector('start', start, limits)
+    check_target(target, limits)
     difference = target - start
     length = float(np.max(np.abs(difference)))
     if length < SHORTEST_MOVE:
@@ -93,7 +120,33 @@ def go(
     inp = _bounds_along(direction, limits, speed, accel)
     inp.current_position = [0.0]
     inp.target_position = [length]
-    return LineMotion(limits, start.copy(), direction, _solve(inp), target.copy())
+    return LineMotion(limits, start.copy(), direction, solve(inp), target.copy())
+
+
+def check_fractions(speed: float, accel: float) -> None:
+    """Raise ValueError for fractions that are not in (0, 1]."""
+    for name, value in (('speed', speed), ('accel', accel)):
+        if not 0.0 < value <= 1.0:
+            raise ValueError(f'{name} = {value}: must be in (0, 1]')
+
+
+def check_target(target: Array, limits: JointLimits) -> None:
+    """Raise ValueError for a target that is not n finite angles within the position limits."""
+    _check_vector('target', target, limits)
+    outside = (target < limits.position_min) | (target > limits.position_max)
+    if outside.any():
+        joint = int(np.argmax(outside))
+        raise ValueError(
+            f'{limits.names[joint]}: target {target[joint]:.6g} is outside the limits '
+            f'{limits.position_min[joint]:.6g} … {limits.position_max[joint]:.6g} rad'
+        )
+
+
+def _check_vector(name: str, vector: Array, limits: JointLimits) -> None:
+    if vector.shape != (len(limits.names),):
+        raise ValueError(f'{name}: {vector.size} values for {len(limits.names)} joints')
+    if not np.all(np.isfinite(vector)):
+        raise ValueError(f'{name} = {vector.tolist()}: not finite')
 
 
 def _bounds_along(
@@ -108,7 +161,8 @@ def _bounds_along(
     return inp
 
 
-def _solve(inp: InputParameter) -> RuckigTrajectory:
+def solve(inp: InputParameter) -> RuckigTrajectory:
+    """Return the fastest course of one joint. Raises RuntimeError if there is none."""
     course = RuckigTrajectory(1)
     result = Ruckig(1).calculate(inp, course)
     if result not in (Result.Working, Result.Finished):

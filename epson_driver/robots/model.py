@@ -30,15 +30,17 @@ class Provenance:
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """Data of one robot model. `pulses_per_degree` has shape (n,).
+    """Data of one robot model. `pulses_per_degree` and `reach` have shape (n,).
 
-    `provenance` maps position, velocity, acceleration, jerk and pulses_per_degree to their source.
+    `reach` is the largest distance of Tool 0 from each joint's axis, m. `provenance` maps
+    position, velocity, acceleration, jerk, pulses_per_degree and reach to their source.
     """
 
     name: str
     description: str
     limits: JointLimits
     pulses_per_degree: Array
+    reach: Array
     provenance: dict[str, Provenance]
 
     @property
@@ -81,6 +83,11 @@ def _parse(data: Any, path: Path) -> RobotModel:
     if np.any(pulses_per_degree == 0.0):
         raise reader.error('pulses_per_degree.value', pulses_per_degree.tolist(), 'must not be 0')
     provenance['pulses_per_degree'] = reader.provenance(pulses, 'pulses_per_degree', len(names))
+    reaches = reader.get(data, 'reach', dict)
+    reach = reader.numbers(reaches, 'value', 'reach', len(names))
+    if np.any(reach < 0.0):
+        raise reader.error('reach.value', reach.tolist(), 'must not be negative')
+    provenance['reach'] = reader.provenance(reaches, 'reach', len(names))
     try:
         joint_limits = JointLimits(names, **columns)
     except ValueError as cause:
@@ -90,6 +97,7 @@ def _parse(data: Any, path: Path) -> RobotModel:
         description=reader.get(data, 'description', str),
         limits=joint_limits,
         pulses_per_degree=pulses_per_degree,
+        reach=reach,
         provenance=provenance,
     )
 

@@ -19,6 +19,15 @@ class MessageType(IntEnum):
     STATUS = 13
     JOINT_TRAJ_PT_FULL = 14
     JOINT_FEEDBACK = 15
+    MOTION_CTRL = 2001
+    MOTION_REPLY = 2002
+    IO_INFO = 65200
+    IO_READ = 65201
+    IO_WRITE = 65202
+    IO_RESET = 65203
+    IO_STREAM_SUB = 65204
+    IO_STREAM_UNSUB = 65205
+    IO_STREAM_PUB = 65206
 
 
 class CommType(IntEnum):

@@ -4,6 +4,9 @@
 
 A row names the class's fields in the order of the wire with their width: `i` int32, `r` real,
 `10r` ten reals, `0|10i` either none or ten ints (the length of the body tells which).
+
+A type whose replies have a body of their own has a second row, with a class of its own, in
+REPLY_ROWS.
 """
 
 import struct
@@ -15,6 +18,8 @@ from typing import Protocol
 from epson_driver.simple_message.constants import MessageType
 from epson_driver.simple_message.dialect import ByteOrder, Dialect, Real
 from epson_driver.simple_message.errors import BodyError, FieldError
+from epson_driver.simple_message.io_layouts import IO_REPLY_ROWS, IO_ROWS
+from epson_driver.simple_message.io_messages import IoInfo
 from epson_driver.simple_message.messages import (
     GetVersion,
     JointFeedback,
@@ -23,6 +28,8 @@ from epson_driver.simple_message.messages import (
     JointTrajPt,
     JointTrajPtFull,
     Message,
+    MotionCtrl,
+    MotionReply,
     Ping,
     Status,
 )
@@ -226,7 +233,20 @@ ROWS: tuple[Layout, ...] = (
         JointFeedback,
         'robot_id:i valid_fields:i time:r positions:10r velocities:10r accelerations:10r',
     ),
+    FixedLayout(MessageType.MOTION_CTRL, MotionCtrl, 'robot_id:i sequence:i command:i data:10r'),
+    FixedLayout(
+        MessageType.MOTION_REPLY,
+        MotionReply,
+        'robot_id:i sequence:i command:i result:i subcode:i data:10r',
+    ),
+    FixedLayout(MessageType.IO_INFO, IoInfo, 'message_id:i'),
+    *IO_ROWS,
 )
 
+REPLY_ROWS: tuple[Layout, ...] = IO_REPLY_ROWS
+
 LAYOUT_OF_TYPE: dict[int, Layout] = {row.msg_type: row for row in ROWS}
-LAYOUT_OF_CLASS: dict[type[Message], Layout] = {row.message_class: row for row in ROWS}
+LAYOUT_OF_REPLY: dict[int, Layout] = {row.msg_type: row for row in REPLY_ROWS}
+LAYOUT_OF_CLASS: dict[type[Message], Layout] = {
+    row.message_class: row for row in (*ROWS, *REPLY_ROWS)
+}

@@ -108,6 +108,35 @@ class JointFeedback(Message):
 
 
 @dataclass(frozen=True, slots=True)
+class MotionCtrl(Message):
+    """MOTION_CTRL (2001), Motoman: a command to the controller (`motoman.Command`).
+
+    `sequence` is the client's number for it, which comes back in the reply; `data` is reserved.
+    """
+
+    robot_id: int
+    sequence: int
+    command: int
+    data: tuple[float, ...] = ZEROS
+
+
+@dataclass(frozen=True, slots=True)
+class MotionReply(Message):
+    """MOTION_REPLY (2002), Motoman: the answer to MOTION_CTRL and JOINT_TRAJ_PT_FULL.
+
+    `command` is the command that it answers, or the message type of a point; `result` is a
+    `motoman.Result`, `subcode` says more of it; `data` is reserved.
+    """
+
+    robot_id: int
+    sequence: int
+    command: int
+    result: int
+    subcode: int = 0
+    data: tuple[float, ...] = ZEROS
+
+
+@dataclass(frozen=True, slots=True)
 class Opaque(Message):
     """Any other message, or a reply whose body is not a message of its type: bytes, untouched."""
 

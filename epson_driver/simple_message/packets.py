@@ -9,7 +9,7 @@ from epson_driver.simple_message.constants import CommType, ReplyCode
 from epson_driver.simple_message.dialect import LITTLE_ENDIAN, Dialect, Real
 from epson_driver.simple_message.errors import BodyError, FieldError, HeaderError
 from epson_driver.simple_message.framer import HEADER_SIZE, MAX_LENGTH, Frame
-from epson_driver.simple_message.layouts import LAYOUT_OF_CLASS, LAYOUT_OF_TYPE
+from epson_driver.simple_message.layouts import LAYOUT_OF_CLASS, LAYOUT_OF_REPLY, LAYOUT_OF_TYPE
 from epson_driver.simple_message.messages import Message, Opaque
 
 
@@ -98,6 +98,8 @@ def decode(frame: Frame) -> Packet:
     """
     comm_type, reply_code = check_header(frame)
     layout = LAYOUT_OF_TYPE.get(frame.msg_type)
+    if comm_type is CommType.SERVICE_REPLY:
+        layout = LAYOUT_OF_REPLY.get(frame.msg_type, layout)
     message: Message = Opaque(frame.msg_type, frame.body)
     real = Real.FLOAT32
     if layout is not None:

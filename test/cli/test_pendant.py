@@ -1,19 +1,23 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pendant's answers, against a simulated controller in the same event loop."""
+"""The pendant's answers, against a simulated controller and against what is like a real one."""
 
 import asyncio
+import re
+import shutil
 import socket
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 
 import pytest
 
-from epson_driver.cli import pendant
+from epson_driver.cli import pendant, pendant_words
 from epson_driver.controller.core import Controller
+from epson_driver.controller.faults.fault_kinds import FAULTS
+from epson_driver.controller.network.servers import ControllerServers, Ports
 from epson_driver.controller.profile import load_controller_profile
-from epson_driver.controller.servers import ControllerServers, Ports
 from epson_driver.robots import load_robot_model
 
 
@@ -27,10 +31,14 @@ def port():
         controller = Controller(load_robot_model('c3_a601s'), load_controller_profile('rc620'))
         servers = ControllerServers(controller)
         ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
+        running = asyncio.create_task(servers.run())
         end = asyncio.Event()
         found.extend([ports.remote, asyncio.get_running_loop(), end])
         ready.set()
         await end.wait()
+        running.cancel()
+        with suppress(asyncio.CancelledError):
+            await running
         await servers.close()
 
     thread = threading.Thread(target=asyncio.run, args=(serve(),))
@@ -43,66 +51,253 @@ def port():
 
 
 @pytest.fixture
-def ask(port, monkeypatch, capsys):
-    def ask_pendant(*words):
+def said(monkeypatch, capsys):
+    """Return exit code and output of the pendant on a port."""
+
+    def say(port, *words):
         monkeypatch.setattr(sys, 'argv', ['pendant', '--port', str(port), *words])
         code = pendant.main()
         output = capsys.readouterr()
         return code, output.out + output.err
 
-    return ask_pendant
+    return say
 
 
-def test_motors_estop_and_reset(ask):
-    assert ask('motors', 'on') == (0, 'motors on\n')
-    assert 'motors: on\n' in ask('status')[1]
-    assert ask('estop', 'press') == (0, 'E-stop pressed\n')
-    for words in (('motors', 'on'), ('reset',)):
-        code, text = ask(*words)
+@pytest.fixture
+def ask(port, said):
+    return lambda words: said(port, *words.split())
+
+
+@pytest.fixture
+def done(ask):
+    """Return the answer to words that must be obeyed."""
+
+    def say(words):
+        code, text = ask(words)
+        assert code == 0, text
+        return text.removesuffix('\n')
+
+    return say
+
+
+def test_motors_estop_and_reset(ask, done):
+    assert done('motors on') == 'motors on'
+    assert 'motors: on\n' in done('status')
+    assert done('estop press') == 'E-stop pressed'
+    for words in ('motors on', 'reset'):
+        code, text = ask(words)
         assert code == 1
-        assert text.startswith('refused: ')
-        assert 'release the E-stop, then reset' in text
-    code, text = ask('status')
-    assert code == 0
+        assert text.startswith('refused: the E-stop is pressed: release the E-stop, then reset')
+        assert '(error 20)' in text
+    text = done('status')
     assert 'motors: off\n' in text
-    assert 'E-stop: active (release, then reset)\n' in text
+    assert 'E-stop: pressed (release, then reset)\n' in text
     assert 'error:  2261 (the motion task does not exist' in text
-    assert ask('estop', 'release')[0] == 0
-    assert ask('motors', 'on')[0] == 1
-    assert ask('reset')[0] == 0
-    assert ask('motors', 'on') == (0, 'motors on\n')
-    assert ask('motors', 'off') == (0, 'motors off\n')
+    assert 'aborted it): release the E-stop, reset, motors on\n' in text
+    assert 'motion server  Normal        aborted (2261)\n' in text
+    done('estop release')
+    assert 'E-stop: released, not reset (reset)\n' in done('status')
+    assert ask('motors on')[0] == 1
+    done('reset')
+    assert done('motors on') == 'motors on'
+    assert done('motors off') == 'motors off'
 
 
-def test_status_of_a_controller_that_just_booted(ask):
-    code, text = ask('status')
-    assert code == 0
+def test_status_of_a_controller_that_just_booted(done):
+    text = re.sub(r'late: .*', 'late:', done('status'))
     assert text.splitlines() == [
         'motors: off',
+        'power:  low',
         'E-stop: not active',
-        'arm:    stands',
-        'error:  none',
+        'door:   closed',
         'mode:   AUTO',
+        'tasks:  motion server  Normal        runs',
+        '        state server   NoEmgAbort    runs',
+        '        I/O server     Normal        runs',
+        'arm:    stands',
+        'joints: 0.000 0.000 0.000 0.000 0.000 0.000 degrees',
+        'error:  none',
+        'faults: none',
+        'late:',
         'flags:  Auto Ready',
-        'late:   0 cycles, 0 plans; 0 plans failed',
     ]
 
 
-@pytest.mark.parametrize('words', [['motors'], ['motors', 'up'], ['dance'], ['status', 'now']])
-def test_words_that_mean_nothing(ask, capsys, words):
+def test_door_mode_power_and_tasks(ask, done):
+    done('motors on')
+    assert done('power high') == 'power high'
+    assert 'power:  high\n' in done('status')
+    assert done('power low') == 'power low, until it is said to be high'
+    assert done('pause') == 'paused; continue goes on'
+    assert 'arm:    paused\n' in done('status')
+    assert ask('reset') == (
+        1,
+        'refused: the tasks are paused: continue, or stop, first (error 20)\n',
+    )
+    done('door open')
+    assert 'door:   open\n' in done('status')
+    assert ask('continue')[1] == (
+        'refused: the safeguard door is open: close it, then continue (error 20)\n'
+    )
+    done('door close')
+    assert done('continue') == 'the tasks go on'
+    assert ask('continue') == (1, 'refused: nothing is paused (error 20)\n')
+    done('stop')
+    assert 'motion server  Normal        does not run\n' in done('status')
+    done('start')
+    done('mode manual')
+    assert 'mode:   MANUAL\n' in done('status')
+    assert ask('motors on')[1] == (
+        'refused: the key switch is at MANUAL: turn it to AUTO first (error 20)\n'
+    )
+    done('mode auto')
+
+
+def test_io(ask, done):
+    assert done('io').splitlines() == [
+        'in:   24, on: none',
+        'out:  16, on: none',
+        'ain:  0 mV, 0 mV',
+        'aout: 0 mV, 0 mV',
+        'flag: 512, on: none',
+    ]
+    assert done('io in 3 on') == 'in 3: on'
+    assert done('io in 3') == 'in 3: on'
+    assert done('io out 5') == 'out 5: off'
+    assert done('io out 5 1') == 'out 5: 1'
+    assert done('io ain 1 -2500') == 'ain 1: -2500 mV'
+    assert done('io ain 1') == 'ain 1: -2500 mV'
+    assert done('io flag 7 on') == 'flag 7: on'
+    assert done('io').splitlines() == [
+        'in:   24, on: 3',
+        'out:  16, on: 5',
+        'ain:  0 mV, -2500 mV',
+        'aout: 0 mV, 0 mV',
+        'flag: 512, on: 7',
+    ]
+    code, text = ask('io out 16 on')
+    assert code == 1
+    assert 'this controller has digital outputs 0 to 15' in text
+
+
+def test_faults(ask, done):
+    assert done('fault') == 'no faults'
+    assert done('fault late_reply seconds=3') == 'fault: late_reply seconds=3'
+    assert done('fault delay:seconds=0.2,port=state') == 'fault: delay:seconds=0.2,port=state'
+    assert 'faults: late_reply seconds=3' in done('status')
+    assert len(done('fault').splitlines()) == 2
+    assert done('fault clear delay') == '1 cleared'
+    code, text = ask('fault clear delay')
+    assert code == 1
+    assert 'delay: it is not active' in text
+    code, text = ask('fault delay seconds=1000')
+    assert code == 1
+    assert 'seconds = ' in text
+    assert done('fault clear') == '1 cleared'
+
+
+def test_disturb(done, ask):
+    assert done('disturb 2 -1.5') == 'joint 2 pushed by -1.5°'
+    assert 'joints: 0.000 -1.500 0.000' in done('status')
+    assert ask('disturb 9 1')[0] == 1
+
+
+def test_reboot(ask, done):
+    done('motors on')
+    assert done('reboot 0.2') == 'it boots; the motors are off then'
+    for _ in range(200):
+        code, text = ask('status')
+        if code == 0 and 'motors: off' in text:
+            return
+        threading.Event().wait(0.05)
+    pytest.fail(text)
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'motors',
+        'motors up',
+        'dance',
+        'status now',
+        'stat',
+        'mot on',
+        'estop',
+        'io in',
+        'io in x',
+        'io in -1',
+        'io in 3 high',
+        'io in 3 on on',
+        'io ain 0 on',
+        'io out 3,1 on',
+        'io lamp 3',
+        'disturb 1',
+        'disturb one 1',
+        'disturb 1 far',
+        'disturb 1 nan',
+        'disturb 1 1 1',
+        'reboot soon',
+        'reboot 1 2',
+        'reboot nan',
+        'fault clear a b',
+        'fault kinds delay=1\n',
+    ],
+)
+def test_words_that_mean_nothing(said, capsys, words):
     with pytest.raises(SystemExit) as caught:
-        ask(*words)
+        said(1, *words.split(' '))
     assert caught.value.code == 2
-    assert 'must be one of status, motors on, motors off, estop press' in capsys.readouterr().err
+    assert 'must be ' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('number', ['0', '70000', '-1', 'five'])
+@pytest.mark.parametrize('number', ['0', '70000', '-1', 'five', '²'])
 def test_a_port_that_cannot_be(monkeypatch, capsys, number):
     monkeypatch.setattr(sys, 'argv', ['pendant', f'--port={number}', 'status'])
     with pytest.raises(SystemExit) as caught:
         pendant.main()
     assert caught.value.code == 2
     assert f'{number}: must be a port from 1 to 65535' in capsys.readouterr().err
+
+
+def test_help_tells_everything_that_can_be_said(monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['pendant', '--help'])
+    with pytest.raises(SystemExit) as caught:
+        pendant.main()
+    assert caught.value.code == 0
+    help_text = capsys.readouterr().out
+    assert all(f'  {said}  ' in help_text for said in pendant_words.TEXTS)
+    assert set(pendant_words.ACTIONS) | set(pendant_words.ALONE) < set(pendant_words.TEXTS)
+
+
+def test_the_kinds_of_faults_are_told_without_a_controller(said):
+    code, text = said(1, 'fault', 'kinds')
+    assert code == 0
+    assert all(f'{name}\n' in text for name in FAULTS)
+
+
+@pytest.mark.skipif(shutil.which('bash') is None, reason='no bash')
+@pytest.mark.parametrize(
+    ('line', 'expected'),
+    [
+        ('pendant mot', ['motors']),
+        ('pendant motors ', ['on', 'off']),
+        ('pendant estop p', ['press']),
+        ('pendant io i', ['in']),
+        ('pendant fault clear frozen', ['frozen_encoder']),
+        ('./pendant sta', ['status', 'start']),
+        ('pendant motors on ', []),
+    ],
+)
+def test_completion_in_bash(said, line, expected):
+    code, text = said(1, 'completion')
+    assert (code, text.count('\n')) == (0, 1)
+    words = line.split(' ')
+    script = (
+        f'{text}\nCOMP_WORDS=({" ".join(repr(word) for word in words)})\n'
+        f'COMP_CWORD={len(words) - 1}\n_pendant\nprintf "%s\\n" "${{COMPREPLY[@]}}"'
+    )
+    run = subprocess.run(['bash', '-c', script], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == expected
 
 
 def test_nobody_listens():
@@ -120,44 +315,141 @@ def test_nobody_listens():
     assert 'Traceback' not in result.stderr
 
 
-def test_somebody_else_listens(monkeypatch, capsys):
-    with socket.create_server(('127.0.0.1', 0)) as server:
-        port = server.getsockname()[1]
+# ---- what is not the simulation
 
-        def serve():
-            sock, _ = server.accept()
-            with sock:
-                sock.sendall(b'SSH-2.0-server\r\n')
-                sock.recv(100)
 
-        thread = threading.Thread(target=serve)
-        thread.start()
-        monkeypatch.setattr(sys, 'argv', ['pendant', '--port', str(port), 'motors', 'on'])
+class Answers:
+    """A remote port that gives the same answers in one session; others are told they are wrong."""
+
+    def __init__(self, answers=(), raw=b''):
+        self._answers = {
+            f'${name}'.encode(): line.encode() for name, line in dict(answers).items()
+        }
+        self._raw = raw
+        self.lines = []
+
+    def __enter__(self):
+        self._server = socket.create_server(('127.0.0.1', 0))
+        self.port = self._server.getsockname()[1]
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._thread.join()
+        self._server.close()
+
+    def _serve(self):
+        sock, _ = self._server.accept()
+        with sock, sock.makefile('rb') as lines:
+            sock.sendall(self._raw)
+            for line in lines:
+                command = line.strip()
+                self.lines.append(command[1:].decode())
+                name = command[1:].split(b',')[0]
+                known = name in (b'Login', b'Logout')
+                otherwise = b'#' + name + b',0' if known else b'!' + name + b',11'
+                sock.sendall(self._answers.get(command, otherwise) + b'\r\n')
+
+
+def test_somebody_else_listens(said):
+    with Answers(raw=b'SSH-2.0-server\r\n') as other:
+        code, text = said(other.port, 'motors', 'on')
+    assert code == 1
+    assert 'is no answer to Login' in text
+
+
+def test_status_of_an_older_firmware(said):
+    """Ten flags, without Test, and no GetMotor: what is not known is left out."""
+    with Answers({'GetStatus': '#GetStatus,0100100110,4031'}) as real:
+        code, text = said(real.port, 'status')
+    assert code == 0
+    assert text.splitlines() == [
+        'E-stop: not active',
+        'door:   open',
+        'mode:   AUTO',
+        'arm:    paused',
+        'error:  4031 (motion attempted with the motors off): motors on',
+        'flags:  Auto Safeguard Paused Running',
+    ]
+
+
+def test_status_of_a_real_controller(said):
+    answers = {
+        'GetStatus': '#GetStatus,00100000001,0000',
+        'GetMotor,0': '#GetMotor,1,1,1',
+        'Execute,"Print Agl(1),Agl(2),Agl(3),Agl(4),Agl(5),Agl(6)"': '!Execute,20',
+        'Execute,"Print Agl(1),Agl(2),Agl(3),Agl(4)"': '#Execute," 1.500  0.000 0.000 90.000"',
+    }
+    with Answers(answers) as real:
+        code, text = said(real.port, 'status')
+    assert code == 0
+    assert text.splitlines() == [
+        'motors: on',
+        'power:  high',
+        'E-stop: not active',
+        'door:   closed',
+        'mode:   AUTO',
+        'arm:    stands',
+        'joints: 1.500 0.000 0.000 90.000 degrees',
+        'error:  none',
+        'flags:  Auto Ready',
+    ]
+
+
+@pytest.mark.parametrize(
+    ('flags', 'sentence'),
+    [
+        ('00100010001', 'the E-stop is active: release the E-stop, then reset'),
+        ('00101001001', 'there is a critical error: boot the controller again'),
+        ('00100100100', 'the safeguard door is open: close it first'),
+        ('01000000001', 'the mode is TEACH: turn the key to AUTO first'),
+        ('00100001001', 'there is error 0517: reset first'),
+        ('00100000100', 'the tasks are paused: continue, or stop, first'),
+        ('00100000010', 'the arm still moves: try again when it stands'),
+        ('00100000001', 'the controller does not accept it in its present condition'),
+    ],
+)
+def test_why_a_real_controller_refuses(said, flags, sentence):
+    answers = {'GetStatus': f'#GetStatus,{flags},0517', 'SetMotorsOn,1': '!SetMotorsOn,20'}
+    with Answers(answers) as real:
+        code, text = said(real.port, 'motors', 'on')
+    assert code == 1
+    assert text.startswith('refused: ')
+    assert sentence in text
+    assert '(error 20)' in text
+
+
+@pytest.mark.parametrize('words', ['estop press', 'door open', 'mode auto', 'io in 3 on', 'fault'])
+def test_what_needs_a_finger_at_a_real_controller(said, words):
+    with Answers() as real:
+        code, text = said(real.port, *words.split())
+    assert code == 1
+    assert text == 'refused: this is no simulation: it is done by hand, at the controller\n'
+
+
+@pytest.mark.parametrize(
+    ('words', 'command', 'answer', 'expected'),
+    [
+        ('power high', 'Execute,"Power High"', '#Execute,0', 'power high'),
+        ('io in 3', 'GetIO,3', '#GetIO,1', 'in 3: on'),
+        ('io out 3', 'Execute,"Print Oport(3)"', '#Execute,"0"', 'out 3: off'),
+        ('io out 3 on', 'SetIO,3,1', '#SetIO,0', 'out 3: on'),
+        ('io flag 9 off', 'SetMemIO,9,0', '#SetMemIO,0', 'flag 9: off'),
+    ],
+)
+def test_what_a_real_controller_does_with_its_own_commands(said, words, command, answer, expected):
+    with Answers({command: answer}) as real:
+        assert said(real.port, *words.split()) == (0, expected + '\n')
+    assert real.lines[-2:] == [command, 'Logout']
+
+
+def test_the_password_is_sent_and_not_shown(monkeypatch, capsys):
+    with Answers({'Login,secret': '!Login,13'}) as real:
+        words = ['pendant', '--port', str(real.port), '--password', 'secret', 'status']
+        monkeypatch.setattr(sys, 'argv', words)
         assert pendant.main() == 1
-        thread.join()
-    assert 'is no answer to Login' in capsys.readouterr().err
-
-
-def test_status_of_an_older_firmware(monkeypatch, capsys):
-    """Ten flags, without Test, and no GetMotor."""
-    answers = {b'$GetStatus': b'#GetStatus,0100000110,4031', b'$GetMotor,0': b'!GetMotor,11'}
-    answers[b'$Sim,timing'] = b'!Sim,11'
-
-    async def older_firmware(reader, writer):
-        while line := await reader.readline():
-            command = line.strip()
-            name = command[1:].split(b',')[0]
-            writer.write(answers.get(command, b'#' + name + b',0') + b'\r\n')
-        writer.close()
-
-    async def main():
-        server = await asyncio.start_server(older_firmware, '127.0.0.1', 0)
-        status = await pendant._status('127.0.0.1', server.sockets[0].getsockname()[1])
-        server.close()
-        return status
-
-    text = asyncio.run(main())
-    assert 'motors: unknown' in text
-    assert 'error:  4031 (motion attempted with the motors off)' in text
-    assert 'flags:  Auto Paused Running' in text
-    assert 'late' not in text
+    assert real.lines == ['Login,secret']
+    output = capsys.readouterr()
+    assert 'the password is wrong (error 13)' in output.err
+    assert 'secret' not in output.out + output.err

@@ -3,9 +3,7 @@
 """The process `sim_controller`, as a user starts it."""
 
 import os
-import re
 import signal
-import socket
 import struct
 import subprocess
 import sys
@@ -13,49 +11,13 @@ import time
 from pathlib import Path
 
 import pytest
-
-COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'sim_controller']
-FREE = ['--motion-port', '0', '--state-port', '0', '--io-port', '0', '--remote-port', '0']
-LINE = re.compile(r'listening motion=(\d+) state=(\d+) io=(\d+) remote=(\d+)\n')
-
-
-@pytest.fixture
-def start():
-    processes = []
-
-    def start_process(*arguments, stderr=subprocess.DEVNULL):
-        process = subprocess.Popen(
-            [*COMMAND, *FREE, *arguments], stdout=subprocess.PIPE, stderr=stderr, text=True
-        )
-        processes.append(process)
-        match = LINE.fullmatch(process.stdout.readline())
-        assert match
-        names = ('motion', 'state', 'io', 'remote')
-        return process, dict(zip(names, map(int, match.groups()), strict=True))
-
-    yield start_process
-    for process in processes:
-        process.kill()
-        process.communicate()
+from sim_process import COMMAND, FREE, connect, receive
 
 
 def run(*arguments):
     return subprocess.run(
         [*COMMAND, *arguments], capture_output=True, text=True, timeout=60, check=False
     )
-
-
-def connect(port):
-    return socket.create_connection(('127.0.0.1', port), timeout=60)
-
-
-def receive(sock, count):
-    data = b''
-    while len(data) < count:
-        chunk = sock.recv(count - len(data))
-        assert chunk
-        data += chunk
-    return data
 
 
 def remote(port, *commands):
@@ -121,9 +83,9 @@ def test_the_arm_starts_where_it_is_told_to(start, arguments):
     _, ports = start(*arguments)
     with connect(ports['state']) as sock:
         data = receive(sock, 60)
-    assert struct.unpack('<5i10f', data) == (
-        (56, 10, 1, 0, 0, -1.5, 0.25, 0, 0, -0.5, 6, 0, 0, 0, 0)
-    )
+    assert struct.unpack_from('<5i', data) == (56, 10, 1, 0, 0)
+    joints = struct.unpack_from('<10f', data, 20)
+    assert joints == pytest.approx((-1.5, 0.25, 0, 0, -0.5, 6, 0, 0, 0, 0), abs=1e-6)
 
 
 def test_big_endian_and_another_period(start):
@@ -176,10 +138,7 @@ def test_a_killed_planner_stops_the_arm_and_comes_back(start):
         until(lambda: ask(sock, point(0, (0.1, 0, 0, 0, 0, 0))) == 1)
         until(lambda: remote(ports['remote'], '$GetStatus') == ['#GetStatus,00100000001,0000'])
     with connect(ports['state']) as sock:
-        assert (
-            struct.unpack('<5i10f', receive(sock, 60))[5]
-            == struct.unpack('<f', struct.pack('<f', 0.1))[0]
-        )
+        assert struct.unpack_from('<f', receive(sock, 60), 20)[0] == pytest.approx(0.1, abs=1e-6)
 
 
 def test_a_killed_controller_leaves_no_planner(start):

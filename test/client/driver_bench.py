@@ -13,8 +13,8 @@ from epson_driver.client.execution import Settings
 from epson_driver.client.goal import Goal
 from epson_driver.client.services import Services
 from epson_driver.controller.core import Controller
+from epson_driver.controller.network.servers import ControllerServers, Ports
 from epson_driver.controller.profile import load_controller_profile
-from epson_driver.controller.servers import ControllerServers, Ports
 from epson_driver.motion import Trajectory
 from epson_driver.robots import load_robot_model
 

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from driver_bench import JOINTS, Bench, now, run
 
 from epson_driver.client.diagnostics import Diagnostics
-from epson_driver.controller.servers import Ports
+from epson_driver.controller.network.servers import Ports
 from epson_driver.link import LinkState
 from epson_driver.simple_message import Status
 

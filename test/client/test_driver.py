@@ -26,6 +26,7 @@ from driver_bench import (
 from epson_driver.cli import processes
 from epson_driver.client.execution import Settings
 from epson_driver.client.goal import End, ErrorCode
+from epson_driver.controller.states import Event
 from epson_driver.simple_message import ByteOrder, Dialect, Status
 
 # --- goals ------------------------------------------------------------------------------------
@@ -55,7 +56,7 @@ def test_inv4_a_goal_before_enable_is_refused_and_nothing_is_sent():
 
     async def scenario():
         async with cell(enabled=False) as (bench, controller):
-            controller.motors_on()
+            controller.apply(Event.MOTORS_ON)
             await until(lambda: bench.driver.robot.status.drives_powered == 1)
             outcome = bench.submit(pose(0.5)).outcome
             assert outcome.end is End.ABORTED
@@ -264,7 +265,7 @@ def test_inv4_an_estop_ends_the_goal_at_once_and_the_gate_stays_closed():
             goal = bench.submit(pose(1.0))
             await bench.until_moving()
             pressed = now()
-            controller.estop_press()
+            controller.apply(Event.ESTOP_PRESS)
             outcome = await goal.end()
             assert goal.ended_at - pressed < 0.2
             assert outcome.end is End.ABORTED
@@ -272,10 +273,10 @@ def test_inv4_an_estop_ends_the_goal_at_once_and_the_gate_stays_closed():
             await until(lambda: bench.driver.robot.status.e_stopped == 1)
             assert 'E-stop' in bench.gate
             assert 'E-stop' in bench.submit(pose(0.5)).outcome.text
-            controller.estop_release()
+            controller.apply(Event.ESTOP_RELEASE)
             await until(lambda: not controller.moving)
-            controller.reset()
-            controller.motors_on()
+            controller.apply(Event.RESET)
+            controller.apply(Event.MOTORS_ON)
             await until(lambda: bench.driver.robot.status.drives_powered == 1)
             assert 'E-stop' in bench.gate
             assert 'E-stop' in bench.submit(pose(0.5)).outcome.text
@@ -291,7 +292,7 @@ def test_motors_off_end_the_goal_and_a_waiting_one():
         async with cell() as (bench, controller):
             first = bench.submit(pose(1.0))
             await bench.until_moving()
-            controller.motors_off()
+            controller.apply(Event.MOTORS_OFF)
             await first.end()
             await until(lambda: bench.gate is not None)
             assert 'motors are off' in bench.gate

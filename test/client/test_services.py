@@ -11,7 +11,8 @@ from driver_bench import Bench, WaxController, answer, cell, pose, run, simulate
 from epson_driver.client import services
 from epson_driver.client.goal import End
 from epson_driver.client.services import ServiceError
-from epson_driver.controller.servers import Ports
+from epson_driver.controller.network.servers import Ports
+from epson_driver.controller.states import Event
 from epson_driver.simple_message import JointTrajPt
 
 
@@ -45,7 +46,7 @@ def test_enable_switches_the_motors_on_and_opens_the_gate():
 def test_enable_when_the_motors_are_on_already_needs_no_remote_port():
     async def scenario():
         async with cell(enabled=False, remote_port=0) as (bench, controller):
-            controller.motors_on()
+            controller.apply(Event.MOTORS_ON)
             await until(lambda: bench.driver.robot.status.drives_powered == 1)
             await bench.services.enable()
             assert bench.gate is None
@@ -81,10 +82,10 @@ def test_enable_without_a_motion_link_names_it():
 def test_enable_with_the_estop_pressed_or_latched():
     async def scenario():
         async with cell(enabled=False) as (bench, controller):
-            controller.estop_press()
+            controller.apply(Event.ESTOP_PRESS)
             await until(lambda: bench.driver.robot.status.e_stopped == 1)
             assert 'E-stop is pressed or not reset' in await refusal(bench.services.enable())
-            controller.estop_release()
+            controller.apply(Event.ESTOP_RELEASE)
             assert '~/reset_error' in await refusal(bench.services.enable())
             assert bench.gate is not None
             await bench.services.reset_error()
@@ -148,16 +149,10 @@ def test_enable_with_a_remote_port_that_does_not_answer(monkeypatch):
     run(scenario())
 
 
-def test_enable_that_the_remote_port_refuses(monkeypatch):
+def test_enable_that_the_remote_port_refuses():
     async def scenario():
         async with cell(enabled=False) as (bench, controller):
-
-            def refuse():
-                from epson_driver.controller.states import RefusedError
-
-                raise RefusedError('not now')
-
-            monkeypatch.setattr(controller, 'motors_on', refuse)
+            controller.apply(Event.PAUSE)
             text = await refusal(bench.services.enable())
             assert 'SetMotorsOn' in text
             assert 'error 20' in text
@@ -312,7 +307,7 @@ def test_disable_accepts_no_goal_while_the_arm_stops():
 def test_disable_without_a_remote_port_says_that_the_motors_stay():
     async def scenario():
         async with cell(enabled=False, remote_port=0) as (bench, controller):
-            controller.motors_on()
+            controller.apply(Event.MOTORS_ON)
             await until(lambda: bench.driver.robot.status.drives_powered == 1)
             await bench.services.enable()
             assert 'motors were left as they are' in await bench.services.disable()
@@ -325,7 +320,7 @@ def test_disable_without_a_remote_port_says_that_the_motors_stay():
 def test_disable_closes_the_gate_even_if_the_motors_cannot_be_switched():
     async def scenario():
         async with cell(enabled=False, remote_port=free_port()) as (bench, controller):
-            controller.motors_on()
+            controller.apply(Event.MOTORS_ON)
             await until(lambda: bench.driver.robot.status.drives_powered == 1)
             await bench.services.enable()
             text = await refusal(bench.services.disable())
@@ -347,7 +342,7 @@ def test_reset_error_without_a_remote_port():
 def test_reset_error_while_the_estop_is_pressed_is_refused():
     async def scenario():
         async with cell(enabled=False) as (bench, controller):
-            controller.estop_press()
+            controller.apply(Event.ESTOP_PRESS)
             text = await refusal(bench.services.reset_error())
             assert 'Reset' in text
             assert 'error 20' in text

@@ -14,6 +14,7 @@ from epson_driver.client import smoothing_process
 from epson_driver.client.goal import End, ErrorCode, Goal, untimed
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.client.smoothing_process import SmoothingProcess
+from epson_driver.controller.states import Event
 from epson_driver.motion import Trajectory
 
 RESAMPLE = Smoothing(0.1)
@@ -120,7 +121,7 @@ def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothing_is_
         async with cell(smoothing=RESAMPLE) as (bench, controller):
             goal = bench.submit(pose(0.5))
             await until(lambda: slow)
-            controller.estop_press()
+            controller.apply(Event.ESTOP_PRESS)
             outcome = await goal.end()
             assert outcome.end is End.ABORTED
             assert 'E-stop' in outcome.text

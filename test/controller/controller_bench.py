@@ -8,17 +8,26 @@ Run by hand, it measures what a motion cycle costs: `python test/controller/cont
 import statistics
 import struct
 import time
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from epson_driver.controller.core import Controller
 from epson_driver.controller.profile import load_controller_profile
+from epson_driver.controller.states import Event
 from epson_driver.motion.smoother import plan
 from epson_driver.robots import load_robot_model
 
 MODEL = load_robot_model('c3_a601s')
-PROFILE = load_controller_profile('rc620')
+RC620 = load_controller_profile('rc620')
+PROFILE = replace(
+    RC620,
+    motion=replace(RC620.motion, statement_overhead=0.0),
+    servo=replace(RC620.servo, lag=0.0, encoder=False),
+)
+"""Joints that are where they are commanded to be, to the last bit, and statements at once."""
+
 LIMITS = MODEL.limits
 STOP = -4
 SUCCESS, FAILURE = 1, 2
@@ -65,15 +74,15 @@ class InlinePlanner:
         self.asked = 0
         self._pending = []
 
-    def ask(self, request, answer):
+    def ask(self, request, limits, answer):
         assert self.ready
         assert not self._pending
         self.asked += 1
-        self._pending.append([self.delay, answer, self.plan(request)])
+        self._pending.append([self.delay, answer, self.plan(request, limits)])
         self.step(0.0)
 
-    def plan(self, request):
-        return plan(request, LIMITS)
+    def plan(self, request, limits):
+        return plan(request, limits)
 
     def step(self, dt):
         for waiting in list(self._pending):
@@ -90,6 +99,29 @@ class InlinePlanner:
             answer(None)
 
 
+class Peer:
+    """What a client of a port got, and whether its connection was ended."""
+
+    def __init__(self):
+        self.got = bytearray()
+        self.ended = None
+
+    def send(self, data):
+        if self.ended is None:
+            self.got += data
+
+    def close(self):
+        self.ended = self.ended or 'closed'
+
+    def abort(self):
+        self.ended = self.ended or 'aborted'
+
+    def take(self):
+        """Return the bytes since the last call."""
+        data, self.got[:] = bytes(self.got), b''
+        return data
+
+
 class Bench:
     """A controller with one client; `motors` says whether they are on already.
 
@@ -100,19 +132,44 @@ class Bench:
         start = None if start is None else np.array(start)
         self.planner = planner
         self.controller = Controller(MODEL, profile, start, planner=planner)
-        self.sent = bytearray()
+        self.peer = Peer()
+        self.line = None
         if connect:
-            self.controller.connected(self.sent.extend)
+            self.connect()
         if motors:
-            self.controller.motors_on()
+            self.do('motors on')
+
+    def do(self, *events):
+        for event in events:
+            self.controller.apply(Event(event))
+
+    def connect(self):
+        self.peer.ended = None
+        self.line = self.controller.connect('motion', self.peer)
+
+    def disconnect(self):
+        self.line.closed()
+
+    def remote(self, *commands):
+        """Return the answers of the remote port to commands, after a login."""
+        peer = Peer()
+        line = self.controller.connect('remote', peer)
+        for command in ('Login', *commands):
+            line.receive(f'${command}\r\n'.encode())
+        line.closed()
+        return peer.take().decode().split('\r\n')[1:-1]
+
+    @property
+    def condition(self):
+        return self.controller.condition
 
     def send(self, *frames):
         for data in frames:
-            self.controller.receive(data)
+            self.line.receive(data)
 
     def replies(self):
         """Return the replies since the last call."""
-        data, self.sent[:] = bytes(self.sent), b''
+        data = self.peer.take()
         result = []
         for msg_type, comm_type, reply_code, body in split(data):
             sequence = struct.unpack_from('<i', body)[0] if len(body) == 44 else None
@@ -127,7 +184,7 @@ class Bench:
     def rest(self, dt=0.004, most=60.0):
         """Step until the arm stands; return the time it took, s."""
         steps = 0
-        while self.controller.moving:
+        while self.controller.in_motion:
             assert steps * dt < most
             self._step(dt)
             steps += 1
@@ -140,7 +197,7 @@ class Bench:
     def run(self, most=60.0, dt=0.004):
         """Step until the arm stands; return the joints before and after every step."""
         trace = [self.joints]
-        while self.controller.moving:
+        while self.controller.in_motion:
             assert len(trace) * dt < most
             self._step(dt)
             trace.append(self.joints)
@@ -164,7 +221,7 @@ def _measure(dense):
     """Return the costs of steps that plan nothing, in µs, while points stream in."""
     bench = Bench(planner=InlinePlanner(delay=0.012))
     sent, costs = 0, []
-    while sent < 1500 * dense or bench.controller.moving:
+    while sent < 1500 * dense or bench.controller.in_motion:
         if sent < 1500 * dense:  # as the sockets do it, outside the cycle
             angle = 0.3 * np.sin(2.0 * sent / (100.0 * dense))
             bench.send(

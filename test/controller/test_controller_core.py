@@ -9,7 +9,7 @@ import pytest
 from controller_bench import FAILURE, LIMITS, MODEL, PROFILE, STOP, SUCCESS, Bench, point
 
 from epson_driver.controller.core import Controller
-from epson_driver.controller.states import Condition, RefusedError
+from epson_driver.controller.states import EStop, Motors, RefusedError
 from epson_driver.simple_message import FrameError
 
 HERE = (0.0,) * 6
@@ -20,7 +20,7 @@ def moving_bench(*more):
     bench = Bench()
     bench.send(point(0, THERE), *more)
     bench.step(0.1)
-    assert bench.controller.moving
+    assert bench.controller.in_motion
     assert bench.codes() == []
     return bench
 
@@ -29,7 +29,7 @@ def assert_stays(bench, seconds=1.0):
     stood = bench.joints.tolist()
     bench.step(seconds)
     assert bench.joints.tolist() == stood
-    assert not bench.controller.moving
+    assert not bench.controller.in_motion
 
 
 def test_it_boots_with_the_motors_off_where_it_was_told_to_stand():
@@ -59,17 +59,17 @@ def test_status_while_it_moves_and_after():
 
 def test_invariant_3_motors_off_in_mid_move_brakes_first():
     bench = moving_bench(point(1, HERE))
-    bench.controller.motors_off()
+    bench.do('motors off')
     assert bench.codes() == [(0, FAILURE), (1, FAILURE)]
-    assert bench.controller.condition is Condition.STOPPING
+    assert bench.controller.condition.motors is Motors.BRAKING
     assert bench.controller.status().drives_powered == 1
     bench.send(point(0, HERE))
     assert bench.codes() == [(0, FAILURE)]
     assert bench.error == 4031
     with pytest.raises(RefusedError, match='still brakes'):
-        bench.controller.motors_on()
+        bench.do('motors on')
     assert bench.rest() < 0.2
-    assert bench.controller.condition is Condition.MOTORS_OFF
+    assert bench.condition.motors is Motors.OFF
     assert bench.controller.status().drives_powered == 0
     assert_stays(bench)
 
@@ -85,21 +85,21 @@ def test_invariant_4_a_lost_client_stops_the_arm_and_takes_the_motors_off(how):
         'negative length': struct.pack('<i', -1),
     }
     if how == 'end of stream':
-        bench.controller.disconnected()
+        bench.disconnect()
     else:
         with pytest.raises(FrameError):
             bench.send(garbage[how])
         assert bench.error == 8000
     assert bench.codes() == [(0, FAILURE), (1, FAILURE)]
     assert bench.controller.status().in_motion == 1
-    bench.controller.disconnected()  # twice is no error
+    bench.disconnect()  # twice is no error
     assert bench.rest() < 0.2
-    assert bench.controller.condition is Condition.MOTORS_OFF
-    bench.controller.connected(bench.sent.extend)  # however quickly it returns
+    assert bench.condition.motors is Motors.OFF
+    bench.connect()  # however quickly it returns
     assert_stays(bench)
     bench.send(point(0, HERE))
     assert bench.codes() == [(0, FAILURE)]
-    bench.controller.motors_on()
+    bench.do('motors on')
     bench.send(point(1, HERE))  # a new client begins with 0
     assert bench.codes() == [(1, FAILURE)]
     bench.send(point(0, HERE))
@@ -109,22 +109,22 @@ def test_invariant_4_a_lost_client_stops_the_arm_and_takes_the_motors_off(how):
 
 def test_a_client_that_returns_while_the_arm_brakes_changes_nothing():
     bench = moving_bench()
-    bench.controller.disconnected()
-    bench.controller.connected(bench.sent.extend)
+    bench.disconnect()
+    bench.connect()
     bench.codes()
     bench.send(point(0, HERE), point(STOP))
     assert bench.codes() == [(0, FAILURE), (STOP, SUCCESS)]
     bench.rest()
-    assert bench.controller.condition is Condition.MOTORS_OFF
+    assert bench.condition.motors is Motors.OFF
     assert_stays(bench)
 
 
 def test_half_a_frame_of_the_old_client_is_not_continued_by_the_new_one():
     bench = Bench()
     bench.send(point(0, THERE)[:40])
-    bench.controller.disconnected()
-    bench.controller.connected(bench.sent.extend)
-    bench.controller.motors_on()
+    bench.disconnect()
+    bench.connect()
+    bench.do('motors on')
     bench.send(point(0, HERE))
     assert bench.codes() == [(0, SUCCESS)]
 
@@ -132,9 +132,9 @@ def test_half_a_frame_of_the_old_client_is_not_continued_by_the_new_one():
 def test_a_new_client_begins_with_0_also_while_the_arm_stood():
     bench = Bench()
     bench.send(point(0), point(1))
-    bench.controller.disconnected()
-    bench.controller.connected(bench.sent.extend)
-    bench.controller.motors_on()
+    bench.disconnect()
+    bench.connect()
+    bench.do('motors on')
     bench.codes()
     bench.send(point(2), point(0))
     assert bench.codes() == [(2, FAILURE), (0, SUCCESS)]
@@ -143,20 +143,20 @@ def test_a_new_client_begins_with_0_also_while_the_arm_stood():
 def test_only_one_client():
     bench = Bench()
     with pytest.raises(RuntimeError, match='client already'):
-        bench.controller.connected(bench.sent.extend)
+        bench.connect()
 
 
 def test_invariant_3_and_4_estop_in_mid_move_and_the_way_back():
     bench = moving_bench(point(1, HERE))
     controller = bench.controller
-    controller.estop_press()
+    bench.do('E-stop press')
     assert bench.codes() == [(0, FAILURE), (1, FAILURE)]
     status = controller.status()
     assert (status.e_stopped, status.drives_powered, status.motion_possible) == (1, 0, 0)
     assert (status.error_code, status.in_error, status.in_motion) == (2261, 1, 1)
-    controller.estop_release()
+    bench.do('E-stop release')
     with pytest.raises(RefusedError, match='still brakes'):
-        controller.reset()
+        bench.do('reset')
     assert bench.rest() < 0.2
     assert controller.status().in_motion == 0
     assert controller.status().e_stopped == 1  # latched
@@ -164,14 +164,14 @@ def test_invariant_3_and_4_estop_in_mid_move_and_the_way_back():
     assert bench.codes() == [(0, FAILURE)]
     assert bench.error == 2261
     with pytest.raises(RefusedError, match='reset'):
-        controller.motors_on()
-    controller.reset()
+        bench.do('motors on')
+    bench.do('reset')
     assert controller.status().e_stopped == 0
     assert bench.error == 0
-    assert controller.condition is Condition.MOTORS_OFF  # a reset switches nothing on
+    assert controller.condition.motors is Motors.OFF  # a reset switches nothing on
     bench.send(point(0, HERE))
     assert bench.error == 4031
-    controller.motors_on()
+    bench.do('motors on')
     assert_stays(bench)
     bench.codes()
     bench.send(point(2, HERE))  # nothing of the old trajectory
@@ -185,31 +185,31 @@ def test_an_estop_hides_and_its_reset_clears_every_other_error():
     bench = Bench()
     bench.send(point(0, (9.0,)))
     assert bench.error == 4001
-    bench.controller.estop_press()
+    bench.do('E-stop press')
     bench.send(point(5, HERE))
     assert bench.error == 2261
-    bench.controller.estop_release()
+    bench.do('E-stop release')
     assert bench.error == 2261
-    bench.controller.reset()
+    bench.do('reset')
     assert bench.error == 0
 
 
 def test_estop_while_the_arm_brakes_for_motors_off():
     bench = moving_bench()
-    bench.controller.motors_off()
+    bench.do('motors off')
     bench.step(0.02)
-    bench.controller.estop_press()
+    bench.do('E-stop press')
     assert bench.controller.status().drives_powered == 0
     bench.rest()
-    assert bench.controller.condition is Condition.ESTOP_PRESSED
+    assert bench.controller.condition.estop is EStop.PRESSED
 
 
 def test_a_lost_client_during_an_estop_leaves_the_estop():
     bench = moving_bench()
-    bench.controller.estop_press()
-    bench.controller.disconnected()
+    bench.do('E-stop press')
+    bench.disconnect()
     bench.rest()
-    assert bench.controller.condition is Condition.ESTOP_PRESSED
+    assert bench.controller.condition.estop is EStop.PRESSED
 
 
 def test_the_same_calls_give_the_same_bytes():
@@ -223,7 +223,7 @@ def test_the_same_calls_give_the_same_bytes():
             bench.send(point(sequence, joints, float(random.uniform(0.0, 1.0))))
             bench.step(float(random.uniform(0.0, 0.3)))
             trace += struct.pack('<10d', *bench.controller.joint_position().joints)
-        return bytes(bench.sent), bytes(trace)
+        return bench.peer.take(), bytes(trace)
 
     assert run() == run()
 
@@ -242,5 +242,6 @@ def test_a_long_step_goes_through_all_points_that_wait():
     bench = Bench()
     bench.send(*(point(i, THERE if i % 2 else HERE) for i in range(6)))
     bench.controller.step(60.0)
+    bench.step(0.004)
     assert bench.codes() == [(i, SUCCESS) for i in range(6)]
-    assert not bench.controller.moving
+    assert not bench.controller.in_motion

@@ -8,7 +8,7 @@ from controller_bench import LIMITS, STOP, Bench, InlinePlanner, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from epson_driver.controller.states import Condition, RefusedError
+from epson_driver.controller.states import Motors, RefusedError
 from epson_driver.simple_message import FrameError
 
 DT = 0.001
@@ -18,9 +18,9 @@ fractions = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6)
 STOPS = {
     'STOP': lambda bench: bench.send(point(STOP)),
     'wrong sequence': lambda bench: bench.send(point(77)),
-    'motors off': lambda bench: bench.controller.motors_off(),
-    'client lost': lambda bench: bench.controller.disconnected(),
-    'E-stop': lambda bench: bench.controller.estop_press(),
+    'motors off': lambda bench: bench.do('motors off'),
+    'client lost': lambda bench: bench.disconnect(),
+    'E-stop': lambda bench: bench.do('E-stop press'),
     'nothing': lambda bench: None,
 }
 
@@ -59,12 +59,12 @@ def test_invariant_2_and_3_every_stop_keeps_every_limit(
         bench.controller.step(DT)
         samples.append(bench.joints)
     STOPS[stop](bench)
-    while bench.controller.moving and len(samples) < 1500:
+    while bench.controller.in_motion and len(samples) < 1500:
         bench.controller.step(DT)
         samples.append(bench.joints)
     assert_within_limits(samples)
     if stop != 'nothing':
-        assert not bench.controller.moving
+        assert not bench.controller.in_motion
 
 
 ACTIONS = st.one_of(
@@ -72,7 +72,7 @@ ACTIONS = st.one_of(
     st.tuples(st.just('next'), fractions),
     st.tuples(st.just('step'), st.floats(0.0, 0.3)),
     st.tuples(
-        st.sampled_from(['motors_on', 'motors_off', 'estop_press', 'estop_release', 'reset'])
+        st.sampled_from(['motors on', 'motors off', 'E-stop press', 'E-stop release', 'reset'])
     ),
     st.tuples(st.just('reconnect')),
     st.tuples(st.just('garbage'), st.binary(min_size=1, max_size=80)),
@@ -95,13 +95,13 @@ def assert_invariants(bench, actions):
     controller = bench.controller
     sequence = 0
     for action, *arguments in actions:
-        before, was_moving = bench.joints, controller.moving
+        before, was_moving = bench.joints, controller.in_motion
         try:
             if action == 'step':
                 controller.step(*arguments)
             elif action == 'reconnect':
-                controller.disconnected()
-                controller.connected(bench.sent.extend)
+                bench.disconnect()
+                bench.connect()
             elif action == 'garbage':
                 bench.send(*arguments)
             elif action == 'point':
@@ -110,24 +110,24 @@ def assert_invariants(bench, actions):
             elif action == 'next':
                 bench.send(point(sequence, angles(arguments[0])))
             else:
-                getattr(controller, action)()
+                bench.do(action)
         except RefusedError as refusal:
             assert len(str(refusal)) > 20  # noqa: PT017  the sentence
         except FrameError:
-            controller.connected(bench.sent.extend)
+            bench.connect()
         status = controller.status()
-        assert status.in_motion == controller.moving
+        assert status.in_motion == controller.in_motion
         assert status.in_error == (status.error_code != 0)
         assert status.e_stopped == (status.error_code == 2261)
         if not was_moving:  # only an accepted point begins a motion
             assert bench.joints.tolist() == before.tolist() or action in ('point', 'next')
-            assert not controller.moving or (
-                action in ('point', 'next') and controller.condition is Condition.MOTORS_ON
+            assert not controller.in_motion or (
+                action in ('point', 'next') and controller.condition.motors is Motors.ON
             )
         assert np.all(bench.joints >= LIMITS.position_min)
         assert np.all(bench.joints <= LIMITS.position_max)
         sequence = sequence + 1 if action == 'next' else 0
-    if controller.condition is not Condition.MOTORS_ON:
+    if controller.condition.motors is not Motors.ON:
         assert bench.rest() < 1.0
 
 
@@ -158,8 +158,8 @@ def test_invariant_7_any_bytes_no_crash_no_motion(chunks):
     try:
         bench.send(*chunks)
     except FrameError:
-        assert bench.controller.condition is Condition.MOTORS_OFF
-    assert not bench.controller.moving
+        assert bench.condition.motors is Motors.OFF
+    assert not bench.controller.in_motion
     assert bench.joints.tolist() == [0.0] * 6
 
 

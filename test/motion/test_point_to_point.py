@@ -1,16 +1,20 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Moves from rest to rest and stops on the way: inside every limit, on the line, to the point."""
+"""Moves from rest to rest, blends and stops: inside every limit, on the line, to the point."""
 
 import warnings
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
+from epson_driver.motion.blend import blend_start
+from epson_driver.motion.joint_stop import JointStop, stop_joints
 from epson_driver.robots import load_robot_model
 
 LIMITS = load_robot_model('c3_a601s').limits
@@ -297,3 +301,217 @@ def test_vectors_of_a_wrong_length_or_not_finite_are_refused(name: str) -> None:
         bad = np.array([0.0, 0.0, value, 0.0, 0.0, 0.0])
         with pytest.raises(ValueError, match=rf'^{name} = \[0.0, 0.0, {value}.*\]: not finite$'):
             go(LIMITS, **(vectors | {name: bad}))
+
+
+# ---- when the deceleration begins, and what a move consists of
+
+
+@settings(deadline=None, max_examples=60)
+@given(start=STARTS, steps=TARGETS, speed=PERCENTAGES, accel=PERCENTAGES)
+def test_the_deceleration_begins_at_the_highest_speed(
+    start: Array, steps: tuple[float, ...], speed: float, accel: float
+) -> None:
+    target = np.clip(start + np.array(steps), LOW, HIGH)
+    assume(np.max(np.abs(target - start)) >= 1e-6)
+    motion = go(LIMITS, start, target, speed, accel)
+    assert 0.0 < motion.braking < motion.duration
+    speeds = [np.abs(motion.at(time)[1]).max() for time in np.linspace(0, motion.duration, 201)]
+    fastest = np.abs(motion.at(motion.braking)[1]).max()
+    assert fastest >= max(speeds) * (1.0 - 1e-9)
+    braking = np.linspace(motion.braking, motion.duration, 101)
+    slower = [np.abs(motion.at(time)[1]).max() for time in braking]
+    assert np.all(np.diff(slower) <= 1e-12)
+    assert slower[1] < fastest
+
+
+def test_the_pieces_are_the_motion() -> None:
+    motion = go(LIMITS, *one_joint(1.3, joint=2), speed=0.4, accel=0.7)
+    pieces = motion.pieces
+    assert pieces.times[-1] == pytest.approx(motion.duration)
+    for time, s, v, a in zip(
+        pieces.times, pieces.ways, pieces.velocities, pieces.accelerations, strict=True
+    ):
+        position, velocity, acceleration = motion.at(time)
+        assert position[2] == pytest.approx(s, abs=1e-12)
+        assert velocity[2] == pytest.approx(v, abs=1e-9)
+        assert acceleration[2] == pytest.approx(a, abs=1e-7)
+    start, target = one_joint(0.0)
+    assert go(LIMITS, start, target).braking == 0.0
+    with pytest.raises(ValueError, match='no pieces'):
+        _ = go(LIMITS, start, target).pieces
+
+
+# ---- blends
+
+
+def check_blend(
+    first: LineMotion, second: LineMotion, begin: float, speed: float, accel: float
+) -> None:
+    """Assert that the sum of two moves keeps the limits from `begin` to the end of the first."""
+    count = 800
+    times = np.linspace(begin, first.duration, count)
+    states = [
+        [one + other for one, other in zip(first.at(t), second.at(t - begin), strict=True)]
+        for t in times
+    ]
+    p, v, a = (np.array(column) for column in zip(*states, strict=True))
+    p -= second.origin
+    slack = 1.0 + 1e-8
+    assert np.all((p >= LOW - 1e-11) & (p <= HIGH + 1e-11))
+    assert np.all(np.abs(v) <= speed * LIMITS.velocity * slack)
+    assert np.all(np.abs(a) <= accel * LIMITS.acceleration * slack)
+    step = times[1] - times[0]
+    if step < 1e-9:
+        return  # too short for differences
+    jerks = np.abs(np.diff(a, axis=0)) / step
+    assert np.all(jerks <= accel * LIMITS.jerk * slack + 1e-11 / step)
+
+
+@settings(deadline=None, max_examples=80)
+@given(
+    corner=STARTS,
+    before=TARGETS,
+    after=TARGETS,
+    speeds=st.tuples(PERCENTAGES, PERCENTAGES),
+    accels=st.tuples(PERCENTAGES, PERCENTAGES),
+    full=st.booleans(),
+    late=FRACTIONS,
+)
+def test_invariant_2_a_blend_stays_within_every_limit(
+    corner: Array,
+    before: tuple[float, ...],
+    after: tuple[float, ...],
+    speeds: tuple[float, float],
+    accels: tuple[float, float],
+    full: bool,
+    late: float,
+) -> None:
+    start, end = (np.clip(corner + np.array(steps), LOW, HIGH) for steps in (before, after))
+    first = go(LIMITS, start, corner, speeds[0], accels[0])
+    second = go(LIMITS, corner, end, speeds[1], accels[1])
+    earliest = first.braking + late * (first.duration - first.braking)
+    speed, accel = max(speeds), 1.0 if full else max(accels)
+    begin = blend_start(first, second, LIMITS, earliest, speed=speed, accel=accel)
+    assert earliest <= begin <= first.duration
+    if begin < first.duration:
+        check_blend(first, second, begin, speed, accel)
+
+
+def moves(*points: npt.ArrayLike, speed: float = 1.0, accel: float = 1.0) -> list[LineMotion]:
+    return [go(LIMITS, *pair, speed, accel) for pair in pairwise(map(np.array, points))]
+
+
+def test_moves_of_different_joints_overlap_entirely() -> None:
+    corner = np.array([0.5, 0, 0, 0, 0, 0])
+    first, second = moves(np.zeros(JOINTS), corner, [0.5, 0.5, 0, 0, 0, 0])
+    assert blend_start(first, second, LIMITS, first.braking) == first.braking
+
+
+def test_equal_moves_on_a_line_go_on_at_full_speed() -> None:
+    step = np.array([0.9, 0.3, 0, 0, 0, 0])
+    first, second = moves(0 * step, step, 2 * step, speed=0.3)
+    assert blend_start(first, second, LIMITS, first.braking, speed=0.3) == first.braking
+    _, velocity, acceleration = first.at(first.braking + 0.02)
+    _, onward, opposite = second.at(0.02)
+    np.testing.assert_allclose(velocity + onward, first.at(first.braking)[1], rtol=1e-9)
+    np.testing.assert_allclose(acceleration + opposite, 0.0, atol=1e-6)
+
+
+def test_invariant_2_a_way_back_at_full_acceleration_begins_later() -> None:
+    there, back = np.zeros(JOINTS), np.array([1.0, 0, 0, 0, 0, 0])
+    first, second = moves(there, back, there)
+    begin = blend_start(first, second, LIMITS, first.braking)
+    assert first.braking + 0.05 < begin < first.duration
+    check_blend(first, second, begin, 1.0, 1.0)
+    # at half the acceleration both together are what the joint can do
+    first, second = moves(there, back, there, accel=0.5)
+    assert blend_start(first, second, LIMITS, first.braking) == first.braking
+
+
+def test_invariant_2_a_blend_does_not_pass_a_position_limit() -> None:
+    # From the limit and back to it by a short move that is over before the first one has ended.
+    top, below = np.array([HIGH[0], 0, 0, 0, 0, 0]), np.array([HIGH[0] - 0.02, 0, 0, 0, 0, 0])
+    far = np.array([HIGH[0], 0, 0, -3.0, 0, 0])
+    first, second = moves(far, below)[0], moves(below, top, accel=0.5)[0]
+    begin = blend_start(first, second, LIMITS, first.braking)
+    assert begin > first.braking
+    check_blend(first, second, begin, 1.0, 1.0)
+    wide = JointLimits(
+        LIMITS.names, LOW, HIGH + 1.0, LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk
+    )
+    assert blend_start(first, second, wide, first.braking) < begin
+
+
+def test_invariant_2_a_blend_keeps_the_speed_of_the_tool() -> None:
+    reach = np.array([0.5, 0.5, 0, 0, 0, 0])
+    corner = np.array([0.5, 0, 0, 0, 0, 0])
+    fastest = 0.5 * 0.1 * LIMITS.velocity[0]
+    _, second = moves(0 * corner, corner, [0.5, 0.5, 0, 0, 0, 0], speed=0.1)
+    (slow,) = moves(0 * corner, corner, speed=0.1, accel=0.1)
+    assert blend_start(slow, second, LIMITS, slow.braking) == slow.braking
+    begin = blend_start(slow, second, LIMITS, slow.braking, tool=(reach, fastest * 1.1))
+    assert slow.braking < begin < slow.duration
+    for time in np.linspace(begin, slow.duration, 500):
+        sum_of_both = slow.at(time)[1] + second.at(time - begin)[1]
+        assert np.abs(sum_of_both) @ reach <= fastest * 1.1 * (1.0 + 1e-9)
+
+
+def test_there_is_no_blend_with_no_move_nor_when_it_is_too_late() -> None:
+    corner = np.array([0.5, 0, 0, 0, 0, 0])
+    first, second = moves(0 * corner, corner, [0.5, 0.5, 0, 0, 0, 0])
+    (nothing,) = moves(corner, corner)
+    assert blend_start(first, nothing, LIMITS, first.braking) == first.duration
+    for late in (first.duration, first.duration + 1.0):
+        assert blend_start(first, second, LIMITS, late) == first.duration
+
+
+# ---- stops of every joint by itself
+
+
+def check_stop(stop: JointStop, state: tuple[Array, Array, Array]) -> None:
+    """Assert that a stop begins in a state, keeps the limits and ends at rest."""
+    for now, before in zip(stop.at(0.0), state, strict=True):
+        np.testing.assert_allclose(now, before, rtol=1e-12, atol=1e-12)
+    times = np.linspace(0.0, stop.duration, 400)
+    p, v, a = (np.array(column) for column in zip(*[stop.at(time) for time in times], strict=True))
+    slack = 1.0 + 1e-9
+    assert np.all((p >= LOW - 1e-11) & (p <= HIGH + 1e-11))
+    assert np.all(np.abs(v) <= LIMITS.velocity * slack)
+    assert np.all(np.abs(a) <= LIMITS.acceleration * slack)
+    jerks = np.abs(np.diff(a, axis=0)) / (times[1] - times[0])
+    assert np.all(jerks <= LIMITS.jerk * slack + 1e-6)
+    end, velocity, acceleration = stop.at(stop.duration)
+    np.testing.assert_array_equal(end, stop.end)
+    assert not velocity.any()
+    assert not acceleration.any()
+
+
+def test_invariant_3_every_joint_stops_as_fast_as_it_can() -> None:
+    velocity = 0.8 * LIMITS.velocity * [1, -1, 1, -1, 1, 0]
+    state = ((LOW + HIGH) / 2.0, velocity, np.zeros(JOINTS))
+    stop = stop_joints(LIMITS, *state)
+    check_stop(stop, state)
+    times = [
+        ramp(abs(v), a, j)
+        for v, a, j in zip(velocity, LIMITS.acceleration, LIMITS.jerk, strict=True)
+    ]
+    assert stop.duration == pytest.approx(max(times))
+    assert stop.end[5] == state[0][5]
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+@pytest.mark.parametrize('share', [0.02, 0.1, 0.3])
+def test_invariant_3_a_joint_that_cannot_stop_before_its_limit_turns_back(
+    share: float, side: float
+) -> None:
+    # Braking hardest, joint 1 turns just at its limit; to stop there, it is too fast.
+    limit = HIGH if side > 0 else LOW
+    fastest = share * LIMITS.velocity[0]
+    room = fastest**2 / (2.0 * LIMITS.acceleration[0]) + 1e-6
+    position, velocity, acceleration = (np.zeros(JOINTS) for _ in range(3))
+    position[0] = limit[0] - side * room
+    velocity[0], acceleration[0] = side * fastest, -side * LIMITS.acceleration[0]
+    stop = stop_joints(LIMITS, position, velocity, acceleration)
+    check_stop(stop, (position, velocity, acceleration))
+    assert stop.duration < 2.0
+    assert abs(stop.end[0] - limit[0]) < 0.6

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smoother as its users see it: points in, motion out (docs/invariants.md, 2 and 3)."""
 
+import dataclasses
 import pickle
 from pathlib import Path
 
@@ -193,6 +194,110 @@ def test_pause_and_resume_stay_on_the_path() -> None:
         np.vstack([[m.acceleration for m in motions], acceleration]),
     )
     assert near(path, np.array([m.position for m in motions])) < 2e-3
+
+
+@pytest.mark.parametrize('known', [3, 40])
+@pytest.mark.parametrize('steps', [0, 1, 2])
+def test_an_arm_at_rest_does_not_begin_in_a_pause(steps: int, known: int) -> None:
+    smoother = Smoother(LIMITS, HOME, latency=0.002)
+    for point in arc(known):
+        smoother.append(point, 0.1)
+    smoother.finish()
+    for _ in range(steps):
+        assert not smoother.step(DT).velocity.any()
+    smoother.scale = 0.0
+    assert smoother.at_rest
+    for _ in range(200):
+        smoother.step(DT)
+        assert np.array_equal(smoother.motion.position, HOME)
+    smoother.scale = 1.0
+    assert np.array_equal(rest(smoother)[0][-1], arc(known)[-1])
+
+
+@pytest.mark.parametrize('late', [0.0, 1e-17, 1e-12, 1e-9, 1e-7, 1e-6, 1e-5])
+@pytest.mark.parametrize('stops', [False, True])
+def test_a_stop_in_the_moment_of_the_beginning_or_the_end(late: float, stops: bool) -> None:
+    """A plan begins and ends within rounding of a step."""
+    for at_end in (False, True):
+        smoother = Smoother(LIMITS, HOME, planner=None)
+        point = HOME + 0.2
+        smoother.append(point, 0.5)
+        smoother.finish()
+        request = smoother.request()
+        assert request is not None
+        answer = plan(request, LIMITS)
+        assert answer is not None
+        assert smoother.take(answer)
+        smoother.step(answer.law.duration - late if at_end else late)
+        here = smoother.motion.position
+        if stops:
+            smoother.stop()
+        else:
+            smoother.scale = 0.0
+        for _ in range(50):
+            smoother.step(DT)
+        assert smoother.at_rest
+        assert np.max(np.abs(smoother.motion.position - here)) < 1e-9
+        smoother.scale = 1.0
+        if stops:
+            smoother.append(point)
+        smoother.step(0.0)
+        while smoother.moving:
+            request = smoother.request()
+            if request is not None:
+                smoother.take(plan(request, LIMITS))
+            smoother.step(DT)
+        assert np.max(np.abs(smoother.motion.position - point)) < 1e-9
+
+
+def test_a_pause_needs_no_planner() -> None:
+    smoother = Smoother(LIMITS, HOME, planner=None)
+    for point in arc(60):
+        smoother.append(point, 0.05)
+    request = smoother.request()
+    assert request is not None
+    smoother.take(plan(request, LIMITS))
+    motions = [smoother.step(DT) for _ in range(300)]
+    smoother.scale = 0.0
+    assert not smoother.at_rest
+    motions += [smoother.step(DT) for _ in range(200)]
+    assert smoother.at_rest
+    assert smoother.request() is None
+    _, velocity, acceleration = (np.array(values) for values in zip(*motions, strict=True))
+    assert_inside(LIMITS, velocity, acceleration)
+
+
+def slow(share: float) -> JointLimits:
+    return dataclasses.replace(
+        LIMITS,
+        velocity=share * LIMITS.velocity,
+        acceleration=share * LIMITS.acceleration,
+        jerk=share * LIMITS.jerk,
+    )
+
+
+@pytest.mark.parametrize(('first', 'then'), [(1.0, 0.05), (0.05, 1.0)])
+def test_other_limits_from_a_rest_on(first: float, then: float) -> None:
+    free, smoother = Smoother(slow(first), HOME), Smoother(slow(first), HOME)
+    points = arc(12, 0.1)
+    for point in points:
+        free.append(point, 0.05)
+        smoother.append(point, 0.05)
+    for _ in range(300):
+        smoother.step(DT)
+    with pytest.raises(RuntimeError, match='cannot change: only at rest'):
+        smoother.keep_to(slow(then))
+    smoother.scale = 0.0
+    while not smoother.at_rest:
+        smoother.step(DT)
+    smoother.keep_to(slow(then))
+    smoother.scale = 1.0
+    position, velocity, acceleration = rest(smoother)
+    assert_inside(slow(then), velocity, acceleration)
+    assert (np.max(np.abs(velocity) / LIMITS.velocity) > 0.05) == (then == 1.0)
+    assert np.array_equal(position[-1], points[-1])
+    assert near(position, points[-3:]) < np.max(np.abs(velocity)) * DT
+    assert near(rest(free)[0], position) < 2e-3
 
 
 def test_scale_slows_down() -> None:

@@ -6,12 +6,15 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import yaml
 
+from epson_driver.motion import Array
 from epson_driver.robots import RobotModelError, load_robot_model
+from epson_driver.share import share_file
 
 C3_FILE = Path(__file__).parents[2] / 'config' / 'robots' / 'c3_a601s.yaml'
 
@@ -58,9 +61,39 @@ def test_the_pulses_of_the_c3_fit_its_ranges() -> None:
     np.testing.assert_allclose(gears, [80, 80, 70, 2400 / 37, 2400 / 37, 50], rtol=1e-5)
 
 
+def test_the_reach_of_the_c3_is_what_its_urdf_allows_and_no_less() -> None:
+    root = ElementTree.parse(share_file('urdf', 'c3_a601s.urdf')).getroot()
+    joints = {joint.get('name'): joint for joint in root.findall('joint')}
+    reach = load_robot_model('c3_a601s').reach
+    random = np.random.default_rng(0)
+    bends = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi])
+    most = np.zeros(6)
+    for number in range(3000):  # every second pose has right angles only, where the extremes are
+        angles = random.uniform(-np.pi, np.pi, 6) if number % 2 else random.choice(bends, 6)
+        rotation, place = np.eye(3), np.zeros(3)
+        axes = []
+        for index in range(6):
+            joint = joints[f'joint_{index + 1}']
+            place = place + rotation @ numbers(joint.find('origin').get('xyz'))
+            axis = numbers(joint.find('axis').get('xyz'))
+            axes.append((place, rotation @ axis))
+            cross = np.cross(np.eye(3), axis)
+            turn = np.eye(3) + np.sin(angles[index]) * cross
+            rotation = rotation @ (turn + (1.0 - np.cos(angles[index])) * cross @ cross)
+        tool = place + rotation @ numbers(joints['link_6-tool0'].find('origin').get('xyz'))
+        away = [float(np.linalg.norm(np.cross(axis, tool - at))) for at, axis in axes]
+        most = np.maximum(most, away)
+    assert np.all(most <= reach + 1e-12)
+    np.testing.assert_allclose(most, reach, atol=0.002)
+
+
+def numbers(text: str | None) -> Array:
+    return np.array([float(word) for word in (text or '0 0 0').split()])
+
+
 def test_every_number_of_the_c3_has_a_source_and_a_confidence_per_joint() -> None:
     model = load_robot_model('c3_a601s')
-    quantities = ['position', 'velocity', 'acceleration', 'jerk', 'pulses_per_degree']
+    quantities = ['position', 'velocity', 'acceleration', 'jerk', 'pulses_per_degree', 'reach']
     assert list(model.provenance) == quantities
     for origin in model.provenance.values():
         assert origin.source
@@ -99,6 +132,7 @@ def data() -> dict[str, Any]:
             'jerk': {'max': [100.0, 200.0], 'source': 's', 'confidence': 'low'},
         },
         'pulses_per_degree': {'value': [100.0, -200.0], 'source': 's', 'confidence': 'medium'},
+        'reach': {'value': [0.5, 0], 'source': 's', 'confidence': 'medium'},
     }
 
 
@@ -113,6 +147,7 @@ def test_a_model_is_read_from_any_file(data: dict[str, Any], tmp_path: Path) -> 
     assert model.joint_names == ('a', 'b')
     assert model.limits.position_min.tolist() == [-1.0, -2.5]
     assert model.pulses_per_degree.tolist() == [100.0, -200.0]
+    assert model.reach.tolist() == [0.5, 0.0]
     assert model.provenance['velocity'].confidence == ('low', 'high')
     assert model.provenance['jerk'].confidence == ('low', 'low')
 
@@ -125,6 +160,9 @@ MISSING = [
     ('pulses_per_degree',),
     ('pulses_per_degree', 'value'),
     ('pulses_per_degree', 'source'),
+    ('reach',),
+    ('reach', 'value'),
+    ('reach', 'source'),
     ('limits', 'position'),
     ('limits', 'velocity'),
     ('limits', 'acceleration'),
@@ -194,6 +232,11 @@ CONFIDENCE = 'must be one of high, medium, low, or a list of one per joint'
             [1.0, 0],
             'pulses_per_degree.value = [1.0, 0.0]: must not be 0',
         ),
+        ('reach', 0.5, 'reach = 0.5: must be a dict'),
+        ('reach.value', [1.0], 'reach.value = [1.0]: must have 2 numbers, one per joint'),
+        ('reach.value', [1.0, -0.1], 'reach.value = [1.0, -0.1]: must not be negative'),
+        ('reach.value', [1.0, NAN], 'reach.value = nan: must be finite'),
+        ('reach.confidence', 'sure', f"reach.confidence = 'sure': {CONFIDENCE}"),
         ('limits.acceleration.max', [1.0, -2.0], 'b: acceleration = -2.0 must be positive'),
         ('limits.position.max', [-1, 2.5], 'a: position range -1.0 … -1.0 is empty'),
         (

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Goals through real ROS 2, a real node and a real controller process."""
 
+import socket
+import struct
 from typing import Any
 
 import numpy as np
@@ -64,7 +66,11 @@ def test_joint_names_in_any_order(shared_cell: Cell) -> None:
 def test_invariant_8_measured_values_reach_ros_unchanged(shared_cell: Cell) -> None:
     state = shared_cell.peer.joint_states[-1]
     assert list(state.name) == JOINTS
-    assert np.array_equal(np.array(state.position), np.array(START, dtype=np.float32))
+    with socket.create_connection(('127.0.0.1', shared_cell.ports.state), 10) as measured:
+        data = measured.recv(60, socket.MSG_WAITALL)
+    assert struct.unpack_from('<4i', data) == (56, 10, 1, 0)
+    assert list(state.position) == list(struct.unpack_from('<6f', data, 20))
+    assert np.allclose(state.position, START, atol=1e-6)  # to a pulse of the encoders
     assert list(state.velocity) == [0.0] * 6
     assert state.header.stamp.sec > 0
 

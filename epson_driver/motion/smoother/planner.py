@@ -13,17 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother import filtered, optimal, ruckig_move
+from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
 from epson_driver.motion.smoother.law import Law, State
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.problem import UNBOUND, Problem
 from epson_driver.motion.smoother.profile import Course
 
 CATCH_UP = 1.25
 """How much faster than commanded the motion may be to make up for lost time."""
-
-UNBOUND = 1e6
-"""A speed that no limit of a joint allows."""
 
 CATCH_UP_TIME = 0.05
 """A delay (s) from which on this is used in full."""
@@ -108,7 +105,7 @@ def _plan(
     if len(points):
         path = through(kept, points, limits, clamped=len(kept.u) > 1)
     if request.scale == 0.0:
-        law = ruckig_move.stop(_problem(request, path, limits, 1.0))
+        law = pause.propose(_problem(request, path, limits, 1.0))
         return None if law is None else Plan(request.start, path.knots, law, 'stop')
     path, problem, course = _within_horizon(request, path, limits)
     for proposer in ladder:

@@ -10,6 +10,9 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.law import Law, State
 from epson_driver.motion.smoother.path import Path
 
+UNBOUND = 1e6
+"""A speed that no limit of a joint allows."""
+
 SLACK = 0.02
 """How much faster than `slowing` a motion may be, relative."""
 
@@ -19,7 +22,7 @@ class Problem:
     """From `start` to rest at the path's end, as fast as the speeds and the limits allow.
 
     speeds: the most that u̇ should be at each knot of the path (u̇² is linear between them), shape
-    (k,); infinite where only the limits count. scale: share (0, 1] of the velocity limits to use.
+    (k,); UNBOUND where only the limits count. scale: share (0, 1] of the velocity limits to use.
     slowing: a stop from the start: no speed below the stop's is asked for, so that a start that is
     too fast for `speeds` and `scale` has time.
     """

@@ -136,7 +136,10 @@ def _solved(inp: InputParameter) -> Law | None:
         return None
     if result not in (Result.Working, Result.Finished):
         return None
-    return from_ruckig(course) if course.duration > 0.0 else None
+    if course.duration == 0.0:
+        return None
+    law = from_ruckig(course)
+    return law if len(law.jerks) else None  # as good as at rest
 
 
 def _slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:

@@ -14,9 +14,10 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.committed import Asked, Committed, Point
 from epson_driver.motion.smoother.joint_motion import JointMotion, fastest_move, fastest_stop
+from epson_driver.motion.smoother.law import Law
 from epson_driver.motion.smoother.path import Knots, Path
-from epson_driver.motion.smoother.planner import UNBOUND, Plan, Request, plan, stopping_time
-from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.planner import Plan, Request, plan, stopping_time
+from epson_driver.motion.smoother.problem import UNBOUND, Problem
 
 MERGE_TOLERANCE = 5e-4
 """Points that are closer together than this (rad, in every joint) count as one."""
@@ -39,8 +40,14 @@ PERIOD = 0.03
 TELLABLE = 5e-7
 """A resting arm is not moved by less than this (rad, in every joint): messages carry float32."""
 
+RESERVE = 2.5
+"""A plan that rests later than in so many times the time of a stop need not be replaced yet."""
+
 SHORTEST = 1e-9
 """A way shorter than this (rad, in every joint) is no way."""
+
+INSTANT = 1e-6
+"""A motion that has begun so recently (s) has not left its rest."""
 
 
 class Mode(StrEnum):
@@ -90,8 +97,7 @@ class Smoother:
         self._check(self._position, 'the start')
         self._now = 0.0
         self._scale = 1.0
-        self._reserve = 2.5 * stopping_time(limits)
-        """A plan that rests later than in this time (s) need not be replaced yet."""
+        self._reserve = RESERVE * stopping_time(limits)
         # The motion: a course, or a joint motion, or rest at a position.
         self._rest_until = 0.0
         self._course: Committed | None = None
@@ -153,7 +159,7 @@ class Smoother:
         """Forget all points and come to rest, on the path if that can be verified."""
         course, state = self._course, self.motion
         self._forget()
-        if self._paused or not self._in_motion:
+        if self.at_rest:
             self._settle(state.position)
             self._arrive(state.position)
         elif self._joint_motion is not None:
@@ -161,14 +167,7 @@ class Smoother:
                 self._begin_joint_motion(fastest_stop(self.limits, state))
                 self._stopping = True
         elif course is not None and not self._stopping:
-            law = ruckig_move.stop(
-                Problem(
-                    course.path,
-                    course.law.at(self._now - course.begin),
-                    self.limits,
-                    np.full(len(course.route), UNBOUND),
-                )
-            )
+            law = self._stop_on(course)
             if law is not None:
                 self._course = dataclasses.replace(course, law=law, begin=self._now)
                 self._settle(course.path.at(law.end)[0])
@@ -199,6 +198,27 @@ class Smoother:
             self._stopping = False
         for point, duration in zip(points, each, strict=True):
             self.append(point, duration)
+
+    def keep_to(self, limits: JointLimits) -> None:
+        """Keep to other limits from now on; those of position must be the same.
+
+        The points are kept. Raises RuntimeError unless the arm is `at_rest`.
+        """
+        if not self.at_rest:
+            raise RuntimeError('the limits of a motion cannot change: only at rest')
+        if self._course is not None:
+            self._rest_between(
+                self._course, self._course.law.end
+            )  # its path is measured in the speeds so far
+        self._asked = self._next = None
+        self._news = True
+        self.limits = limits
+        self._reserve = RESERVE * stopping_time(limits)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the arm stands now, be it with points to go to."""
+        return self._paused or not self._in_motion
 
     @property
     def _in_motion(self) -> bool:
@@ -283,6 +303,28 @@ class Smoother:
         if value != self._scale:
             self._scale = float(value)
             self._departure = None
+            if value == 0.0:
+                self._pause()
+
+    def _pause(self) -> None:
+        """Stay at rest, or brake at once; if that cannot be verified, a plan is asked for."""
+        self._asked = self._next = None
+        self._news = True
+        course = self._course
+        if course is None or course.scale == 0.0 or self._stopping:
+            return
+        if _just_begun(course, self._now):
+            self._rest_between(course, float(course.law.positions[0]))
+            return
+        law = self._stop_on(course)
+        if law is not None:
+            self._course = dataclasses.replace(course, law=law, begin=self._now, scale=0.0)
+
+    def _stop_on(self, course: Committed) -> Law | None:
+        """Return the fastest verified stop on the path from now on, or None."""
+        state = course.law.at(self._now - course.begin)
+        speeds = np.full(len(course.route), UNBOUND)
+        return ruckig_move.stop(Problem(course.path, state, self.limits, speeds))
 
     # What comes out.
 
@@ -358,7 +400,7 @@ class Smoother:
         if answer is None or (answer.start is not None and answer.start < self._now - SHORTEST):
             self._news = True
             if answer is None and self._paused and self._scale > 0.0 and self._course is not None:
-                self._rest_between(self._course)
+                self._rest_between(self._course, self._course.law.end)
             return False
         begin = self._now if answer.start is None else answer.start
         if answer.start is None and self._planner is not None:
@@ -495,7 +537,7 @@ class Smoother:
                 self._paused = True
                 self._departure = None
             else:
-                self._rest_between(course)
+                self._rest_between(course, course.law.end)
         elif course is not None:
             self._arrive(
                 course.path.knots.position[-1], None if self._stopping else course.route[-1]
@@ -513,9 +555,8 @@ class Smoother:
         self._stopping = self._paused = False
         self._departure = None
 
-    def _rest_between(self, course: Committed) -> None:
+    def _rest_between(self, course: Committed, u: float) -> None:
         """Rest between two points of a path, free to go on to the next one by another."""
-        u = course.law.end
         position = course.path.at(u)[0]
         index = course.route[course.path.segment(u)].index
         self._rest = Point(index, position, position, course.clock(self._now))
@@ -538,6 +579,12 @@ class Smoother:
         self._paused = False
         self._joint_motion, self._joint_begin = motion, self._now
         self._settle(motion.end)
+
+
+def _just_begun(course: Committed, now: float) -> bool:
+    """Return whether a course has only begun now, out of a rest."""
+    at_rest = course.law.velocities[0] == 0.0 == course.law.accelerations[0]
+    return bool(at_rest) and now - course.begin < INSTANT
 
 
 def _check_duration(duration: float | None, what: str) -> None:

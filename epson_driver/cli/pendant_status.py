@@ -1,0 +1,129 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`pendant status`: what a controller says of itself. What it does not say is left out."""
+
+from collections.abc import Mapping, Sequence
+
+from epson_driver.cli.pendant_words import faults
+from epson_driver.controller.errors import ERRORS
+from epson_driver.controller.remote.status_words import FLAGS
+from epson_driver.controller.states import EStop
+from epson_driver.link.remote_ethernet import Ask, RemoteError
+
+_ESTOP = {
+    EStop.CLEAR.value: 'not active',
+    EStop.PRESSED.value: 'pressed (release, then reset)',
+    EStop.LATCHED.value: 'released, not reset (reset)',
+}
+_JOINTS = (6, 4)
+"""How many joints a robot has, most likely first."""
+
+_INDENT = '\n' + ' ' * 8
+
+
+async def status(ask: Ask) -> str:
+    """Ask a controller, real or simulated, for all it says; return it in rows."""
+    flags, number = await ask_flags(ask)
+    condition = dict(
+        part.split('=', 1)
+        for part in (await _if_known(ask, 'Sim,condition') or '').split(';')
+        if part
+    )
+    motor = (await _if_known(ask, 'GetMotor,0') or '').split(',')
+    rows = {
+        'motors': condition.get('motors') or _on(motor[1:2], 'on', 'off'),
+        'power': condition.get('power') or _on(motor[2:3], 'high', 'low'),
+        'E-stop': _estop(flags, condition),
+        'door': 'open' if 'Safeguard' in flags else 'closed',
+        'mode': condition.get('mode') or _mode(flags),
+        'tasks': _tasks(await _if_known(ask, 'Sim,tasks')),
+        'arm': _arm(flags),
+        'joints': await _joints(ask),
+        'error': await _error(ask, number),
+        'faults': _faults(await _if_known(ask, 'Sim,fault,list')),
+        'late': _late(await _if_known(ask, 'Sim,timing')),
+        'flags': ' '.join(flags) or 'none',
+    }
+    return '\n'.join(f'{name + ":":8}{text}' for name, text in rows.items() if text)
+
+
+async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
+    """Return the names of the flags that are set, and the error number.
+
+    RC+ 5 sends ten flags, without Test; so they are counted from the end. Raises ConnectionError
+    for an answer that is none.
+    """
+    value = await ask('GetStatus')
+    bits, _, number = value.partition(',')
+    if not number.isdecimal() or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
+        raise ConnectionError(f'{value!r} is no status')
+    named = zip(tuple(FLAGS)[-len(bits) :], bits, strict=True)
+    return tuple(name for name, bit in named if bit == '1'), int(number)
+
+
+async def _if_known(ask: Ask, command: str) -> str | None:
+    """Return the value of the answer; None if the controller does not know or refuses it."""
+    try:
+        return await ask(command)
+    except RemoteError:
+        return None
+
+
+def _on(bit: Sequence[str], yes: str, no: str) -> str | None:
+    return None if not bit else yes if bit[0] == '1' else no
+
+
+def _estop(flags: Sequence[str], condition: Mapping[str, str]) -> str:
+    known = _ESTOP.get(condition.get('estop', ''))
+    return known or ('active (release, then reset)' if 'EStop' in flags else 'not active')
+
+
+def _mode(flags: Sequence[str]) -> str | None:
+    modes = {'Auto': 'AUTO', 'Teach': 'TEACH', 'Test': 'TEST'}
+    return next((mode for flag, mode in modes.items() if flag in flags), None)
+
+
+def _arm(flags: Sequence[str]) -> str:
+    if 'Paused' in flags:
+        return 'paused'
+    return 'moves' if 'Running' in flags else 'stands'
+
+
+async def _joints(ask: Ask) -> str | None:
+    for count in _JOINTS:
+        functions = ','.join(f'Agl({joint})' for joint in range(1, count + 1))
+        for command in (f'Sim,print,{functions}', f'Execute,"Print {functions}"'):
+            values = await _if_known(ask, command)
+            if values:
+                return f'{" ".join(values.strip(chr(34)).split())} degrees'
+    return None
+
+
+async def _error(ask: Ask, number: int) -> str:
+    if not number:
+        return 'none'
+    known = ERRORS.get(number)
+    told = await _if_known(ask, f'GetErrMsg,{number},0')
+    text = f'{number:04d} ({told or (known.meaning if known else "see the manual")})'
+    return f'{text}: {known.remedy}' if known and known.remedy else text
+
+
+def _tasks(value: str | None) -> str | None:
+    if not value:
+        return None
+    rows = [part.partition('=')[2].split(',') for part in value.split(';')]
+    return _INDENT.join(f'{name:15}{kind:14}{state}' for name, kind, state in rows)
+
+
+def _faults(value: str | None) -> str | None:
+    if value is None:
+        return None
+    return faults(value).replace('\n', _INDENT) if value else 'none'
+
+
+def _late(value: str | None) -> str | None:
+    """Return what the simulated controller says of its timing since it was started."""
+    if value is None:
+        return None
+    cycles, plans, failures = value.split(',')
+    return f'{cycles} cycles, {plans} plans; {failures} plans failed'

@@ -1,0 +1,79 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What SPEL+'s Power Low does to a motion: slow, and the tool slower than a hand can step back.
+
+The tool's speed is bounded without the kinematics: a joint moves the tool by no more than its
+angular velocity times its reach, the largest distance of the tool from its axis; the sum over the
+joints is never less than the tool's speed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits
+
+
+@dataclass(frozen=True, eq=False)
+class LowPower:
+    """The caps of Power Low.
+
+    fraction: of the robot's limits, (0, 1]; tool_speed: m/s; reach: shape (n,), m, of each joint.
+    Raises ValueError for other values.
+    """
+
+    fraction: float
+    tool_speed: float
+    reach: Array
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.fraction <= 1.0:
+            raise ValueError(f'fraction = {self.fraction}: must be in (0, 1]')
+        if not 0.0 < self.tool_speed < math.inf:
+            raise ValueError(f'tool_speed = {self.tool_speed}: must be positive and finite')
+        reach = np.array(self.reach, dtype=float)
+        if reach.ndim != 1 or not np.all(np.isfinite(reach) & (reach >= 0.0)):
+            raise ValueError(
+                f'reach = {reach.tolist()}: must be finite, not negative, one a joint'
+            )
+        reach.flags.writeable = False
+        object.__setattr__(self, 'reach', reach)
+
+    def limits(self, limits: JointLimits) -> JointLimits:
+        """Return the limits of a motion whose joints move in any proportion, tool speed kept.
+
+        Raises ValueError if they are of another number of joints.
+        """
+        self._check(limits)
+        velocity = self.fraction * limits.velocity
+        tool = float(velocity @ self.reach)
+        if tool > self.tool_speed:  # a joint that does not move the tool need not be slower
+            velocity = np.where(self.reach > 0.0, velocity * (self.tool_speed / tool), velocity)
+        return JointLimits(
+            limits.names,
+            limits.position_min,
+            limits.position_max,
+            velocity,
+            self.fraction * limits.acceleration,
+            self.fraction * limits.jerk,
+        )
+
+    def speed(self, limits: JointLimits, direction: Array) -> float:
+        """Return the largest Speed of a line, as a fraction (0, 1] of the limits.
+
+        `direction`, shape (n,), of any length but 0, tells how much each joint moves. Raises
+        ValueError as `limits` does.
+        """
+        self._check(limits)
+        way = np.abs(direction)
+        # The time that the joint that binds takes for the way at full speed.
+        time = float(np.max(way / limits.velocity))
+        tool = float(way @ self.reach)
+        if tool == 0.0 or time == 0.0:
+            return self.fraction
+        return min(self.fraction, self.tool_speed * time / tool)
+
+    def _check(self, limits: JointLimits) -> None:
+        if self.reach.shape != limits.velocity.shape:
+            raise ValueError(f'reach: {self.reach.size} values for {len(limits.names)} joints')

@@ -1,0 +1,131 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The servos and encoders: between where the joints are commanded to be and what is reported.
+
+Each joint follows its command with a first-order lag, solved exactly for a command that is linear
+from step to step. What such a joint does is a mean of what was commanded before: it never exceeds
+the command's velocity, acceleration or jerk, and never overshoots.
+"""
+
+import math
+
+import numpy as np
+
+from epson_driver.motion import Array
+
+LAST_JERK = 10.0
+"""A joint is set to its command when the way left, made in one step, asks for less, rad/s³."""
+
+LEAST_WAY = 1e-12
+"""rad; the same for steps that are very short."""
+
+SHORTEST_STEP = 1e-9
+"""Less time than this is none, s: what the command did in it counts in the next step."""
+
+
+class Servo:
+    """The servos of n joints, which stand at `start`, shape (n,), rad, at first.
+
+    `lag` ≥ 0: how many s the joints are behind the command; 0 is not at all. `encoder`: whether
+    reported positions are whole pulses, by `pulses_per_degree`, shape (n,). `settled` ≥ 0: how far
+    a joint in position may be from its command, rad. Raises ValueError for other numbers.
+    """
+
+    def __init__(
+        self, start: Array, pulses_per_degree: Array, lag: float, encoder: bool, settled: float
+    ) -> None:
+        for name, value in (('lag', lag), ('settled', settled)):
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f'{name} = {value}: must be finite and not negative')
+        if start.shape != pulses_per_degree.shape or start.ndim != 1:
+            raise ValueError(f'{pulses_per_degree.size} pulses_per_degree for {start.size} joints')
+        self._pulses = np.rad2deg(pulses_per_degree) if encoder else None  # per rad
+        self._lag = lag
+        self._tolerance = settled
+        self._frozen: dict[int, float] = {}
+        self._rest = np.zeros_like(start)
+        self._command = start.copy()
+        self._actual = start.copy()
+        self._velocity = self._rest
+        self._settled = True
+        self._pushed = False
+
+    @property
+    def position(self) -> Array:
+        """What the encoders report now, shape (n,), rad."""
+        position = self._actual.copy()
+        if self._pulses is not None:
+            position = np.rint(position * self._pulses) / self._pulses
+        for joint, value in self._frozen.items():
+            position[joint] = value
+        return position
+
+    @property
+    def velocity(self) -> Array:
+        """How fast the joints are as the encoders tell, shape (n,), rad/s."""
+        velocity = self._velocity.copy()
+        for joint in self._frozen:
+            velocity[joint] = 0.0
+        return velocity
+
+    @property
+    def settled(self) -> bool:
+        """Whether all joints stand exactly at a command that does not change."""
+        return self._settled
+
+    @property
+    def in_position(self) -> bool:
+        """Whether all joints are as close to their commands as they need to be (SPEL+ InPos)."""
+        return bool(np.all(np.abs(self._command - self._actual) <= self._tolerance))
+
+    def step(self, commanded: Array, dt: float) -> None:
+        """Let `dt` ≥ 0 s pass, in which the command became `commanded`, shape (n,), rad."""
+        unchanged = bool((commanded == self._command).all())
+        if self._settled and unchanged:
+            return
+        self._settled = False
+        if dt < SHORTEST_STEP:
+            return
+        before = commanded if self._pushed else self._command
+        self._command, self._pushed = commanded.copy(), False
+        speed = (commanded - before) / dt
+        if self._lag == 0.0:
+            self._velocity = speed
+            self._arrive(unchanged)
+            return
+        # Behind a command of constant speed a joint is one lag; the rest dies away.
+        behind = self._lag * speed
+        way = behind + (before - self._actual - behind) * math.exp(-dt / self._lag)
+        self._actual = commanded - way
+        self._velocity = way / self._lag
+        if unchanged and float(np.abs(way).max()) <= max(LEAST_WAY, LAST_JERK * dt**3):
+            self._velocity = self._rest
+            self._arrive(unchanged)
+
+    def _arrive(self, settled: bool) -> None:
+        self._actual = self._command
+        self._settled = settled
+
+    def freeze(self, joint: int | None) -> None:
+        """Let a joint's encoder (index from 0) report its last value; None: let all work again."""
+        if joint is None:
+            self._frozen.clear()
+        else:
+            self._frozen.setdefault(joint, float(self.position[joint]))
+
+    def jump(self, position: Array) -> None:
+        """Let the joints stand elsewhere, shape (n,), rad: pushed, or the controller was off.
+
+        They go back to the command that comes with the next step.
+        """
+        self._actual = position.copy()
+        self._velocity = self._rest
+        self._settled = bool((self._actual == self._command).all())
+        self._pushed = True
+
+    def place(self, position: Array) -> None:
+        """Let the joints stand elsewhere and stay there, shape (n,), rad: they have no power."""
+        self._command = position.copy()
+        self._arrive(settled=True)
+        self._velocity = self._rest
+        self._pushed = False

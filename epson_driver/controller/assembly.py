@@ -1,0 +1,85 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which arm and which program a profile asks for."""
+
+from typing import TYPE_CHECKING, Literal
+
+from epson_driver.controller.arm.executor import Executor
+from epson_driver.controller.arm.low_power import LowPower
+from epson_driver.controller.arm.point_to_point import PointToPoint
+from epson_driver.controller.arm.streaming import Planner, Streaming
+from epson_driver.controller.errors import ErrorRegister
+from epson_driver.controller.programs.motion_program import MotionProgram
+from epson_driver.controller.programs.motoman_program import MotomanProgram
+from epson_driver.controller.programs.program import Program
+from epson_driver.motion import Array
+
+if TYPE_CHECKING:
+    from epson_driver.controller.core import Controller
+
+
+def new_arm(controller: 'Controller', start: Array, planner: Planner | None) -> Executor:
+    """Return a smooth arm if there is a planner, one that moves point to point otherwise."""
+    limits, profile = controller.model.limits, controller.profile
+    motion, program = profile.motion, profile.program
+    caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
+    if planner is None:
+        return PointToPoint(
+            limits,
+            start,
+            motion.speed,
+            motion.accel,
+            cp=motion.cp,
+            statement_overhead=motion.statement_overhead,
+            acknowledge=_acknowledge(program.acknowledge, 'done'),
+            caps=caps,
+        )
+    return Streaming(
+        limits,
+        start,
+        planner,
+        controller.timing,
+        controller.planner_failed,
+        motion.look_ahead,
+        motion.look_ahead_points,
+        low_power_limits=caps.limits(limits),
+        acknowledge=_acknowledge(program.acknowledge, 'taken'),
+        uses=program.uses,
+        speed=motion.speed,
+        accel=motion.accel,
+    )
+
+
+def new_program(controller: 'Controller', arm: Executor, errors: ErrorRegister) -> Program:
+    """Return the program that the profile names."""
+    profile = controller.profile
+    if profile.program.kind == 'motoman':
+        return MotomanProgram(
+            arm,
+            profile.motion.pending_limit,
+            errors,
+            controller.motion_refusal,
+            controller.send_reply,
+            controller.trajectory_begins,
+            controller.faults.point_begun,
+            controller,
+            lambda: controller.lines.hang_up('motion'),
+        )
+    return MotionProgram(
+        arm,
+        profile.program,
+        profile.motion.pending_limit,
+        errors,
+        controller.motion_refusal,
+        controller.send_reply,
+        controller.clock,
+        controller.trajectory_begins,
+        lambda _sequence: controller.faults.point_begun(),
+    )
+
+
+_Acknowledge = Literal['taken', 'done']
+
+
+def _acknowledge(asked: Literal['default', 'taken', 'done'], usual: _Acknowledge) -> _Acknowledge:
+    return usual if asked == 'default' else asked

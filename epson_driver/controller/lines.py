@@ -1,0 +1,186 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Who is connected to which port, and through what faults.
+
+A line is one client of one port: a wire, which may be disturbed, and the session behind it.
+"""
+
+import logging
+from typing import TYPE_CHECKING
+
+from epson_driver.controller.faults.wire import Wire
+from epson_driver.controller.io.io_session import IoSession
+from epson_driver.controller.programs.motion_session import MotionSession
+from epson_driver.controller.programs.program import ProgramQuit
+from epson_driver.controller.remote.remote_session import RemoteSession
+from epson_driver.controller.session import Client, Send, Session
+from epson_driver.controller.state_session import StateSession
+from epson_driver.controller.states import Event, Tasks
+from epson_driver.controller.tasks import IO_SERVER, MOTION_SERVER, STATE_SERVER, Task, TaskState
+from epson_driver.simple_message import FrameError
+
+if TYPE_CHECKING:
+    from epson_driver.controller.core import Controller
+
+_log = logging.getLogger(__name__)
+
+_SERVERS: dict[str, Task | None] = {
+    'motion': MOTION_SERVER,
+    'state': STATE_SERVER,
+    'io': IO_SERVER,
+    'remote': None,
+}
+"""The task that serves a port; the remote port is the controller's own."""
+
+
+class Line(Session):
+    """One client of one port."""
+
+    def __init__(self, controller: 'Controller', port: str, client: Client) -> None:
+        self.port = port
+        self.hang_up = client.abort
+        self._controller = controller
+        by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
+        self._wire = Wire(
+            port,
+            controller.clock,
+            controller.faults,
+            client.send,
+            client.abort,
+            byte_by_byte=by_byte,
+        )
+        self._session = _open(controller, port, self._wire.send, client)
+        self._open = True
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the client. Raises FrameError as the session does.
+
+        A port whose task is aborted or stopped reads nothing where the profile says `silent`.
+        """
+        data = self._wire.receive(data)
+        if not data or not self._open or self._controller.lines.silent(self.port):
+            return
+        try:
+            self._session.receive(data)
+        except ProgramQuit as reason:
+            self._quit(reason)
+        except FrameError as error:
+            if self.port == 'motion' and self._controller.profile.program.corrupt == 'quit':
+                self._quit(error)
+            raise
+
+    def _quit(self, reason: Exception) -> None:
+        _log.error('the program has ended: %s', reason)
+        self._controller.lines.quit()
+
+    def closed(self) -> None:
+        """Take note that the client is gone."""
+        if self._open:
+            self._open = False
+            self._controller.lines.gone(self)
+            self._session.closed()  # a client that has only shut its own side gets its answers
+            self._wire.close()
+
+
+class Lines:
+    """All lines of one controller, and the ports that nobody serves."""
+
+    def __init__(self, controller: 'Controller') -> None:
+        self._controller = controller
+        self._lines: list[Line] = []
+        self._dead: set[str] = set()
+        self._booting = False
+
+    def connect(self, port: str, client: Client) -> Line:
+        """Begin to serve a client of `port`: motion, state, io or remote.
+
+        When its connection ends, whoever ended it, the line's `closed` must be called. Raises
+        ConnectionRefusedError, which says why, if nobody serves the port now.
+        """
+        reason = self._refusal(port)
+        if reason is not None:
+            raise ConnectionRefusedError(reason)
+        line = Line(self._controller, port, client)
+        self._lines.append(line)
+        return line
+
+    def silent(self, port: str) -> bool:
+        """Return whether the port's bytes are not read: its task is dead, its socket is not."""
+        return self._down(port) and self._controller.profile.server.aborted == 'silent'
+
+    def gone(self, line: Line) -> None:
+        """Take note that a client is gone; a program that does not reconnect serves no other."""
+        self._lines.remove(line)
+        if not self._controller.profile.server.reconnect and _SERVERS[line.port] is not None:
+            self._dead.add(line.port)
+
+    def quit(self) -> None:
+        """End the program, as SPEL+ `Quit All` in the thesis: motion and state port are dead."""
+        self._controller.apply(Event.STOP)
+        self._dead |= {'motion', 'state'}
+        self.hang_up('motion', 'state')
+
+    def start(self) -> None:
+        """Serve all ports again."""
+        self._dead.clear()
+
+    def tasks_ended(self) -> None:
+        """Close what the profile closes when the Normal tasks end."""
+        if self._controller.profile.server.aborted == 'close':
+            self.hang_up(*(port for port in _SERVERS if self._down(port)))
+
+    def hang_up(self, *ports: str) -> None:
+        """Close the connections of all clients of the ports."""
+        for line in [line for line in self._lines if line.port in ports]:
+            line.hang_up()
+
+    def boot(self, seconds: float) -> None:
+        """Close all connections and refuse others for `seconds`; then serve all ports."""
+        self._booting = True
+        self.hang_up(*_SERVERS)
+        self._controller.clock.after(seconds, self._booted)
+
+    def _booted(self) -> None:
+        self._booting = False
+        self._dead.clear()
+        _log.info('booted')
+
+    def _refusal(self, port: str) -> str | None:
+        if self._booting:
+            return 'the controller boots'
+        if port in self._dead:
+            return 'the program that served it has ended: start it'
+        if self._controller.faults.refuses(port):
+            return 'cut, as asked for'
+        if self._down(port) and self._controller.profile.server.aborted == 'close':
+            return 'its task does not run'
+        return None
+
+    def _down(self, port: str) -> bool:
+        task = _SERVERS[port]
+        ended = (TaskState.NOT_RUNNING, TaskState.ABORTED)
+        return task is not None and task.state(self._controller.condition) in ended
+
+
+def _open(controller: 'Controller', port: str, send: Send, client: Client) -> Session:
+    match port:
+        case 'motion':
+            return MotionSession(controller, send)
+        case 'state':
+            return StateSession(controller, send)
+        case 'io':
+            return IoSession(
+                controller.io,
+                controller.dialect,
+                controller.clock,
+                send,
+                lambda: _no_io(controller),
+            )
+        case 'remote':
+            return RemoteSession(controller, send, client.close)
+    raise ValueError(f'{port} is no port')
+
+
+def _no_io(controller: 'Controller') -> str | None:
+    tasks = controller.condition.tasks
+    return None if tasks is Tasks.RUNNING else f'the I/O server is {tasks.value}'

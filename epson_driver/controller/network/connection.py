@@ -1,0 +1,86 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One client's TCP connection, from the controller's side."""
+
+import asyncio
+import logging
+import socket
+import struct
+from contextlib import suppress
+
+CHUNK = 4096
+"""Bytes taken at once: how long one client can keep the others waiting is bounded."""
+
+_KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
+"""A peer that is gone without a word is noticed after about 4 s; where the system has these."""
+
+_log = logging.getLogger(__name__)
+
+
+class Connection:
+    """Bytes to and from one client.
+
+    A client that leaves more than `max_unsent` bytes unread is disconnected: memory stays
+    bounded, and nobody gets stale data later.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        max_unsent: int,
+    ) -> None:
+        host, port = writer.get_extra_info('peername')[:2]
+        self.name = f'{name} client {host}:{port}'
+        self._reader = reader
+        self._writer = writer
+        self._max_unsent = max_unsent
+        sock: socket.socket = writer.get_extra_info('socket')
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _KEEPALIVE.items():
+            if hasattr(socket, option):
+                sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing can be sent any more."""
+        return self._writer.transport.is_closing()
+
+    def send(self, data: bytes) -> None:
+        """Send bytes; to a closed connection, drop them."""
+        if self.closed:
+            return
+        self._writer.write(data)
+        if self._writer.transport.get_write_buffer_size() > self._max_unsent:
+            _log.warning('%s does not read: disconnected', self.name)
+            self.abort()
+
+    async def receive(self) -> bytes:
+        """Return the next bytes, none when the client has closed or is lost."""
+        await asyncio.sleep(0)  # a client that never pauses does not keep the others waiting
+        try:
+            return await self._reader.read(CHUNK)
+        except OSError as error:
+            _log.info('%s: %s', self.name, error)
+            return b''
+
+    async def lost(self) -> None:
+        """Wait until nothing can be sent any more."""
+        with suppress(OSError):
+            await self._writer.wait_closed()
+
+    def close(self) -> None:
+        """Close once everything is sent, or at once if the client does not read."""
+        if self._writer.transport.get_write_buffer_size():
+            self.abort()
+        else:
+            self._writer.close()
+
+    def abort(self) -> None:
+        """Close at once and drop what is not sent, in the system's buffers too."""
+        sock: socket.socket = self._writer.get_extra_info('socket')
+        if sock.fileno() >= 0:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
+        self._writer.transport.abort()

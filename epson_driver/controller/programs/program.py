@@ -1,0 +1,45 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a program on the motion port is to the controller: `MotionProgram`, or Motoman's."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from epson_driver.simple_message import Frame, Packet
+
+SendPacket = Callable[[Packet], None]
+"""Takes a reply."""
+
+
+class ProgramQuit(Exception):  # noqa: N818  # SPEL+'s word for it
+    """The program has ended itself, and all its servers with it. The text says why."""
+
+
+class Program(Protocol):
+    """Has the points of one client executed, one after the other, and answers them."""
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for `resume`."""
+
+    def receive(self, frame: Frame) -> None:
+        """Obey, queue or refuse one frame. May raise ProgramQuit; the arm brakes then."""
+
+    def step(self, dt: float) -> None:
+        """Let `dt` ≥ 0 s pass: the arm moves on, and from point to point without a pause."""
+
+    def abort(self) -> None:
+        """Brake, and answer all points that are not answered yet with FAILURE."""
+
+    def restart(self) -> None:
+        """Abort, and forget the trajectory: the next one begins anew."""
+
+    def pause(self) -> None:
+        """Give the arm no more points and answer none, until `resume`. Twice is no error.
+
+        What is wrong is refused all the same, and a STOP obeyed. The arm itself is held by who
+        pauses.
+        """
+
+    def resume(self) -> None:
+        """Go on after `pause`."""

@@ -1,0 +1,83 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The fastest stop of every joint by itself, for an arm that is on no line.
+
+A joint that moves within its limits can always stop within them, if it may turn back: braking
+hardest is never farther than where it was going. A stop with no way back may be farther, since the
+deceleration has to end with it; where that would pass a position limit, the joint turns back.
+"""
+
+import numpy as np
+from ruckig import ControlInterface, InputParameter
+from ruckig import Trajectory as RuckigTrajectory
+
+from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.point_to_point import solve
+
+ATTEMPTS = 40
+"""Ways back that are tried, each twice as long as the one before, from `SHORTEST_WAY`."""
+
+SHORTEST_WAY = 1e-9
+POSITION_ROUNDING = 1e-12
+"""rad."""
+
+
+class JointStop:
+    """A stop as a function of the time since it began. `duration` is in s, `end` in rad."""
+
+    def __init__(self, courses: list[RuckigTrajectory]) -> None:
+        self._courses = courses
+        self.duration: float = max(course.duration for course in courses)
+        self.end: Array = np.array([course.at_time(course.duration)[0][0] for course in courses])
+
+    def at(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
+        if time >= self.duration:
+            zeros = np.zeros_like(self.end)
+            return self.end.copy(), zeros, zeros.copy()
+        states = np.array(
+            [course.at_time(min(max(time, 0.0), course.duration)) for course in self._courses]
+        )
+        return states[:, 0, 0], states[:, 1, 0], states[:, 2, 0]
+
+
+def stop_joints(
+    limits: JointLimits, position: Array, velocity: Array, acceleration: Array
+) -> JointStop:
+    """Return the stop of joints that move on a course within the limits; shapes (n,)."""
+    states = zip(position, velocity, acceleration, strict=True)
+    return JointStop([_stop(limits, joint, state) for joint, state in enumerate(states)])
+
+
+def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) -> RuckigTrajectory:
+    low = min(limits.position_min[joint], state[0]) - POSITION_ROUNDING
+    high = max(limits.position_max[joint], state[0]) + POSITION_ROUNDING
+    inp = InputParameter(1)
+    inp.max_velocity = [limits.velocity[joint]]
+    inp.max_acceleration = [limits.acceleration[joint]]
+    inp.max_jerk = [limits.jerk[joint]]
+    (inp.current_position, inp.current_velocity, inp.current_acceleration) = (
+        [value] for value in state
+    )
+    inp.target_velocity = [0.0]
+    inp.control_interface = ControlInterface.Velocity
+    course = solve(inp)
+    if _within(course, low, high):
+        return course
+    end = course.at_time(course.duration)[0][0]
+    limit, inward = (high, -1.0) if end > high or state[1] > 0.0 else (low, 1.0)
+    inp.control_interface = ControlInterface.Position
+    for attempt in range(ATTEMPTS):
+        target = limit + inward * SHORTEST_WAY * 2.0**attempt
+        if not low <= target <= high:
+            break
+        inp.target_position = [target]
+        back = solve(inp)
+        if _within(back, low, high):
+            return back
+    return course
+
+
+def _within(course: RuckigTrajectory, low: float, high: float) -> bool:
+    (extrema,) = course.position_extrema
+    return bool(extrema.min >= low and extrema.max <= high)

@@ -1,0 +1,72 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rest on the path soon, out of any motion that is allowed.
+
+A motion that uses its limits to the full can not always brake at once: where the path bends, the
+joints may need all they have to follow it. It can rest a little later.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from epson_driver.motion.smoother import optimal, ruckig_move
+from epson_driver.motion.smoother.check import loads
+from epson_driver.motion.smoother.law import Law
+from epson_driver.motion.smoother.path import Knots, Path
+from epson_driver.motion.smoother.problem import UNBOUND, Problem
+from epson_driver.motion.smoother.profile import Course
+
+REACHES = (1.5, 2.0, 3.0, 4.0, 6.0)
+"""Where to rest: in ways of the hardest braking that the path's slope alone would allow."""
+
+SHORTEST_PART = 0.1
+"""Less of a segment than this is left out: the rest is at the knot before."""
+
+
+def propose(problem: Problem) -> Law | None:
+    """Return a verified law that rests before the path's end, soon; None if none was found."""
+    law = ruckig_move.stop(problem)
+    if law is not None:
+        return law
+    hardest = ruckig_move.gentle_stop(problem.start, problem.path, problem.limits, 1.0)
+    if hardest is None:
+        return None
+    begin = problem.start[0]
+    for reach in REACHES:
+        end = begin + reach * (hardest.end - begin)
+        if not begin < end < problem.end:
+            return None
+        law = _rest_at(problem, _until(problem.path, begin, end))
+        if law is not None:
+            return law
+    return None
+
+
+def _rest_at(problem: Problem, path: Path) -> Law | None:
+    """Return the fastest law to the end of a part of the path."""
+    speeds = np.full(len(path.knots.u), UNBOUND)
+    shorter = dataclasses.replace(problem, path=path, speeds=speeds, slowing=None)
+    law = optimal.propose(shorter, Course(shorter))
+    if law is None or not loads(problem.path, law, problem.limits).allowed:
+        return None
+    return law
+
+
+def _until(path: Path, begin: float, end: float) -> Path:
+    """Return the path from the segment of `begin` to `end`, or to a knot just before."""
+    knots = path.knots
+    first, last = path.segment(begin), path.segment(end)
+    part = (end - knots.u[last]) / (knots.u[last + 1] - knots.u[last])
+    if part < SHORTEST_PART and last > first:
+        return Path(knots[first : last + 1])
+    position, slope, bend = path.at(end)
+    head = knots[first : last + 1]
+    return Path(
+        Knots(
+            np.append(head.u, end),
+            np.vstack([head.position, position]),
+            np.vstack([head.first, slope]),
+            np.vstack([head.second, bend]),
+        )
+    )

@@ -1,0 +1,62 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Timers act in order, at their moment, once; cancelled ones never."""
+
+import sys
+
+import pytest
+
+from epson_driver.controller.clock import FEW, Clock
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+def test_timers_act_at_their_moment_in_the_order_they_are_due_and_were_set(clock):
+    seen = []
+    for name, delay in (('b', 0.2), ('a', 0.1), ('c', 0.2), ('late', 0.4)):
+        clock.after(delay, lambda name=name: seen.append((name, clock.now)))
+    assert clock.next_due == 0.1
+    clock.advance(0.3)
+    assert seen == [('a', 0.1), ('b', 0.2), ('c', 0.2)]
+    assert clock.now == 0.3
+    assert clock.next_due == pytest.approx(0.4)
+
+
+def test_an_action_may_set_a_timer_that_is_due_in_the_same_step(clock):
+    seen = []
+
+    def tick():
+        seen.append(round(clock.now, 6))
+        clock.after(0.1, tick)
+
+    clock.after(0.1, tick)
+    clock.advance(0.45)
+    assert seen == [0.1, 0.2, 0.3, 0.4]
+
+
+def test_cancelled_timers_do_not_act_and_are_not_due(clock):
+    timer = clock.after(0.1, lambda: pytest.fail('acted'))
+    timer.cancel()
+    timer.cancel()
+    assert clock.next_due is None
+    clock.advance(1.0)
+
+
+def test_time_does_not_go_back(clock):
+    clock.advance(1.0)
+    clock.advance(0.5)
+    assert clock.now == 1.0
+
+
+def test_cancelled_timers_take_no_memory(clock):
+    acted = []
+    clock.after(7200.0, lambda: acted.append(clock.now))
+    for _ in range(50_000):
+        clock.after(3600.0, lambda: pytest.fail('acted')).cancel()
+    assert len(clock._timers) <= FEW
+    assert sys.getsizeof(clock._timers) < 100 * FEW
+    clock.advance(8000.0)
+    assert acted == [7200.0]
