@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from epson_driver.controller.arm.executor import Executor
-from epson_driver.controller.arm.recovery import Recovery
+from epson_driver.controller import state_messages
+from epson_driver.controller.arm.mechanism import Mechanism
 from epson_driver.controller.arm.servo import Servo
 from epson_driver.controller.arm.streaming import Planner
 from epson_driver.controller.assembly import new_arm, new_program
@@ -51,40 +51,15 @@ from epson_driver.simple_message import (
     JointPosition,
     Packet,
     Status,
-    TriState,
-    ValidFields,
     encode,
-    joint_data,
 )
 from epson_driver.simple_message import Mode as StatusMode
 
 _log = logging.getLogger(__name__)
 
-_ESTOP = 'the E-stop is pressed: release it, reset, motors on'
-_LATCHED = 'the E-stop is released but not reset: reset, motors on'
-_NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Refusal] = {
-    EStop.PRESSED: Refusal(ErrorNumber.TASK_ABORTED, _ESTOP),
-    EStop.LATCHED: Refusal(ErrorNumber.TASK_ABORTED, _LATCHED),
-    Fault.CRITICAL: Refusal(
-        ErrorNumber.TASK_ABORTED, 'a critical error aborted the motion task: boot the controller'
-    ),
-    Fault.ERROR: Refusal(
-        ErrorNumber.TASK_ABORTED, 'an error aborted the motion task: reset, motors on'
-    ),
-    Tasks.STOPPED: Refusal(ErrorNumber.TASK_ABORTED, 'the motion task is stopped: start it'),
-    Mode.MANUAL: Refusal(
-        ErrorNumber.MOTORS_OFF, 'the key switch is at MANUAL: turn it to AUTO, motors on'
-    ),
-    Motors.OFF: Refusal(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
-    Motors.BRAKING: Refusal(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
-}
-"""Why a point is refused, the first that applies; points that come in a pause wait."""
-
 _NO_PLANNER = Refusal(
     ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
 )
-
-_STATUS_MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
 
 _ENDED = (Tasks.STOPPED, Tasks.ABORTED)
 
@@ -128,13 +103,12 @@ class Controller:
         self.spel = SpelMemory()
         self._errors = ErrorRegister()
         self._planner = planner
-        self._arm: Executor = new_arm(self, start, planner)
+        arm = new_arm(self, start, planner)
         servo = profile.servo
         self.servo = Servo(start, model.pulses_per_degree, servo.lag, servo.encoder, servo.settled)
+        self._mechanism = Mechanism(arm, self.servo, profile.motion.low_power)
         self.reply: Send | None = None  # where replies of the motion program go
-        self.program = new_program(self, self._arm, self._errors)
-        self._recovery: Recovery | None = None
-        self._pushed: Array | None = None  # where the arm was pushed to while it had no power
+        self.program = new_program(self, arm, self._errors)
         self._error = ErrorNumber.NONE  # of the controller itself, until it is reset
         self._until = 0.0
         self._set_power()
@@ -201,17 +175,13 @@ class Controller:
         refusal = angles_refusal(pushed, self.model.limits)
         if refusal is not None:
             raise RefusedError(refusal.sentence)
-        if self.condition.powered:
-            if abs(angle) > SMALL_PUSH:
-                self.raise_error(ErrorNumber.SERVO_ERROR)
-            else:
-                self.servo.jump(pushed)
+        powered = self.condition.powered
+        if powered and abs(angle) > SMALL_PUSH:
+            self.raise_error(ErrorNumber.SERVO_ERROR)
             return
-        if self.in_motion:
+        if not powered and self.in_motion:
             raise RefusedError('the arm still brakes: try again when it stands')
-        self._pushed = clipped(pushed, self.model.limits)
-        self._recovery = None
-        self.servo.place(self._pushed)
+        self._mechanism.push(clipped(pushed, self.model.limits), powered)
         self._settle()
 
     def freeze(self, joint: int | None) -> None:
@@ -256,54 +226,44 @@ class Controller:
     @property
     def in_motion(self) -> bool:
         """Whether the arm moves, or is about to."""
-        moving = not self._arm.still if self._recovery is None else not self._recovery.still
-        return moving or not self.servo.settled
+        return self._mechanism.in_motion
 
     @property
     def moving(self) -> bool:
         """Whether the arm moves or has somewhere to go, be it after a pause."""
-        return self._arm.moving or self.in_motion
+        return self._mechanism.moving
 
     def _move(self, dt: float) -> None:
         moves = self.in_motion
         if not moves:
             return
-        if self._recovery is not None:
-            self._recovery.step(max(dt, 0.0))
-        else:
-            self.program.step(max(dt, 0.0))
-        self.servo.step(self._commanded, max(dt, 0.0))
-        if self.condition.tasks is Tasks.RECOVERING and not self.in_motion:
+        self._mechanism.step(max(dt, 0.0), self.program.step)
+        if self.in_motion:
+            return
+        if self.condition.tasks is Tasks.RECOVERING:
             self._recovered()
-        if not self.in_motion:
-            self._settle()
-            self._tell_timing()
-
-    @property
-    def _commanded(self) -> Array:
-        if self._recovery is not None:
-            return self._recovery.position
-        return self._arm.position if self._pushed is None else self._pushed
+        self._settle()
+        self._tell_timing()
 
     # State.
 
     @property
     def speed(self) -> float:
         """SPEL+ Speed, a fraction (0, 1] of the joints' speed, for point-to-point motion."""
-        return self._arm.speed
+        return self._mechanism.arm.speed
 
     @speed.setter
     def speed(self, value: float) -> None:
-        self._arm.speed = value
+        self._mechanism.arm.speed = value
 
     @property
     def accel(self) -> float:
         """SPEL+ Accel, a fraction (0, 1] of the acceleration, for point-to-point motion."""
-        return self._arm.accel
+        return self._mechanism.arm.accel
 
     @accel.setter
     def accel(self, value: float) -> None:
-        self._arm.accel = value
+        self._mechanism.arm.accel = value
 
     @property
     def error_number(self) -> ErrorNumber:
@@ -314,33 +274,15 @@ class Controller:
 
     def joint_position(self) -> JointPosition:
         """Return where the encoders say that the joints are."""
-        return JointPosition(0, joint_data(self.servo.position.tolist()))
+        return state_messages.joint_position(self)
 
     def joint_feedback(self) -> JointFeedback:
         """Return where the joints are and how fast, with the controller's time."""
-        return JointFeedback(
-            0,
-            ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY,
-            self.clock.now,
-            joint_data(self.servo.position.tolist()),
-            joint_data(self.servo.velocity.tolist()),
-        )
+        return state_messages.joint_feedback(self)
 
     def status(self) -> Status:
         """Return what STATUS says now."""
-        condition, known = self.condition, self.profile.state
-        error = self.error_number
-        none = error is ErrorNumber.NONE
-        possible = _tri_state(condition.motion_possible and none)
-        return Status(
-            drives_powered=_tri_state(condition.powered),
-            e_stopped=_tri_state(condition.estopped),
-            error_code=error,
-            in_error=_tri_state(not none),
-            in_motion=_tri_state(self.in_motion) if known.in_motion else TriState.UNKNOWN,
-            mode=_STATUS_MODES[condition.mode],
-            motion_possible=possible if known.motion_possible else TriState.UNKNOWN,
-        )
+        return state_messages.status(self)
 
     # What follows from a change of the condition.
 
@@ -357,48 +299,38 @@ class Controller:
             self._recover()
         elif now.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER):
             self.program.pause()
-            self._arm.hold()
-            if self._recovery is not None:
-                self._recovery.stop()
+            self._mechanism.hold()
         else:
-            self._arm.resume()
+            self._mechanism.arm.resume()
             self.program.resume()
 
     def _end(self, end: Callable[[], None]) -> None:
         """End the motion: brake, and forget where it was to go on."""
         end()
-        if self._recovery is not None and not self._recovery.still:
-            self._recovery.stop()
+        self._mechanism.brake_recovery()
 
     def _recover(self) -> None:
         """Go back slowly to where the arm was interrupted, if it has power and a way to go on."""
-        if self.condition.motors is not Motors.ON or not self._arm.moving:
-            self.apply(Event.RECOVERED)
-            return
-        share = self.profile.motion.low_power
-        start = self._commanded
-        self._recovery = Recovery(self.model.limits, start, self._arm.position, share)
-        if self._recovery.still:
+        if self.condition.motors is Motors.ON and self._mechanism.arm.moving:
+            self._mechanism.go_back()
+        if not self.in_motion:
             self._recovered()
 
     def _recovered(self) -> None:
-        self._recovery = self._pushed = None
+        self._mechanism.went_back()
         self.apply(Event.RECOVERED)
 
     def _settle(self) -> None:
         """Draw the conclusions from a standstill, if it is one."""
         if self.in_motion:
             return
-        if self.condition.tasks is not Tasks.RECOVERING and not self._arm.moving:
-            stands = self._commanded
-            self._recovery = self._pushed = None
-            if not np.array_equal(stands, self._arm.position):
-                self._arm.settle(stands)
+        if self.condition.tasks is not Tasks.RECOVERING:
+            self._mechanism.rest()
         if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):
             self.apply(Event.STANDSTILL)
 
     def _set_power(self) -> None:
-        self._arm.low_power = self.condition.power is not Power.HIGH
+        self._mechanism.arm.low_power = self.condition.power is not Power.HIGH
 
     def trajectory_begins(self) -> None:
         """Take note that a trajectory begins: the program sets its power."""
@@ -407,20 +339,10 @@ class Controller:
 
     def motion_refusal(self) -> Refusal | None:
         """Return why a point is refused in this condition, or None."""
-        condition = self.condition
-        states = {
-            condition.estop,
-            condition.fault,
-            condition.tasks,
-            condition.mode,
-            condition.motors,
-        }
-        for state, refusal in _NO_MOTION.items():
-            if state in states:
-                return refusal
-        if self._planner is not None and not self._planner.ready:
+        refusal = state_messages.motion_refusal(self)
+        if refusal is None and self._planner is not None and not self._planner.ready:
             return _NO_PLANNER
-        return None
+        return refusal
 
     def _tell_timing(self) -> None:
         """Log what came too late in the motion that has ended."""
@@ -440,7 +362,3 @@ def _difference(before: Condition, after: Condition) -> str:
         (region, getattr(before, region).value, getattr(after, region).value) for region in REGIONS
     )
     return ', '.join(f'{name} {old} → {new}' for name, old, new in changes if old != new)
-
-
-def _tri_state(value: bool) -> TriState:
-    return TriState.TRUE if value else TriState.FALSE
