@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from epson_driver.controller.arm.executor import Executor
 from epson_driver.controller.arm.low_power import LowPower
+from epson_driver.controller.arm.mechanism import Mechanism
 from epson_driver.controller.arm.point_to_point import PointToPoint
 from epson_driver.controller.arm.streaming import Planner, Streaming
 from epson_driver.controller.errors import ErrorRegister
@@ -18,11 +19,18 @@ if TYPE_CHECKING:
     from epson_driver.controller.core import Controller
 
 
-def new_arm(controller: 'Controller', start: Array, planner: Planner | None) -> Executor:
-    """Return a smooth arm if there is a planner, one that moves point to point otherwise."""
+def new_mechanism(controller: 'Controller', start: Array, planner: Planner | None) -> Mechanism:
+    """Return an arm that is smooth if there is a planner, and goes point to point otherwise."""
+    motion = controller.profile.motion
+    caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
+    return Mechanism(_new_arm(controller, start, planner, caps), controller.servo, caps)
+
+
+def _new_arm(
+    controller: 'Controller', start: Array, planner: Planner | None, caps: LowPower
+) -> Executor:
     limits, profile = controller.model.limits, controller.profile
     motion, program = profile.motion, profile.program
-    caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
     if planner is None:
         return PointToPoint(
             limits,

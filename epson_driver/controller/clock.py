@@ -11,19 +11,30 @@ Action = Callable[[], None]
 FEW = 64
 """Timers that may wait before the cancelled ones among them are looked for."""
 
+MAX_CATCH_UP = 3
+"""Periods that are made up for after a delay; what was missed before them is left out."""
+
 
 class Timer:
-    """Something that will happen once, until it is cancelled. Made by `Clock.after`."""
+    """Something that will happen, once or every `period` s, until it is cancelled.
 
-    __slots__ = ('action', 'due')
+    Made by `Clock.after` and `Clock.every`.
+    """
 
-    def __init__(self, due: float, action: Action) -> None:
+    __slots__ = ('action', 'due', 'period')
+
+    def __init__(self, due: float, action: Action, period: float | None = None) -> None:
         self.due = due
         self.action: Action | None = action
+        self.period = period
 
     def cancel(self) -> None:
         """Let it not happen. Twice, or afterwards, is no error."""
         self.action = None
+
+
+def _nothing(_seconds: float) -> None:
+    pass
 
 
 class Clock:
@@ -48,9 +59,48 @@ class Clock:
 
     def after(self, delay: float, action: Action) -> Timer:
         """Have `action` called `delay` ≥ 0 s from now."""
+        return self._set(Timer(self.now + delay, action))
+
+    def every(self, period: float, action: Action, first: float = 0.0) -> Timer:
+        """Have `action` called every `period` > 0 s, for the first time `first` s from now.
+
+        After a long step it is called a few times only, not once for every period in it.
+        """
+        return self._set(Timer(self.now + first, action, period))
+
+    def advance(self, until: float, passes: Callable[[float], None] = _nothing) -> None:
+        """Let the time be `until`, and what is due by then happen.
+
+        An action sees the moment it is due as now, and may set further timers. Before each, and at
+        the end, `passes` is called with the time that has passed since, s.
+        """
+        while (due := self.next_due) is not None and due <= until:
+            self._pass(due, passes)
+            if self.next_due == due:  # not cancelled by that
+                self._act(heapq.heappop(self._timers)[2], until)
+        self._pass(until, passes)
+
+    def _pass(self, until: float, passes: Callable[[float], None]) -> None:
+        elapsed = max(until - self.now, 0.0)
+        self.now = max(self.now, until)
+        passes(elapsed)
+
+    def _act(self, timer: Timer, until: float) -> None:
+        action = timer.action
+        if timer.period is None:
+            timer.action = None
+        else:
+            missed = until - timer.due > MAX_CATCH_UP * timer.period
+            timer.due += timer.period
+            self._set(timer)
+            if missed:
+                return
+        if action is not None:
+            action()
+
+    def _set(self, timer: Timer) -> Timer:
         if len(self._timers) >= self._most:
             self._drop_cancelled()
-        timer = Timer(self.now + delay, action)
         heapq.heappush(self._timers, (timer.due, next(self._numbers), timer))
         return timer
 
@@ -59,16 +109,3 @@ class Clock:
         self._timers = [entry for entry in self._timers if entry[2].action is not None]
         heapq.heapify(self._timers)
         self._most = max(FEW, 2 * len(self._timers))
-
-    def advance(self, until: float) -> None:
-        """Let the time be `until`, and what is due by then happen.
-
-        An action sees the moment it is due as now, and may set further timers.
-        """
-        while (due := self.next_due) is not None and due <= until:
-            _, _, timer = heapq.heappop(self._timers)
-            self.now = max(self.now, due)
-            action, timer.action = timer.action, None
-            if action is not None:
-                action()
-        self.now = max(self.now, until)

@@ -9,15 +9,13 @@ give the same bytes.
 
 import copy
 import logging
-from collections.abc import Callable
 
 import numpy as np
 
 from epson_driver.controller import state_messages
-from epson_driver.controller.arm.mechanism import Mechanism
 from epson_driver.controller.arm.servo import Servo
 from epson_driver.controller.arm.streaming import Planner
-from epson_driver.controller.assembly import new_arm, new_program
+from epson_driver.controller.assembly import new_mechanism, new_program
 from epson_driver.controller.clock import Clock
 from epson_driver.controller.errors import TEXTS, ErrorNumber, ErrorRegister, Refusal
 from epson_driver.controller.faults.faults import Faults
@@ -29,6 +27,7 @@ from epson_driver.controller.remote.spel_memory import SpelMemory
 from epson_driver.controller.remote.spel_settings import DEFAULTS_AFTER, defaults
 from epson_driver.controller.session import Client, Send, Session
 from epson_driver.controller.states import (
+    ENDED,
     REGIONS,
     Condition,
     Door,
@@ -60,8 +59,6 @@ _log = logging.getLogger(__name__)
 _NO_PLANNER = Refusal(
     ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
 )
-
-_ENDED = (Tasks.STOPPED, Tasks.ABORTED)
 
 SMALL_PUSH = np.radians(1.0)
 """What the servo of a joint pushes back; more is a position error, rad."""
@@ -103,14 +100,13 @@ class Controller:
         self.spel = SpelMemory()
         self._errors = ErrorRegister()
         self._planner = planner
-        arm = new_arm(self, start, planner)
         servo = profile.servo
-        self.servo = Servo(start, model.pulses_per_degree, servo.lag, servo.encoder, servo.settled)
-        self._mechanism = Mechanism(arm, self.servo, profile.motion.low_power)
+        self.servo = Servo(start, model.pulses_per_degree, servo.lag, servo.encoder)
+        self._mechanism = new_mechanism(self, start, planner)
         self.reply: Send | None = None  # where replies of the motion program go
-        self.program = new_program(self, arm, self._errors)
+        self.program = new_program(self, self._mechanism.arm, self._errors)
         self._error = ErrorNumber.NONE  # of the controller itself, until it is reset
-        self._until = 0.0
+        self._slowing = False  # whether it brakes to go on at low power
         self._set_power()
 
     # What people and clients do.
@@ -118,9 +114,10 @@ class Controller:
     def apply(self, event: Event) -> None:
         """Let something happen to the controller. Raises RefusedError: why, and what to do."""
         before = self.condition
-        unpowered = before.motors in (Motors.OFF, Motors.HELD)
-        if self.in_motion and unpowered and event in (Event.RESET, Event.MOTORS_ON):
-            raise RefusedError('the arm still brakes: try again when it stands')
+        off = before.motors is Motors.OFF
+        if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
+            does = 'brakes' if off else 'moves'
+            raise RefusedError(f'the arm still {does}: try again when it stands')
         self.condition = after(before, event)
         if self.condition is not before:
             _log.info('%s: %s', event.value, _difference(before, self.condition))
@@ -141,6 +138,15 @@ class Controller:
         self._react(before)
         self._set_power()
         self._settle()
+        if event in (Event.RESET, Event.BOOT):
+            self._look_at_buttons()
+
+    def _look_at_buttons(self) -> None:
+        """Let a door that is still open and an E-stop that is still pressed count again."""
+        if self.condition.estop is EStop.PRESSED:
+            self.apply(Event.ESTOP_PRESS)
+        if self.condition.door is Door.OPEN:
+            self.apply(Event.DOOR_OPEN)
 
     def connect(self, port: str, client: Client) -> Session:
         """Serve a client, as `Lines.connect` does."""
@@ -156,12 +162,7 @@ class Controller:
     def reboot(self, seconds: float) -> None:
         """Switch off and on again; it takes `seconds`. Buttons, door and key stay as they are."""
         self.lines.boot(seconds)
-        held = self.condition
         self.apply(Event.BOOT)
-        if held.estop is EStop.PRESSED:
-            self.apply(Event.ESTOP_PRESS)
-        if held.door is Door.OPEN:
-            self.apply(Event.DOOR_OPEN)
 
     def disturb(self, joint: int, angle: float) -> None:
         """Push one joint (index from 0) by an angle, rad, as somebody who leans on the arm.
@@ -170,13 +171,13 @@ class Controller:
         than `SMALL_PUSH` does not get through, but is a position error. Raises RefusedError for a
         push out of the limits or while an arm without power still brakes.
         """
-        pushed = self.servo.position.copy()
+        pushed = self.servo.actual.copy()
         pushed[joint] += angle
         refusal = angles_refusal(pushed, self.model.limits)
         if refusal is not None:
             raise RefusedError(refusal.sentence)
         powered = self.condition.powered
-        if powered and abs(angle) > SMALL_PUSH:
+        if powered and abs(pushed - self._mechanism.commanded)[joint] > SMALL_PUSH:
             self.raise_error(ErrorNumber.SERVO_ERROR)
             return
         if not powered and self.in_motion:
@@ -211,17 +212,7 @@ class Controller:
 
     def step(self, dt: float) -> None:
         """Let `dt` ≥ 0 s pass."""
-        self._until = self.clock.now + dt
-        while (due := self.clock.next_due) is not None and due <= self._until:
-            self._move(due - self.clock.now)
-            self.clock.advance(due)
-        self._move(self._until - self.clock.now)
-        self.clock.advance(self._until)
-
-    @property
-    def lag(self) -> float:
-        """How far the clock is behind the step that is being made, s."""
-        return self._until - self.clock.now
+        self.clock.advance(self.clock.now + dt, self._move)
 
     @property
     def in_motion(self) -> bool:
@@ -234,16 +225,9 @@ class Controller:
         return self._mechanism.moving
 
     def _move(self, dt: float) -> None:
-        moves = self.in_motion
-        if not moves:
-            return
-        self._mechanism.step(max(dt, 0.0), self.program.step)
         if self.in_motion:
-            return
-        if self.condition.tasks is Tasks.RECOVERING:
-            self._recovered()
-        self._settle()
-        self._tell_timing()
+            self._mechanism.step(dt, self.program.step)
+            self._settle()
 
     # State.
 
@@ -288,13 +272,15 @@ class Controller:
 
     def _react(self, before: Condition) -> None:
         now = self.condition
-        if now.tasks in _ENDED and before.tasks not in _ENDED:
-            self._end(self.program.restart)
+        if now.tasks in ENDED and before.tasks not in ENDED:
+            self.program.restart()
             self.lines.tasks_ended()
         elif now.motors in (Motors.OFF, Motors.BRAKING) and before.motors is not now.motors:
-            self._end(self.program.abort)
+            self.program.abort()
         if now.tasks is before.tasks:
             return
+        if before.tasks in ENDED and now.tasks not in ENDED:
+            self.lines.tasks_begin()
         if now.tasks is Tasks.RECOVERING:
             self._recover()
         elif now.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER):
@@ -304,33 +290,36 @@ class Controller:
             self._mechanism.arm.resume()
             self.program.resume()
 
-    def _end(self, end: Callable[[], None]) -> None:
-        """End the motion: brake, and forget where it was to go on."""
-        end()
-        self._mechanism.brake_recovery()
-
     def _recover(self) -> None:
         """Go back slowly to where the arm was interrupted, if it has power and a way to go on."""
         if self.condition.motors is Motors.ON and self._mechanism.arm.moving:
             self._mechanism.go_back()
-        if not self.in_motion:
-            self._recovered()
-
-    def _recovered(self) -> None:
-        self._mechanism.went_back()
-        self.apply(Event.RECOVERED)
 
     def _settle(self) -> None:
         """Draw the conclusions from a standstill, if it is one."""
         if self.in_motion:
             return
-        if self.condition.tasks is not Tasks.RECOVERING:
-            self._mechanism.rest()
+        self._tell_timing()
+        if self._slowing:
+            self._slowing = False
+            if not self.condition.paused:
+                self._mechanism.arm.resume()
+        if self.condition.tasks is Tasks.RECOVERING:
+            self._mechanism.went_back()
+            self.apply(Event.RECOVERED)
+            return
+        self._mechanism.rest()
         if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):
             self.apply(Event.STANDSTILL)
 
     def _set_power(self) -> None:
-        self._mechanism.arm.low_power = self.condition.power is not Power.HIGH
+        """Let the arm keep to its power; one that moves brakes on its path and goes on slowly."""
+        arm, low = self._mechanism.arm, self.condition.power is not Power.HIGH
+        goes_on = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
+        if low and not arm.low_power and goes_on and not arm.still:
+            self._slowing = True
+            arm.hold()
+        arm.low_power = low
 
     def trajectory_begins(self) -> None:
         """Take note that a trajectory begins: the program sets its power."""

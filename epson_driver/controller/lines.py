@@ -8,6 +8,7 @@ A line is one client of one port: a wire, which may be disturbed, and the sessio
 import logging
 from typing import TYPE_CHECKING
 
+from epson_driver.controller.clock import Timer
 from epson_driver.controller.faults.wire import Wire
 from epson_driver.controller.io.io_session import IoSession
 from epson_driver.controller.programs.motion_session import MotionSession
@@ -32,13 +33,16 @@ _SERVERS: dict[str, Task | None] = {
 }
 """The task that serves a port; the remote port is the controller's own."""
 
+_ENDING = (MOTION_SERVER, IO_SERVER)
+"""Tasks that an E-stop ends."""
+
 
 class Line(Session):
     """One client of one port."""
 
     def __init__(self, controller: 'Controller', port: str, client: Client) -> None:
         self.port = port
-        self.hang_up = client.abort
+        self._abort = client.abort
         self._controller = controller
         by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
         self._wire = Wire(
@@ -46,7 +50,7 @@ class Line(Session):
             controller.clock,
             controller.faults,
             client.send,
-            client.abort,
+            self.hang_up,
             byte_by_byte=by_byte,
         )
         self._session = _open(controller, port, self._wire.send, client)
@@ -67,11 +71,17 @@ class Line(Session):
         except FrameError as error:
             if self.port == 'motion' and self._controller.profile.program.corrupt == 'quit':
                 self._quit(error)
+            self.closed()
             raise
 
     def _quit(self, reason: Exception) -> None:
         _log.error('the program has ended: %s', reason)
         self._controller.lines.quit()
+
+    def hang_up(self) -> None:
+        """Close the connection: the client is gone at once, whatever is still read from it."""
+        self._abort()
+        self.closed()
 
     def closed(self) -> None:
         """Take note that the client is gone."""
@@ -89,7 +99,7 @@ class Lines:
         self._controller = controller
         self._lines: list[Line] = []
         self._dead: set[str] = set()
-        self._booting = False
+        self._boot: Timer | None = None
 
     def connect(self, port: str, client: Client) -> Line:
         """Begin to serve a client of `port`: motion, state, io or remote.
@@ -124,6 +134,11 @@ class Lines:
         """Serve all ports again."""
         self._dead.clear()
 
+    def tasks_begin(self) -> None:
+        """Close what nobody has read: the program opens its ports anew."""
+        if self._controller.profile.server.aborted == 'silent':
+            self.hang_up(*(port for port, task in _SERVERS.items() if task in _ENDING))
+
     def tasks_ended(self) -> None:
         """Close what the profile closes when the Normal tasks end."""
         if self._controller.profile.server.aborted == 'close':
@@ -136,17 +151,18 @@ class Lines:
 
     def boot(self, seconds: float) -> None:
         """Close all connections and refuse others for `seconds`; then serve all ports."""
-        self._booting = True
+        if self._boot is not None:
+            self._boot.cancel()
+        self._boot = self._controller.clock.after(seconds, self._booted)
         self.hang_up(*_SERVERS)
-        self._controller.clock.after(seconds, self._booted)
 
     def _booted(self) -> None:
-        self._booting = False
+        self._boot = None
         self._dead.clear()
         _log.info('booted')
 
     def _refusal(self, port: str) -> str | None:
-        if self._booting:
+        if self._boot is not None:
             return 'the controller boots'
         if port in self._dead:
             return 'the program that served it has ended: start it'
@@ -154,6 +170,8 @@ class Lines:
             return 'cut, as asked for'
         if self._down(port) and self._controller.profile.server.aborted == 'close':
             return 'its task does not run'
+        if port == 'motion' and any(line.port == port for line in self._lines):
+            return 'there is a motion client already'
         return None
 
     def _down(self, port: str) -> bool:

@@ -78,13 +78,11 @@ class MotionProfile:
 class ServoProfile:
     """How the real joints follow the commanded ones.
 
-    They come `lag` s later, 0 for at once; `encoder`: what is reported are whole pulses. A joint
-    that is less than `settled` rad from where it shall be stands.
+    They come `lag` s later, 0 for at once; `encoder`: what is reported are whole pulses.
     """
 
     lag: float
     encoder: bool
-    settled: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +158,6 @@ class ServerProfile:
     reconnect: bool
     byte_by_byte: bool
     aborted: Literal['refuse', 'silent', 'close']
-    motion_clients: int
     state_clients: int
     io_clients: int
 
@@ -169,7 +166,7 @@ class ServerProfile:
 class RemoteProfile:
     """The Remote Ethernet port. A session ends `session_timeout` s after the last word, 0: never.
 
-    `password` may be empty.
+    An empty `password`: any is taken.
     """
 
     session_timeout: float

@@ -70,12 +70,14 @@ def status(controller: 'Controller') -> Status:
     """Return the controller's status; what its profile does not tell is UNKNOWN."""
     condition, told = controller.condition, controller.profile.state
     error = controller.error_number
-    possible = condition.motion_possible and error is ErrorNumber.NONE
+    none = error is ErrorNumber.NONE
+    runs = condition.tasks is Tasks.RUNNING
+    possible = runs and none and controller.motion_refusal() is None
     return Status(
         drives_powered=_tri_state(condition.powered),
         e_stopped=_tri_state(condition.estopped),
         error_code=error,
-        in_error=_tri_state(error is not ErrorNumber.NONE),
+        in_error=_tri_state(not none),
         in_motion=_tri_state(controller.in_motion) if told.in_motion else TriState.UNKNOWN,
         mode=_MODES[condition.mode],
         motion_possible=_tri_state(possible) if told.motion_possible else TriState.UNKNOWN,

@@ -13,9 +13,6 @@ from epson_driver.simple_message import Framer, Message, MessageType, encode, to
 if TYPE_CHECKING:
     from epson_driver.controller.core import Controller
 
-MAX_CATCH_UP = 3
-"""Periods that are made up for after a delay; what was missed before them is left out."""
-
 
 class StateSession:
     """Sends one client the joints every period, and a STATUS in a slot of its own after some."""
@@ -25,7 +22,6 @@ class StateSession:
         self._send = send
         self._framer = Framer(controller.dialect.byte_order)
         state = controller.profile.state
-        self._period = controller.state_period
         feedback = state.message == 'joint_feedback'
         joints = controller.joint_feedback if feedback else controller.joint_position
         self._answers: Answers = {
@@ -35,7 +31,7 @@ class StateSession:
         self._slots: Iterator[Callable[[], Message]] = cycle(
             (joints,) * state.joint_positions_per_status + (controller.status,)
         )
-        self._timer = controller.clock.after(0.0, self._tick)
+        self._timer = controller.clock.every(controller.state_period, self._tick)
         self._open = True
 
     def receive(self, data: bytes) -> None:
@@ -52,7 +48,4 @@ class StateSession:
         self._timer.cancel()
 
     def _tick(self) -> None:
-        controller = self._controller
-        self._timer = controller.clock.after(self._period, self._tick)
-        if controller.lag <= MAX_CATCH_UP * self._period:
-            self._send(encode(topic(next(self._slots)()), controller.dialect))
+        self._send(encode(topic(next(self._slots)()), self._controller.dialect))

@@ -144,11 +144,6 @@ class Condition:
         """Whether the Normal tasks wait for continue."""
         return self.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER)
 
-    @property
-    def motion_possible(self) -> bool:
-        """Whether a point would be executed."""
-        return self.motors is Motors.ON and self.tasks is Tasks.RUNNING
-
 
 class RefusedError(Exception):
     """An event that the condition does not allow. The text says why and what to do."""
@@ -206,6 +201,9 @@ DOOR: dict[tuple[Door, Event], Door] = {
     (Door.OPEN, _E.DOOR_CLOSE): Door.CLOSED,
 }
 
+ENDED = (Tasks.STOPPED, Tasks.ABORTED)
+"""The Normal tasks do not run: what would end them changes nothing."""
+
 TASKS: dict[tuple[Tasks, Event], Tasks] = {
     (Tasks.RUNNING, _E.PAUSE): Tasks.PAUSED,
     (Tasks.RUNNING, _E.DOOR_OPEN): Tasks.INTERRUPTED,
@@ -229,7 +227,7 @@ TASKS: dict[tuple[Tasks, Event], Tasks] = {
             (_E.BOOT, Tasks.RUNNING),
         )
         for tasks in Tasks
-        if tasks is not outcome and not (tasks is Tasks.ABORTED and event is _E.STOP)
+        if tasks is not outcome and (tasks not in ENDED or event is _E.BOOT)
     },
 }
 
@@ -292,6 +290,7 @@ REFUSALS: dict[tuple[Event, Enum], str] = {
     (_E.MOTORS_ON, Motors.HELD): 'the door interrupted a motion: continue, or stop and start',
     (_E.RESET, EStop.PRESSED): 'the E-stop is pressed: release the E-stop, then reset',
     (_E.RESET, Fault.CRITICAL): 'there is a critical error: boot the controller again',
+    (_E.RESET, Tasks.RECOVERING): 'the arm is on its way back: try again when it is there',
     (_E.RESET, Tasks.PAUSED): 'the tasks are paused: continue, or stop, first',
     (_E.RESET, Tasks.INTERRUPTED): 'the tasks are paused: close the door and continue, or stop',
     (_E.RESET, Tasks.WAIT_RECOVER): 'the tasks are paused: continue, or stop, first',
@@ -310,6 +309,7 @@ REFUSALS: dict[tuple[Event, Enum], str] = {
     (_E.START, Tasks.ABORTED): 'the tasks are aborted: reset, which starts them again',
     (_E.START, Door.OPEN): 'the safeguard door is open: close it first',
     (_E.START, Mode.MANUAL): 'the key switch is at MANUAL: turn it to AUTO first',
+    (_E.POWER_HIGH, Motors.OFF): 'the motors are off: power is low until they are on',
     (_E.POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
     (_E.PROGRAM_POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
 }

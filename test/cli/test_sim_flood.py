@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from sim_process import connect, receive
 
-BOUND = 24
+BOUND = 12
 """MiB that a flood may add, of any port and size."""
 
 MIB = 2**20

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from epson_driver.controller.clock import FEW, Clock
+from epson_driver.controller.clock import FEW, MAX_CATCH_UP, Clock
 
 
 @pytest.fixture
@@ -60,3 +60,36 @@ def test_cancelled_timers_take_no_memory(clock):
     assert sys.getsizeof(clock._timers) < 100 * FEW
     clock.advance(8000.0)
     assert acted == [7200.0]
+
+
+def test_every_period_without_drift_until_it_is_cancelled(clock):
+    seen = []
+    timer = clock.every(0.1, lambda: seen.append(round(clock.now, 9)), first=0.05)
+    for step in range(1, 101):
+        clock.advance(0.01 * step)
+    assert seen == [round(0.05 + 0.1 * i, 9) for i in range(10)]
+    timer.cancel()
+    clock.advance(9.0)
+    assert len(seen) == 10
+    assert clock.next_due is None
+
+
+def test_what_was_missed_in_a_long_step_is_left_out(clock):
+    seen = []
+    clock.every(0.1, lambda: seen.append(clock.now))
+    clock.advance(60.0)
+    assert len(seen) <= MAX_CATCH_UP + 1
+    assert seen[-1] == pytest.approx(60.0, abs=0.1)
+
+
+def test_time_passes_before_each_timer_and_may_cancel_it(clock):
+    passed = []
+    timer = clock.after(0.2, lambda: pytest.fail('acted'))
+
+    def passes(seconds):
+        passed.append(round(seconds, 6))
+        timer.cancel()
+
+    clock.after(0.1, lambda: passed.append('timer'))
+    clock.advance(0.5, passes)
+    assert passed == [0.1, 'timer', 0.4]

@@ -3,13 +3,26 @@
 """Motors, E-stop, lost clients and state of the core, on a manual clock."""
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from controller_bench import FAILURE, LIMITS, MODEL, PROFILE, STOP, SUCCESS, Bench, point
+from controller_bench import (
+    FAILURE,
+    LIMITS,
+    MODEL,
+    PROFILE,
+    STOP,
+    SUCCESS,
+    Bench,
+    InlinePlanner,
+    Peer,
+    point,
+)
 
 from epson_driver.controller.core import Controller
-from epson_driver.controller.states import EStop, Motors, RefusedError
+from epson_driver.controller.profile import load_controller_profile
+from epson_driver.controller.states import EStop, Motors, RefusedError, Tasks
 from epson_driver.simple_message import FrameError
 
 HERE = (0.0,) * 6
@@ -44,7 +57,7 @@ def test_it_boots_with_the_motors_off_where_it_was_told_to_stand():
 
 @pytest.mark.parametrize('start', [(9.0,) + (0.0,) * 5, (np.nan,) * 6, (0.0,) * 5])
 def test_a_start_that_cannot_be_is_refused(start):
-    with pytest.raises(ValueError, match=r'joint_1|target|start'):
+    with pytest.raises(ValueError, match=r'joint_1|target|start|5 joints'):
         Controller(MODEL, PROFILE, np.array(start))
 
 
@@ -142,8 +155,9 @@ def test_a_new_client_begins_with_0_also_while_the_arm_stood():
 
 def test_only_one_client():
     bench = Bench()
-    with pytest.raises(RuntimeError, match='client already'):
+    with pytest.raises(ConnectionRefusedError, match='client already'):
         bench.connect()
+    assert len(bench.controller.faults._wires) == 1
 
 
 def test_invariant_3_and_4_estop_in_mid_move_and_the_way_back():
@@ -245,3 +259,110 @@ def test_a_long_step_goes_through_all_points_that_wait():
     bench.step(0.004)
     assert bench.codes() == [(i, SUCCESS) for i in range(6)]
     assert not bench.controller.in_motion
+
+
+def test_invariant_4_a_client_that_is_hung_up_is_not_heard_any_more():
+    bench = Bench(motors=True)
+    bench.controller.lines.hang_up('motion')
+    assert bench.peer.ended == 'aborted'
+    assert bench.condition.motors is Motors.OFF
+    bench.do('motors on')
+    bench.send(point(0, THERE))  # what was still on its way
+    bench.step(1.0)
+    assert bench.joints.tolist() == [0.0] * 6
+    bench.disconnect()
+    assert bench.condition.motors is Motors.ON  # it was gone before that
+    bench.connect()
+
+
+def test_a_reboot_hangs_up_refuses_and_comes_back():
+    bench = moving_bench()
+    bench.controller.reboot(2.0)
+    assert bench.peer.ended == 'aborted'
+    bench.step(1.9)
+    bench.controller.reboot(5.0)  # again, before it is up
+    bench.step(4.9)
+    with pytest.raises(ConnectionRefusedError, match='boots'):
+        bench.connect()
+    bench.step(0.2)
+    bench.connect()
+    bench.send(point(0, HERE))
+    assert bench.codes()[-1:] == [(0, FAILURE)]
+    assert bench.error == 4031
+
+
+def test_door_and_button_are_still_as_they_are_after_a_reboot_and_a_reset():
+    bench = Bench(connect=False)
+    bench.do('door open', 'E-stop press')
+    bench.controller.reboot(1.0)
+    assert (bench.condition.estop, bench.condition.tasks) == (EStop.PRESSED, Tasks.ABORTED)
+    bench.do('E-stop release', 'reset')
+    assert bench.condition.tasks is Tasks.INTERRUPTED
+    bench.do('door close', 'continue', 'motors on')
+    assert bench.controller.status().motion_possible == 1
+
+
+def test_no_motion_is_possible_without_a_planner():
+    planner = InlinePlanner()
+    bench = Bench(planner=planner)
+    assert bench.controller.status().motion_possible == 1
+    planner.ready = False
+    assert bench.controller.status().motion_possible == 0
+    bench.send(point(0, THERE))
+    assert bench.error == 8001
+
+
+def test_a_reset_waits_for_the_arm():
+    bench = moving_bench()
+    with pytest.raises(RefusedError, match='still moves'):
+        bench.do('reset')
+
+
+def silent_profile():
+    return replace(PROFILE, server=replace(PROFILE.server, aborted='silent'))
+
+
+def test_a_port_that_was_not_read_is_opened_anew():
+    bench = Bench(profile=silent_profile())
+    bench.do('E-stop press')
+    bench.send(point(0, THERE)[:30])
+    assert bench.peer.ended is None
+    assert bench.codes() == []
+    bench.do('E-stop release', 'reset')
+    assert bench.peer.ended == 'aborted'
+    bench.connect()
+    bench.do('motors on')
+    bench.send(point(0, HERE))
+    assert bench.codes() == [(0, SUCCESS)]
+
+
+def test_a_port_that_closes_while_its_task_is_aborted():
+    closing = replace(PROFILE, server=replace(PROFILE.server, aborted='close'))
+    bench = Bench(profile=closing)
+    bench.do('E-stop press')
+    assert bench.peer.ended == 'aborted'
+    with pytest.raises(ConnectionRefusedError, match='does not run'):
+        bench.connect()
+    bench.controller.connect('state', Peer())
+    bench.do('E-stop release', 'reset')
+    bench.connect()
+
+
+def test_a_program_that_does_not_reconnect_serves_nobody_until_it_is_started():
+    thesis = load_controller_profile('thesis')
+    bench = Bench(profile=thesis)
+    bench.disconnect()
+    with pytest.raises(ConnectionRefusedError, match='start it'):
+        bench.connect()
+    bench.do('start')
+    bench.connect()
+    state = Peer()
+    bench.controller.connect('state', state)
+    with pytest.raises(FrameError):
+        bench.send(b'GET / HTTP/1.0\r\n\r\n')  # both servers end
+    assert state.ended == 'aborted'
+    for port in ('motion', 'state'):
+        with pytest.raises(ConnectionRefusedError, match='start it'):
+            bench.controller.connect(port, Peer())
+    bench.do('start')
+    bench.connect()

@@ -112,7 +112,7 @@ def test_the_others_differ_where_it_is_known():
     assert (motoman.program.kind, motoman.state.message) == ('motoman', 'joint_feedback')
     assert dataclasses.astuple(motoman.ports)[:3] == (50240, 50241, 50242)
     server = motoman.server
-    assert (server.motion_clients, server.state_clients, server.io_clients) == (1, 4, 1)
+    assert (server.state_clients, server.io_clients) == (4, 1)
     assert motoman.motion.pending_limit == 200
 
 

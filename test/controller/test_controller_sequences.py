@@ -120,11 +120,18 @@ class Sequences(RuleBasedStateMachine):
         ),
         seconds=st.floats(0.0, 0.5),
         push=st.floats(-0.2, 0.2),
+        meanwhile=st.sampled_from(['nothing', 'client_stops', 'client_leaves', 'nonsense']),
+        when=st.integers(0, 3),
     )
-    def person_interrupts(self, way, seconds, push):
-        for event in way:
+    def person_interrupts(self, way, seconds, push, meanwhile, when):
+        for number, event in enumerate(way):
             self.person(event)
             self.time_passes(seconds)
+            if number == when and self.line is not None:
+                if meanwhile == 'nonsense':
+                    self.client_sends_nonsense((9.0,))
+                elif meanwhile != 'nothing':
+                    getattr(self, meanwhile)()
             if event is Event.DOOR_OPEN:
                 self.somebody_pushes_the_arm(0, push)
                 self.time_passes(seconds)

@@ -86,6 +86,7 @@ STORIES = {
         door close: door=CLOSED tasks=WAIT_RECOVER
         continue: motors=ON tasks=RECOVERING
         continue! on its way back
+        reset! try again when it is there
         recovered: tasks=RUNNING
         continue! nothing is paused""",
     'door opened again on the way back': """
@@ -132,6 +133,9 @@ STORIES = {
         pause! nothing to pause
         continue! start them
         reset:
+        E-stop press: motors=OFF estop=PRESSED
+        E-stop release: estop=LATCHED
+        reset: estop=CLEAR
         start: tasks=RUNNING
         start:""",
     'start wants the door closed': """
@@ -201,6 +205,7 @@ STORIES = {
         mode auto: mode=AUTO
         start: tasks=RUNNING""",
     'power': """
+        power high! until they are on
         power low: power=HELD_LOW
         power low:
         a trajectory begins:
@@ -213,21 +218,31 @@ STORIES = {
         a trajectory begins: power=HIGH
         motors on: power=LOW
         power high: power=HIGH
+        power low: power=HELD_LOW
+        boot: power=LOW motors=OFF""",
+    'power is low when the motors go off': """
+        motors on: motors=ON
+        power high: power=HIGH
         motors off: power=LOW motors=BRAKING
         power high: power=HIGH
-        motion client lost: power=LOW
+        standstill: motors=OFF
+        motors on: motors=ON power=LOW
         power high: power=HIGH
-        error: power=LOW motors=OFF tasks=ABORTED fault=ERROR
+        motion client lost: power=LOW motors=BRAKING
         power high: power=HIGH
-        critical error: power=LOW fault=CRITICAL
+        error: power=LOW motors=OFF tasks=ABORTED fault=ERROR""",
+    'power is low after a critical error': """
+        motors on: motors=ON
         power high: power=HIGH
-        E-stop press: power=LOW estop=PRESSED
-        E-stop release: estop=LATCHED
+        critical error: power=LOW motors=OFF tasks=ABORTED fault=CRITICAL""",
+    'power is low after an E-stop': """
+        motors on: motors=ON
         power high: power=HIGH
-        power low: power=HELD_LOW
-        boot: power=LOW tasks=RUNNING fault=NONE estop=CLEAR
+        E-stop press: power=LOW motors=OFF estop=PRESSED tasks=ABORTED""",
+    'power is low after a boot': """
+        motors on: motors=ON
         power high: power=HIGH
-        boot: power=LOW""",
+        boot: power=LOW motors=OFF""",
 }
 
 BRAKING = 'motors on: motors=ON; motors off: motors=BRAKING'
@@ -246,7 +261,7 @@ ENDINGS = {  # what comes before, and what changes then
         (HELD, 'estop=PRESSED tasks=ABORTED motors=OFF'),
         (WAIT, 'estop=PRESSED tasks=ABORTED motors=OFF'),
         (RECOVERING, 'estop=PRESSED tasks=ABORTED motors=OFF'),
-        (STOPPED, 'estop=PRESSED tasks=ABORTED'),
+        (STOPPED, 'estop=PRESSED'),
         (ABORTED, 'estop=PRESSED'),
     ),
     'error': (
@@ -255,7 +270,7 @@ ENDINGS = {  # what comes before, and what changes then
         (HELD, 'fault=ERROR tasks=ABORTED motors=OFF'),
         (WAIT, 'fault=ERROR tasks=ABORTED motors=OFF'),
         (RECOVERING, 'fault=ERROR tasks=ABORTED motors=OFF'),
-        (STOPPED, 'fault=ERROR tasks=ABORTED'),
+        (STOPPED, 'fault=ERROR'),
     ),
     'critical error': (
         (PAUSED, 'fault=CRITICAL tasks=ABORTED'),
@@ -263,7 +278,7 @@ ENDINGS = {  # what comes before, and what changes then
         (HELD, 'fault=CRITICAL tasks=ABORTED motors=OFF'),
         (WAIT, 'fault=CRITICAL tasks=ABORTED motors=OFF'),
         (RECOVERING, 'fault=CRITICAL tasks=ABORTED motors=OFF'),
-        (STOPPED, 'fault=CRITICAL tasks=ABORTED'),
+        (STOPPED, 'fault=CRITICAL'),
     ),
     'boot': (
         ('motors on: motors=ON', 'motors=OFF'),

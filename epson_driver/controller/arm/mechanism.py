@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from epson_driver.controller.arm.executor import Executor
+from epson_driver.controller.arm.low_power import LowPower
 from epson_driver.controller.arm.recovery import Recovery
 from epson_driver.controller.arm.servo import Servo
 from epson_driver.motion import Array
@@ -15,13 +16,13 @@ from epson_driver.motion import Array
 class Mechanism:
     """An arm that executes points, and its servos.
 
-    `slow` is a fraction (0, 1] of the limits: how it goes back to where the door interrupted it.
+    Within `caps` it goes back to where the door interrupted it.
     """
 
-    def __init__(self, arm: Executor, servo: Servo, slow: float) -> None:
+    def __init__(self, arm: Executor, servo: Servo, caps: LowPower) -> None:
         self.arm = arm
         self.servo = servo
-        self._slow = slow
+        self._caps = caps
         self._recovery: Recovery | None = None
         self._pushed: Array | None = None  # where it was pushed to while it had no power
 
@@ -46,6 +47,8 @@ class Mechanism:
     def step(self, dt: float, execute: Callable[[float], None]) -> None:
         """Let `dt` ≥ 0 s pass; `execute` lets it pass for the arm and its program."""
         if self._recovery is not None:
+            if not self.arm.moving:  # its points are gone: there is nothing to go back for
+                self.brake_recovery()
             self._recovery.step(dt)
         else:
             execute(dt)
@@ -63,11 +66,15 @@ class Mechanism:
 
     def go_back(self) -> None:
         """Go slowly back to where the motion goes on; at once, if the arm is there."""
-        self._recovery = Recovery(self.arm.limits, self.commanded, self.arm.position, self._slow)
+        way = (self.commanded, self.arm.position)
+        self._recovery = Recovery(self.arm.limits, *way, self._caps)
 
     def went_back(self) -> None:
-        """Take note that the way back is over, or not wanted."""
+        """Take note that the way back is over, or not wanted: it stands."""
+        stands = self.commanded
         self._recovery = self._pushed = None
+        if not self.arm.moving and not np.array_equal(stands, self.arm.position):
+            self.arm.settle(stands)
 
     def push(self, angles: Array, powered: bool) -> None:
         """Let the joints be elsewhere, shape (n,), rad, within the limits.
@@ -83,9 +90,5 @@ class Mechanism:
 
     def rest(self) -> None:
         """Take the place where it stands for its own, if it has no points to go to."""
-        if self.in_motion or self.arm.moving:
-            return
-        stands = self.commanded
-        self.went_back()
-        if not np.array_equal(stands, self.arm.position):
-            self.arm.settle(stands)
+        if not self.in_motion and not self.arm.moving:
+            self.went_back()

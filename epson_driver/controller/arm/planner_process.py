@@ -13,6 +13,7 @@ import pickle
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from epson_driver.controller.arm.planner_worker import LENGTH, framed
@@ -92,18 +93,29 @@ class PlannerProcess:
         told, self._limits = self._limits, limits
         self._child.send((request, None if limits is told else limits))
 
-    async def run(self, failed: Callable[[str], None]) -> None:
-        """Pass plans on for ever; tell `failed` why when the process ends, and start it again."""
+    async def run(
+        self,
+        failed: Callable[[str], None],
+        present: Callable[[], AbstractContextManager[object]] = nullcontext,
+    ) -> None:
+        """Pass plans on for ever; tell `failed` why when the process ends, and start it again.
+
+        Either happens within `present()`: whoever gets a plan knows what time it is.
+        """
         while True:
             if self._child is None:
                 await self._start_again()
             else:
                 try:
-                    self._pass_on(await self._child.receive())
+                    plan = await self._child.receive()
                 except PlannerError as error:
                     await self.close()
-                    self._pass_on(None)
-                    failed(str(error))
+                    with present():
+                        self._pass_on(None)
+                        failed(str(error))
+                else:
+                    with present():
+                        self._pass_on(plan)
 
     async def close(self) -> None:
         """End the process."""

@@ -2,28 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The slow way back to where the safeguard door interrupted a motion (SPEL+ `Cont`)."""
 
+from epson_driver.controller.arm.low_power import LowPower
 from epson_driver.motion import Array, JointLimits, go
 
 
 class Recovery:
     """A slow move in joint space from where the arm stands to where its motion goes on.
 
-    `start` and `target` have shape (n,), rad; `share` is a fraction (0, 1] of the limits.
+    `start` and `target` have shape (n,), rad; `caps` are those of low power.
     """
 
-    def __init__(self, limits: JointLimits, start: Array, target: Array, share: float) -> None:
-        self._motion = go(limits, start, target, share, share)
+    def __init__(self, limits: JointLimits, start: Array, target: Array, caps: LowPower) -> None:
+        speed = caps.speed(limits, target - start)
+        self._motion = go(limits, start, target, speed, caps.fraction)
         self._time = 0.0
+        self._stopping = False
 
     @property
     def position(self) -> Array:
         """The commanded joint angles now, shape (n,), rad."""
         return self._motion.at(self._time)[0]
-
-    @property
-    def velocity(self) -> Array:
-        """The commanded joint velocities now, shape (n,), rad/s."""
-        return self._motion.at(self._time)[1]
 
     @property
     def still(self) -> bool:
@@ -32,8 +30,10 @@ class Recovery:
 
     def stop(self) -> None:
         """Brake on the way."""
-        self._motion = self._motion.stop(self._time)
-        self._time = 0.0
+        if not self._stopping:
+            self._stopping = True
+            self._motion = self._motion.stop(self._time)
+            self._time = 0.0
 
     def step(self, dt: float) -> None:
         """Let `dt` ≥ 0 s pass."""

@@ -27,21 +27,17 @@ class Servo:
     """The servos of n joints, which stand at `start`, shape (n,), rad, at first.
 
     `lag` ≥ 0: how many s the joints are behind the command; 0 is not at all. `encoder`: whether
-    reported positions are whole pulses, by `pulses_per_degree`, shape (n,). `settled` ≥ 0: how far
-    a joint in position may be from its command, rad. Raises ValueError for other numbers.
+    reported positions are whole pulses, by `pulses_per_degree`, shape (n,). Raises ValueError for
+    other numbers.
     """
 
-    def __init__(
-        self, start: Array, pulses_per_degree: Array, lag: float, encoder: bool, settled: float
-    ) -> None:
-        for name, value in (('lag', lag), ('settled', settled)):
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f'{name} = {value}: must be finite and not negative')
+    def __init__(self, start: Array, pulses_per_degree: Array, lag: float, encoder: bool) -> None:
+        if not 0.0 <= lag < math.inf:
+            raise ValueError(f'lag = {lag}: must be finite and not negative')
         if start.shape != pulses_per_degree.shape or start.ndim != 1:
             raise ValueError(f'{pulses_per_degree.size} pulses_per_degree for {start.size} joints')
         self._pulses = np.rad2deg(pulses_per_degree) if encoder else None  # per rad
         self._lag = lag
-        self._tolerance = settled
         self._frozen: dict[int, float] = {}
         self._rest = np.zeros_like(start)
         self._command = start.copy()
@@ -74,9 +70,9 @@ class Servo:
         return self._settled
 
     @property
-    def in_position(self) -> bool:
-        """Whether all joints are as close to their commands as they need to be (SPEL+ InPos)."""
-        return bool(np.all(np.abs(self._command - self._actual) <= self._tolerance))
+    def actual(self) -> Array:
+        """Where the joints really are, shape (n,), rad, whatever the encoders say."""
+        return self._actual
 
     def step(self, commanded: Array, dt: float) -> None:
         """Let `dt` ≥ 0 s pass, in which the command became `commanded`, shape (n,), rad."""

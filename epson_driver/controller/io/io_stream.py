@@ -88,10 +88,10 @@ class IoStream:
         self._timer = self._change = None
 
     def _wait(self) -> None:
-        self._timer = self._clock.after(self._points.profile.publish_period, self._due)
+        period = self._points.profile.publish_period
+        self._timer = self._clock.every(period, self._due, first=period)
 
     def _due(self) -> None:
-        self._wait()
         self._send(self._values())
 
     def _changed(self) -> None:

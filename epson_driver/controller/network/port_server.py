@@ -37,7 +37,7 @@ class PortRules(NamedTuple):
 def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
     """Return the rules of all ports, in the order of `servers.Ports`."""
     return (
-        PortRules('motion', server.motion_clients),
+        PortRules('motion', 1),
         PortRules('state', server.state_clients, 4096, 16_384, half_closed=True),  # a third of a s
         PortRules('io', server.io_clients, 16_384),
         PortRules('remote', 16, 16_384),

@@ -56,7 +56,9 @@ class ControllerServers:
             return
         async with asyncio.TaskGroup() as group:
             group.create_task(self.pacer.run())
-            group.create_task(self._planner.run(self._controller.planner_failed))
+            group.create_task(
+                self._planner.run(self._controller.planner_failed, self.pacer.present)
+            )
 
     async def close(self) -> None:
         """Stop listening, disconnect everybody and end the planner."""

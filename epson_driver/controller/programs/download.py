@@ -53,6 +53,8 @@ class Download:
         """Return whether a point belongs to a download: it begins one, or goes on with it."""
         if sequence == FIRST:
             return comm_type is not CommType.SERVICE_REPLY
+        if sequence == 0 and self.refused and comm_type is CommType.SERVICE_REQUEST:
+            return False  # a stream begins
         under_way = self._phase is not _Phase.NONE and comm_type is self._comm_type
         return under_way and (sequence >= 0 or sequence == LAST)
 

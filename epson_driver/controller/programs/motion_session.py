@@ -14,14 +14,9 @@ if TYPE_CHECKING:
 
 
 class MotionSession:
-    """The one motion client; when it is gone, however that came, the arm brakes.
-
-    Raises RuntimeError if there is another.
-    """
+    """The one motion client; when it is gone, however that came, the arm brakes."""
 
     def __init__(self, controller: 'Controller', send: Send) -> None:
-        if controller.reply is not None:
-            raise RuntimeError('there is a motion client already')
         self._controller = controller
         self._framer = Framer(controller.dialect.byte_order)
         self._open = True
@@ -43,5 +38,7 @@ class MotionSession:
         """Take note that the client is gone: brake, motors off."""
         if self._open:
             self._open = False
-            self._controller.apply(Event.CLIENT_LOST)
-            self._controller.reply = None
+            try:
+                self._controller.apply(Event.CLIENT_LOST)
+            finally:
+                self._controller.reply = None

@@ -64,7 +64,8 @@ class TrajectoryMode:
         """Return what is missing for motion, or None."""
         condition = self._servos.condition
         blocked = self._blocked()
-        if self._on and condition.motion_possible and blocked is None:
+        ready = condition.motors is Motors.ON and condition.tasks is Tasks.RUNNING
+        if self._on and ready and blocked is None:
             return None
         for code, applies in NOT_READY:
             if applies(condition):

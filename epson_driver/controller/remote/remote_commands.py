@@ -110,7 +110,8 @@ def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
 
 
 def _login(dialogue: Dialogue, parameters: list[str]) -> None:
-    if ''.join(parameters) != dialogue.controller.profile.remote.password:
+    password = dialogue.controller.profile.remote.password
+    if password and ''.join(parameters) != password:
         raise CommandError(RemoteErrorNumber.PASSWORD, 'the password is wrong')
     dialogue.logged_in = True
 

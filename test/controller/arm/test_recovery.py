@@ -7,6 +7,7 @@ import pytest
 from controller_bench import (
     FAILURE,
     LIMITS,
+    MODEL,
     PROFILE,
     RC620,
     STOP,
@@ -159,6 +160,118 @@ def test_the_door_opens_again_on_the_way_back(smooth):
     assert_arrives(bench)
 
 
+def jumps(bench, seconds):
+    """Step; return the longest way that any joint went in one cycle, as a share of what it may."""
+    return speeds(bench, seconds).max()
+
+
+def waiting_to_continue(smooth, push=0.3):
+    bench = on_its_way(smooth)
+    bench.do('door open')
+    bench.rest()
+    bench.controller.disturb(0, push)
+    bench.do('door close')
+    bench.codes()
+    return bench
+
+
+@both
+@pytest.mark.parametrize('end', ['STOP', 'bad point'])
+def test_invariant_2_no_jump_when_the_motion_was_ended_while_it_waited(smooth, end):
+    bench = waiting_to_continue(smooth)
+    bench.send(point(STOP) if end == 'STOP' else point(3, (9.0,)))
+    bench.do('continue')
+    assert jumps(bench, 0.1) == 0.0
+    bench.send(point(0, POINTS[0]))
+    assert jumps(bench, 2.0) <= 1.0
+    assert np.allclose(bench.joints, np.float32(POINTS[0]), atol=1e-6)
+
+
+@both
+@pytest.mark.parametrize('end', ['motors off', 'motion client lost', 'mode manual', 'stop'])
+def test_invariant_2_no_jump_after_a_way_back_that_was_ended(smooth, end):
+    bench = waiting_to_continue(smooth)
+    bench.do('continue')
+    bench.step(0.3)
+    assert bench.condition.tasks is Tasks.RECOVERING
+    bench.do(end)
+    assert jumps(bench, 1.0) <= LOW * (1.0 + 1e-6)
+    assert bench.condition.tasks in (Tasks.RUNNING, Tasks.STOPPED)
+    bench.do('mode auto', 'start', 'motors on')
+    bench.send(point(0, POINTS[0]))
+    assert jumps(bench, 2.0) <= 1.0
+    assert np.allclose(bench.joints, np.float32(POINTS[0]), atol=1e-6)
+
+
+@both
+def test_invariant_3_a_stop_ends_the_way_back(smooth):
+    bench = waiting_to_continue(smooth)
+    bench.do('continue')
+    bench.step(0.4)
+    bench.send(point(STOP))
+    before = bench.joints
+    bench.step(0.2)
+    assert not bench.controller.in_motion
+    assert np.abs(bench.joints - before).max() < 0.05
+    assert bench.condition.tasks is Tasks.RUNNING
+
+
+@both
+def test_a_way_back_that_ends_before_it_began_leaves_nothing_stuck(smooth):
+    bench = waiting_to_continue(smooth, push=0.0)
+    bench.do('continue')
+    bench.disconnect()
+    bench.step(1.0)
+    assert bench.condition.tasks is Tasks.RUNNING
+    bench.connect()
+    bench.do('motors on')
+    bench.send(point(0, POINTS[0]))
+    bench.rest()
+    assert np.allclose(bench.joints, np.float32(POINTS[0]), atol=1e-6)
+
+
+def test_the_way_back_keeps_the_tool_speed_of_low_power():
+    bench = waiting_to_continue(smooth=False, push=-1.0)
+    bench.do('continue')
+    path = [bench.joints]
+    while bench.condition.tasks is Tasks.RECOVERING:
+        bench.step(DT)
+        path.append(bench.joints)
+    tool = np.abs(np.diff(path, axis=0)) / DT @ MODEL.reach
+    assert 0.2 < tool.max() <= PROFILE.motion.low_power_tool_speed * (1.0 + 1e-6)
+
+
+@both
+def test_power_low_slows_an_arm_that_moves(smooth):
+    bench = on_its_way(smooth)
+    assert speeds(bench, 0.1).max() > LOW
+    bench.do('power low')
+    braking = speeds(bench, 0.4)
+    assert np.all(np.diff(braking) < 0.02), 'it brakes'
+    assert speeds(bench, 2.0).max() <= LOW * (1.0 + 1e-6)
+    assert bench.controller.in_motion
+    assert_arrives(bench)
+
+
+@both
+@pytest.mark.parametrize('event', ['pause', 'STOP'])
+def test_power_low_and_then_something_else(smooth, event):
+    bench = on_its_way(smooth)
+    bench.do('power low')
+    bench.step(0.02)
+    if event == 'pause':
+        bench.do('pause')
+        bench.rest()
+        assert np.all(speeds(bench, 1.0) == 0.0)
+        bench.do('continue')
+        assert_arrives(bench)
+    else:
+        bench.send(point(STOP))
+        bench.rest()
+        bench.send(point(0, POINTS[0]))
+        assert speeds(bench, 0.5).max() <= LOW * (1.0 + 1e-6)
+
+
 def test_points_that_come_in_a_pause_wait_for_continue():
     bench = Bench()
     bench.do('pause')
@@ -181,6 +294,25 @@ def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
     bench.controller.disturb(2, 1.1 * SMALL_PUSH)
     assert bench.error == 5042
     assert bench.condition.motors is Motors.OFF
+
+
+def test_pushes_with_power_add_up_to_an_error():
+    bench = Bench(profile=RC620)
+    for _ in range(2):
+        bench.controller.disturb(2, 0.9 * SMALL_PUSH)
+    assert bench.error == 5042
+
+
+def test_a_push_beside_a_frozen_encoder_moves_only_the_joint_that_is_pushed():
+    bench = Bench(start=(0.5, 0.0, 0.0, 0.0, 0.0, 0.0), motors=False)
+    bench.controller.freeze(0)
+    bench.do('motors on')
+    bench.send(point(0, (0.8,)))
+    bench.rest()
+    bench.do('motors off')
+    bench.controller.disturb(1, 0.01)
+    assert bench.joints[0] == 0.5
+    assert bench.controller.servo.actual[0] == pytest.approx(0.8)
 
 
 def test_a_push_beyond_the_limits_is_refused_with_joint_value_and_limits():

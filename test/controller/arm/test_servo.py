@@ -18,8 +18,8 @@ TARGET = np.array([0.5, -1.2, 1.3, -0.4, 0.5, 2.6])
 DT = 0.004
 
 
-def servo(lag=0.008, encoder=False, settled=1e-4, start=START):
-    return Servo(start, MODEL.pulses_per_degree, lag, encoder, settled)
+def servo(lag=0.008, encoder=False, start=START):
+    return Servo(start, MODEL.pulses_per_degree, lag, encoder)
 
 
 def follow(one, motion, dt=DT, most=2.0):
@@ -54,7 +54,6 @@ def test_at_rest_it_stands_exactly_at_the_command(lag, encoder):
     motion = go(LIMITS, START, TARGET)
     _, positions, velocities = follow(one, motion)
     assert one.settled
-    assert one.in_position
     np.testing.assert_array_equal(positions[-1], in_pulses(TARGET) if encoder else TARGET)
     assert not velocities[-1].any()
     assert len(positions) * DT < motion.duration + 15 * lag + 3 * DT
@@ -104,19 +103,18 @@ def test_the_encoders_report_whole_pulses():
     assert len(np.unique(pulses[:, 0])) > 50
 
 
-def test_it_is_in_position_before_it_stands():
-    one = servo(settled=1e-3)
+def test_a_pushed_joint_goes_back_and_a_placed_one_stays():
+    one = servo(encoder=True)
     one.jump(START + 0.01)
-    assert not one.in_position
     assert not one.settled
-    seen = []
     for _ in range(100):
         one.step(START, DT)
-        seen.append((one.in_position, one.settled))
-    assert seen[0] == (False, False)
-    assert (True, False) in seen
-    assert seen[-1] == (True, True)
-    np.testing.assert_array_equal(one.position, START)
+    assert one.settled
+    np.testing.assert_array_equal(one.actual, START)
+    one.place(START + 0.01)
+    assert one.settled
+    one.freeze(0)
+    np.testing.assert_array_equal(one.actual, START + 0.01)
 
 
 def test_nothing_changes_while_it_stands():
@@ -225,10 +223,9 @@ def test_it_never_leaves_the_range_of_its_commands_and_always_arrives(steps, lag
 
 
 @pytest.mark.parametrize('value', [-0.001, np.nan, np.inf])
-@pytest.mark.parametrize('name', ['lag', 'settled'])
-def test_wrong_settings_are_refused_and_named(name, value):
-    with pytest.raises(ValueError, match=f'^{name} = '):
-        servo(**{name: value})
+def test_a_wrong_lag_is_refused_and_named(value):
+    with pytest.raises(ValueError, match=r'^lag = '):
+        servo(lag=value)
 
 
 def test_another_number_of_joints_is_refused():

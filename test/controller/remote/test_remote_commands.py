@@ -330,6 +330,8 @@ def test_status_flags_while_it_moves_and_with_an_error():
 
 
 def test_the_door_the_key_and_the_power(remote):
+    assert remote('Sim,power,high') == '!Sim,20'  # the motors are off
+    assert remote('SetMotorsOn,1') == '#SetMotorsOn,0'
     assert remote('Sim,power,high') == '#Sim,0'
     assert remote.controller.condition.power is Power.HIGH
     assert remote('Sim,mode,manual') == '#Sim,0'

@@ -31,8 +31,8 @@ def test_nothing_is_obeyed_before_the_login(name):
     assert remote.controller.condition.motors is Motors.OFF
 
 
-@pytest.mark.parametrize('login', ['Login', 'Login,', 'login', 'LOGIN,'])
-def test_an_empty_password(login):
+@pytest.mark.parametrize('login', ['Login', 'Login,', 'login', 'LOGIN,', 'Login,any'])
+def test_without_a_password_any_is_taken(login):
     assert Remote(login=None)(login) == '#Login,0'
 
 

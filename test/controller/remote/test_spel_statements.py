@@ -35,6 +35,8 @@ def test_motors(execute, remote):
 
 
 def test_power(execute, remote):
+    assert execute('Power High') == '!Execute,20'
+    assert execute('Motor On') == '#Execute,0'
     assert execute('Power High') == '#Execute,0'
     assert remote.controller.condition.power is Power.HIGH
     assert execute('Print Power') == '#Execute,"1"'
