@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # byte code is made when a module is first used: most of what is installed never is
 INSTALL := $(PIP) install --no-compile
 
-INTERFACES := interfaces/control_msgs interfaces/industrial_msgs
+INTERFACES := interfaces/control_msgs interfaces/epson_msgs interfaces/industrial_msgs
 INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 	$(shell find $(wildcard epson_driver config launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
@@ -60,7 +60,7 @@ $(VENV)/.packages: requirements/runtime.txt requirements/constraints.txt interfa
 	@touch $@
 
 $(VENV)/.interfaces: $(VENV)/.packages $(INTERFACE_FILES)
-	@echo "building control_msgs and industrial_msgs"
+	@echo "building control_msgs, epson_msgs and industrial_msgs"
 	@rm -rf $(VENV)/wheels
 	@for package in $(INTERFACES); do \
 		$(PIP) wheel --no-build-isolation --no-deps -w $(VENV)/wheels ./$$package & builds="$$builds $$!"; \

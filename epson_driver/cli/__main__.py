@@ -10,6 +10,7 @@ EXECUTABLES = {
     'sim_controller': 'a simulated EPSON controller',
     'demo': 'both of them, and a planned trajectory executed, with a report',
     'smooth': 'a planned trajectory made smooth: a file, a report and a picture',
+    'replay': 'the controller as a trace recorded it, for bug reports',
     'pendant': 'what a person does at the controller: motors, E-stop, reset, status',
 }
 

@@ -20,13 +20,13 @@ from epson_driver.controller.faults.fault_kinds import Fault, FaultError
 from epson_driver.controller.faults.fault_text import parse
 from epson_driver.controller.network.servers import ControllerServers, Ports
 from epson_driver.controller.network.stderr_log import StderrLog
-from epson_driver.controller.profile import (
+from epson_driver.controller.programs.points import angles_refusal, clipped
+from epson_driver.controllers.profile import (
     LOOK_AHEAD,
     ControllerProfile,
     ControllerProfileError,
     load_controller_profile,
 )
-from epson_driver.controller.programs.points import angles_refusal, clipped
 from epson_driver.motion import Array, JointLimits
 from epson_driver.robots import RobotModelError, load_robot_model
 from epson_driver.simple_message import ByteOrder, Dialect

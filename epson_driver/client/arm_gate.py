@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arm gate: after anything that stopped the arm for safety it stays still until enabled."""
 
+from epson_driver.error_texts import NO_ERROR, ErrorTexts
 from epson_driver.simple_message import Status, TriState
 
 
@@ -32,16 +33,18 @@ class ArmGate:
         return True
 
 
-def what_forbids_motion(status: Status) -> str | None:
+def what_forbids_motion(status: Status, errors: ErrorTexts) -> str | None:
     """Return why the controller's status forbids motion, as a clause; None if it does not.
 
-    Fields that the controller reports as unknown forbid nothing.
+    Fields that the controller reports as unknown forbid nothing. `errors` has the texts of its
+    error numbers.
     """
-    error = f', error {status.error_code}' if status.error_code else ''
+    number = status.error_code
+    error = '' if number == NO_ERROR else f', error {errors.phrase(number)}'
     if status.e_stopped == TriState.TRUE:
         return f'the E-stop is pressed or not reset{error}'
     if status.in_error == TriState.TRUE:
-        return f'the controller is in error {status.error_code}'
+        return f'the controller is in error {errors.phrase(number)}'
     if status.drives_powered == TriState.FALSE:
         return f'the motors are off{error}'
     return None

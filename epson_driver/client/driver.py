@@ -15,17 +15,24 @@ from typing import Protocol
 import numpy as np
 
 from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
+from epson_driver.client.deliveries import delivery
+from epson_driver.client.delivery import DeliveryRules
 from epson_driver.client.execution import Execution, Settings, State
 from epson_driver.client.goal import End, ErrorCode, Goal, GoalRefusedError, Outcome, check_start
-from epson_driver.client.points import trajectory_points
+from epson_driver.client.io_driver import IoDriver
+from epson_driver.client.joint_mapping import JointMapping, unmapped
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.client.smoothing_process import SmoothingError, SmoothingProcess
-from epson_driver.link import Link, LinkState
+from epson_driver.client.speed_scaling import SpeedScaling
+from epson_driver.error_texts import ErrorTexts
+from epson_driver.link import Link, LinkState, Trace
+from epson_driver.link.trace import END_TIMEOUT
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.simple_message import (
     ByteOrder,
     CommType,
+    Dialect,
     JointFeedback,
     JointPosition,
     Packet,
@@ -41,6 +48,7 @@ STATUS_TIMEOUT = 1.0
 """A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
 
 AS_IT_CAME = Smoothing()
+BY_STREAMING = DeliveryRules()
 
 WORST_FIRST = (
     LinkState.DISCONNECTED,
@@ -55,7 +63,12 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Configuration:
-    """Where the controller is and what it expects. An io or remote port of 0 is not used."""
+    """Where the controller is and what it expects. An io or remote port of 0 is not used.
+
+    `errors` says what its error numbers mean; None: they are EPSON's. `delivery` says how
+    trajectories reach it, `mapping` how it counts joints; None: as ROS does. Where the
+    byte order is not given, `usual_byte_order` holds until its messages show it.
+    """
 
     host: str
     motion_port: int
@@ -65,6 +78,12 @@ class Configuration:
     state_timeout: float
     limits: JointLimits
     smoothing: Smoothing = AS_IT_CAME
+    errors: ErrorTexts | None = None
+    delivery: DeliveryRules = BY_STREAMING
+    mapping: JointMapping | None = None
+    usual_byte_order: ByteOrder = ByteOrder.LITTLE
+    io_port: int = 0
+    io_timeout: float = 1.0
 
 
 class Events(Protocol):
@@ -95,18 +114,21 @@ class Ticket:
 class Driver:
     """Drives one controller. `run` until cancelled; the other methods are called meanwhile.
 
-    `execution_settings` and `start_tolerance` (rad) may be changed at any time and hold from the
-    next goal on.
+    `execution_settings` and `start_tolerance` (rad) may be changed at any time; the former hold
+    for the running goal too.
     """
 
     def __init__(
         self, configuration: Configuration, events: Events, execution_settings: Settings
     ) -> None:
         self.configuration = configuration
-        self.execution_settings = execution_settings
+        self._execution_settings = execution_settings
         self.start_tolerance = 0.05
         self.gate = ArmGate()
-        self.robot = RobotState(len(configuration.limits.names))
+        self.scaling = SpeedScaling()
+        joints = len(configuration.limits.names)
+        mapping = configuration.mapping or unmapped(joints)
+        self.robot = RobotState(joints, configuration.errors, mapping)
         self._events = events
         order = configuration.byte_order
         self.state_link = Link(
@@ -126,6 +148,20 @@ class Driver:
             on_state=self._on_motion_link,
             byte_order=order,
         )
+        self.io = IoDriver(
+            configuration.host,
+            configuration.io_port,
+            byte_order=order,
+            timeout=configuration.io_timeout,
+        )
+        self.trace = Trace((self.state_link, self.motion_link, self.io.link))
+        if order is None:
+            for link in (self.state_link, self.motion_link):
+                link.dialect = Dialect(configuration.usual_byte_order)
+        self.delivery = delivery(
+            configuration.delivery, self.motion_link, configuration.limits, mapping
+        )
+        self._has_feedback = False
         self._link_state = LinkState.DISCONNECTED
         self._ticket: Ticket | None = None
         self._next: Ticket | None = None
@@ -136,6 +172,17 @@ class Driver:
             self._smoother = SmoothingProcess(configuration.limits, configuration.smoothing)
         self._preparations: set[asyncio.Task[None]] = set()
 
+    @property
+    def execution_settings(self) -> Settings:
+        """Tolerances and patience of executions."""
+        return self._execution_settings
+
+    @execution_settings.setter
+    def execution_settings(self, settings: Settings) -> None:
+        self._execution_settings = settings
+        if self._ticket is not None and self._ticket.execution is not None:
+            self._ticket.execution.settings = settings
+
     async def run(self) -> None:
         """Keep the links alive until cancelled. On the way out the arm is stopped."""
         if self._smoother is not None:
@@ -144,12 +191,14 @@ class Driver:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self.state_link.run())
                 tasks.create_task(self.motion_link.run())
+                tasks.create_task(self.io.run())
                 tasks.create_task(self._watch_status())
         finally:
             self.fault('the driver ended')
             await asyncio.gather(*self._preparations, return_exceptions=True)
             if self._smoother is not None:
                 await self._smoother.close()
+            self.trace.end('the driver ended', END_TIMEOUT)
 
     async def shut_down(self) -> None:
         """Stop the arm and end the running goal when it stands, or after half a second."""
@@ -217,9 +266,10 @@ class Driver:
         execution = ticket.execution = Execution(
             ticket.goal,
             self.execution_settings,
-            self.motion_link.post,
+            self.delivery.post,
             lambda outcome: self._on_end(ticket, outcome),
             self._now(),
+            self.scaling,
         )
         if self._smoother is None:
             self._execute(execution, trajectory, sample)
@@ -260,9 +310,18 @@ class Driver:
             self._execute(execution, planned, sample)
 
     def _execute(self, execution: Execution, trajectory: Trajectory, sample: JointSample) -> None:
-        limits = self.configuration.limits
-        points = trajectory_points(trajectory, sample.positions, limits)
-        execution.start(trajectory, points, self._now())
+        try:
+            prepared = self.delivery.prepare(trajectory, sample.positions)
+        except GoalRefusedError as refusal:
+            execution.fault(str(refusal), refusal.code)
+            return
+        execution.start(
+            prepared.trajectory,
+            prepared.messages,
+            self._now(),
+            sample.positions,
+            prepared.delay,
+        )
 
     def _on_end(self, ticket: Ticket, outcome: Outcome) -> None:
         self._ticket = None
@@ -329,13 +388,16 @@ class Driver:
             return
         now = self._now()
         self.motion_link.dialect = self.state_link.dialect
+        self.io.follow(self.state_link.dialect)
         message = packet.message
         if isinstance(message, Status):
             self._take_status(message, now)
         elif isinstance(message, JointPosition):
-            self._take_joints(message.joints, None, now)
+            if not self._has_feedback:  # a controller that sends both says the same twice
+                self._take_joints(message.joints, None, now)
         elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
             measured = message.valid_fields & ValidFields.VELOCITY
+            self._has_feedback = True
             self._take_joints(message.positions, message.velocities if measured else None, now)
 
     def _take_joints(
@@ -349,17 +411,29 @@ class Driver:
             return
         self._events.on_joints(sample)
         if self._ticket is not None and self._ticket.execution is not None:
-            self._ticket.on_feedback(self._ticket.execution, sample)
-            self._ticket.execution.on_state(self.robot, now)
+            ticket, execution = self._ticket, self._ticket.execution
+            execution.on_state(self.robot, now)
+            if not execution.ended:
+                ticket.on_feedback(execution, sample)
 
     def _take_status(self, status: Status, now: float) -> None:
         self.robot.on_status(status, now)
-        if (why := what_forbids_motion(status)) is not None:
+        if (why := what_forbids_motion(status, self.robot.errors)) is not None:
             self.fault(why)
         elif self._ticket is not None and self._ticket.execution is not None:
-            self._ticket.execution.on_state(self.robot, now)
+            execution = self._ticket.execution
+            was_paused = execution.paused
+            execution.on_state(self.robot, now)
+            self._tell_pause(execution, was_paused)
         self._events.on_status(status)
         self._wake()
+
+    @staticmethod
+    def _tell_pause(execution: Execution, was_paused: bool) -> None:
+        if execution.paused and not was_paused:
+            _log.info('the controller is paused: the goal waits %s', execution.where)
+        elif was_paused and not execution.paused and not execution.ended:
+            _log.info('the controller goes on: so does the goal, %s', execution.where)
 
     def _on_motion_packet(self, packet: Packet) -> None:
         """Take a topic, or a reply that nobody waits for: a late no is still a no."""
@@ -370,6 +444,7 @@ class Driver:
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
+            self._has_feedback = False
         self._on_link(self.state_link, why)
 
     def _on_motion_link(self, _state: LinkState, why: str) -> None:

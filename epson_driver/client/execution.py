@@ -14,6 +14,11 @@ Rules:
    that it may no longer see.
 5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIME at most: it
    has the reason.
+6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
+   against the plan at that moment (goal_clock.py), until the plan's end.
+7. A controller that is paused (it said before that motion is possible, and now denies it, stands
+   and has no error) is waited for, however long: the clock stands and no patience runs out.
+8. While the speed scaling is 0 no point is sent; what was acknowledged runs on.
 
 The object has no clock and no I/O: it is told what happened and when, and it sends through the
 callable it was given.
@@ -27,10 +32,14 @@ from enum import Enum
 import numpy as np
 
 from epson_driver.client.goal import End, ErrorCode, Goal, Outcome
-from epson_driver.client.points import STOP
+from epson_driver.client.goal_clock import GoalClock
+from epson_driver.client.points import SHORTEST_DURATION, STOP
+from epson_driver.client.refusal import refusal
 from epson_driver.client.robot_state import JointSample, RobotState
+from epson_driver.client.speed_scaling import SpeedScaling, scaled
+from epson_driver.controllers.profile import StateProfile
 from epson_driver.motion import Array, Trajectory
-from epson_driver.simple_message import JointTrajPt, Message, Packet, ReplyCode, TriState
+from epson_driver.simple_message import Message, Packet, TriState
 
 
 class State(Enum):
@@ -94,10 +103,13 @@ SETTLE_TIME = 1.0
 CAUSE_TIME = 0.07
 """How long a refused goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
 
+CAUSE_MARGIN = 0.015
+"""What it waits beyond the time between two of them, s."""
+
 MOVED = 1e-4
 """A change of position that shows that the arm moves, rad: well above an encoder's step."""
 
-Send = Callable[[Message, Callable[[Packet, float], None]], None]
+Send = Callable[[Message, Callable[[Packet, float], None]], object]
 """send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
 Raises ConnectionError if there is no link."""
 
@@ -107,11 +119,18 @@ class Settings:
     """Tolerances and patience of an execution.
 
     stopped_velocity: rad/s, below which a joint counts as standing. reply_timeout: s without a
-    reply and without the arm moving, beyond the planned duration of the point.
+    reply and without the arm moving, beyond the planned duration of the point. cause_time: how
+    long a refused goal waits for the STATUS that says why, s.
     """
 
     stopped_velocity: float = 0.01
     reply_timeout: float = 5.0
+    cause_time: float = CAUSE_TIME
+
+
+def cause_time(state: StateProfile) -> float:
+    """Return how long to wait for a STATUS of a controller with this profile, s."""
+    return state.period * (state.joint_positions_per_status + 1) + CAUSE_MARGIN
 
 
 class Execution:
@@ -127,13 +146,15 @@ class Execution:
         send: Send,
         on_end: Callable[[Outcome], None],
         now: float,
+        scaling: SpeedScaling | None = None,
     ) -> None:
         self.goal = goal
         self.state = State.PREPARING
         self.started = now
         self.point = 0
-        self._points: list[JointTrajPt] = []
-        self._settings = settings
+        self._points: list[Message] = []
+        self._begins_by = 0.0
+        self.settings = settings
         self._send = send
         self._on_end = on_end
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
@@ -147,6 +168,28 @@ class Execution:
         """The goal has ended and the arm stands: not after a fault."""
         self._left = False
         self._must_leave = _must_leave(goal)
+        self.paused = False
+        """The controller is paused: the goal waits for it."""
+        self._interrupted = False
+        self._was_possible = False
+        self._scaling = scaling or SpeedScaling()
+        self._clock: GoalClock | None = None
+        self._due = 0.0
+        self._delay = 0.0
+
+    @property
+    def desired(self) -> tuple[float, Array, Array] | None:
+        """Where the plan is: its time in s, positions and velocities, shape (n,), rad and rad/s.
+
+        None before the goal is prepared. Velocities are 0 while the plan waits and at its end.
+        """
+        if self._clock is None:
+            return None
+        return min(self._clock.time, self.goal.trajectory.duration), *self._clock.desired()
+
+    def speed(self, now: float) -> float:
+        """Return the share of the planned speed that the goal runs at: 0 while it is paused."""
+        return 0.0 if self.paused else self._scaling.factor(now)
 
     @property
     def target(self) -> int:
@@ -164,33 +207,45 @@ class Execution:
         """True once the outcome is known."""
         return self.state in FINAL
 
-    def start(self, trajectory: Trajectory, points: list[JointTrajPt], now: float) -> None:
+    def start(
+        self,
+        trajectory: Trajectory,
+        points: list[Message],
+        now: float,
+        at: Array | None = None,
+        begin_within: float = 0.0,
+    ) -> None:
         """Send the first point of a prepared trajectory; nothing if the goal was stopped before.
 
-        `trajectory` is what is executed: the goal's own, or what was made of it.
+        `trajectory` is what is executed: the goal's own, or what was made of it. `at`: shape
+        (n,), rad, where the arm stands, if that is not the first point. `begin_within`: how long
+        from now on the controller lets the arm stand before it moves, s; the plan begins then.
         """
         if self.state is not State.PREPARING:
             return
         self.goal = replace(self.goal, trajectory=trajectory)
         self._must_leave = _must_leave(self.goal)
         self._points = points
+        self._begins_by = now + begin_within
         self.started = self._alive = now
+        start = trajectory.positions[0] if at is None else at
+        self._clock = GoalClock(trajectory, start, self._scaling, self._begins_by)
         self._step(Event.PREPARED)
-        self._send_point()
+        self._send_point(now)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """The controller answered point `index`."""
         if self.state is not State.STREAMING or index != self.point:
             return
         self._alive = now
-        if packet.reply_code is not ReplyCode.SUCCESS:
-            self._refuse(f'the controller refused {self._name(index)} (FAILURE reply)', now)
+        if (no := refusal(packet)) is not None:
+            self._refuse(f'the controller refused {self._name(index)} ({no})', now)
             return
         self.point += 1
         if self.point < len(self._points):
-            self._send_point()
+            self._send_point(now)
         else:
-            self._settling_since = now
+            self._settling_since = max(now, self._begins_by)
             self._standing_since = None
             self._step(Event.LAST_REPLY)
 
@@ -205,6 +260,7 @@ class Execution:
         sample = robot.sample
         if self.ended or sample is None:
             return
+        self._keep_time(robot, now)
         distance = np.abs(sample.positions - self.goal.trajectory.positions[-1])
         self._left = self._left or float(distance.max()) >= self._must_leave
         self._watch_rest(sample, robot, now)
@@ -216,6 +272,7 @@ class Execution:
                 self._judge(distance, now)
             elif self.state in (State.CANCELING, State.STOPPING):
                 self._step(Event.AT_REST, self._when_at_rest)
+        self._check_path(sample, now)
         self._check_patience(now)
 
     def cancel(self, now: float) -> None:
@@ -233,7 +290,8 @@ class Execution:
         if self.ended:
             return
         refused, unsent = self.state is State.REFUSED, self.state is State.PREPARING
-        outcome = Outcome(End.ABORTED, code, f'{self._refusal}: {why}' if refused else why)
+        text = f'{self._refusal}: {why}' if self._refusal else why
+        outcome = Outcome(End.ABORTED, code, text)
         self.state = TRANSITIONS[self.state, Event.FAULT]
         if not refused and not unsent:
             self._send_stop()
@@ -248,8 +306,9 @@ class Execution:
         """End a refused goal with what the first status after the refusal says, if it comes."""
         if robot.status is not None and robot.status_time > self._refused_at:
             error = robot.status.error_code
-            self.fault(f'controller error {error}' if error else 'it reports no error')
-        elif now - self._refused_at > CAUSE_TIME:
+            text = robot.errors.phrase(error)
+            self.fault(f'controller error {text}' if error else 'it reports no error')
+        elif now - self._refused_at > self.settings.cause_time:
             self.fault('no status came that says why')
 
     def _send_stop(self) -> None:
@@ -273,10 +332,10 @@ class Execution:
             self.fault(f'STOP could not be sent: {error}')
 
     def _on_stop_reply(self, packet: Packet, now: float) -> None:
-        if packet.reply_code is ReplyCode.SUCCESS:
+        if (no := refusal(packet)) is None:
             self._settling_since = now
         else:
-            self.fault('the controller refused STOP (FAILURE reply)')
+            self.fault(f'the controller refused STOP ({no})')
 
     def _watch_rest(self, sample: JointSample, robot: RobotState, now: float) -> None:
         """Keep since when the arm stands, by what is measured and by what the controller says.
@@ -286,7 +345,10 @@ class Execution:
         if self._alive_at is None or np.abs(sample.positions - self._alive_at).max() > MOVED:
             self._alive_at = sample.positions
             self._alive = now
-        moving = float(np.abs(sample.velocities).max()) >= self._settings.stopped_velocity
+        stopped = np.full(sample.velocities.shape, self.settings.stopped_velocity)
+        if self.goal.goal_velocity is not None:
+            stopped = np.minimum(stopped, self.goal.goal_velocity)
+        moving = bool(np.any(np.abs(sample.velocities) >= stopped))
         if moving or robot.in_motion == TriState.TRUE or self._settling_since is None:
             self._standing_since = None
         elif (
@@ -299,10 +361,12 @@ class Execution:
     def _judge(self, distance: Array, now: float) -> None:
         """All points are acknowledged and the arm stands: decide whether it is at the goal."""
         tolerance = self.goal.goal_tolerance
+        if self.paused:  # it may have a rest of the way to go
+            return
         if self._left and np.all(distance <= tolerance):
             text = f'at the goal after {now - self.started:.2f} s'
             self._step(Event.AT_GOAL, Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
-        elif now - self._alive > SETTLE_TIME:
+        elif now - max(self._alive, self._begins_by) > SETTLE_TIME:
             joint = int(np.argmax(distance - tolerance))
             name = self.goal.trajectory.joint_names[joint]
             self.fault(
@@ -316,9 +380,10 @@ class Execution:
     def _check_patience(self, now: float) -> None:
         if self.ended:
             return
-        took, planned = now - self.started, self.goal.trajectory.duration
+        planned = self.goal.trajectory.duration
+        took = 0.0 if self._clock is None else self._clock.time
         waited = now - self._alive
-        timeout = self._settings.reply_timeout
+        timeout = self.settings.reply_timeout
         if self.state in (State.STREAMING, State.SETTLING) and 0.0 < self.goal.goal_time < (
             took - planned
         ):
@@ -327,23 +392,92 @@ class Execution:
                 f'goal_time tolerance is {self.goal.goal_time:g} s',
                 ErrorCode.GOAL_TOLERANCE_VIOLATED,
             )
-        elif (
-            self.state is State.STREAMING and waited > timeout + self._points[self.point].duration
-        ):
+        elif self.state is State.STREAMING and waited > timeout + self._due:
             self.fault(
                 f'no reply to {self._name(self.point)}: the arm has not moved for {waited:.3g} s'
             )
-        elif self.state not in (State.PREPARING, State.STREAMING) and waited > timeout:
+        elif (
+            self.state not in (State.PREPARING, State.STREAMING)
+            and min(waited, now - self._begins_by) > timeout
+        ):
             self.fault(f'the controller did not confirm the standstill within {waited:.3g} s')
 
-    def _send_point(self) -> None:
-        index = self.point
+    def _keep_time(self, robot: RobotState, now: float) -> None:
+        """See whether the controller is paused, let the clock go on, and send what was held."""
+        if self._clock is None:
+            self._watch_pause(robot)
+            return
+        runs = self.state in (State.STREAMING, State.SETTLING) and not self._interrupted
+        self._clock.advance(now, running=runs)
+        self._watch_pause(robot)
+        if self._clock.held and self.state is State.STREAMING:
+            self._send_point(now)
+        if self.state in (State.STREAMING, State.SETTLING) and (self.paused or self._clock.held):
+            self._alive = now
+
+    def _watch_pause(self, robot: RobotState) -> None:
+        status = robot.status
+        if status is None:
+            return
+        self._was_possible |= status.motion_possible == TriState.TRUE
+        self._interrupted = (
+            self._was_possible
+            and status.motion_possible == TriState.FALSE
+            and status.in_error != TriState.TRUE
+            and not status.error_code
+        )
+        self.paused = self._interrupted and status.in_motion == TriState.FALSE
+
+    def _check_path(self, sample: JointSample, now: float) -> None:
+        """Hold what was measured just now against where the plan is."""
+        tolerance, clock = self.goal.path_tolerance, self._clock
+        if (
+            tolerance is None
+            or clock is None
+            or self.state not in (State.STREAMING, State.SETTLING)
+            or self._interrupted
+            or sample.time != now
+            or clock.time >= self.goal.trajectory.duration
+        ):
+            return
+        positions, velocities = clock.desired()
+        violation = tolerance.violation(
+            self.goal.trajectory.joint_names,
+            positions - sample.positions,
+            velocities - sample.velocities,
+        )
+        if violation is None:
+            return
+        self._refusal = f'path tolerance violated {self.where}, {clock.time:.3g} s: {violation}'
+        outcome = Outcome(
+            End.ABORTED,
+            ErrorCode.PATH_TOLERANCE_VIOLATED,
+            f'{self._refusal}; the arm was stopped and stands',
+        )
+        self._stop(Event.STOP, outcome, now)
+
+    def _send_point(self, now: float) -> None:
+        """Send the next point at the speed of the moment, or hold it back while that is 0."""
+        clock, index = self._clock, self.point
+        if clock is None:
+            return
+        before = float(self.goal.trajectory.times[index - 1]) if index else 0.0
+        planned = max(float(self.goal.trajectory.times[index]) - before, SHORTEST_DURATION)
+        takes = self._scaling.time_for(planned, now)
+        clock.held = takes is None
+        if takes is None:
+            return
+        factor = planned / takes
+        self._delay += takes - planned
+        message = scaled(self._points[index], factor, self._delay)
+        self._due = max(takes, getattr(message, 'duration', 0.0))
+        clock.sent(factor)
 
         def on_reply(packet: Packet, now: float) -> None:
             self.on_reply(index, packet, now)
 
         try:
-            self._send(self._points[index], on_reply)
+            self._send(message, on_reply)
         except ConnectionError as error:
             self.fault(f'{self._name(index)} could not be sent: {error}')
 

@@ -6,11 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
+
+if TYPE_CHECKING:
+    from epson_driver.client.tolerances import Tolerances
 
 MENTIONED = 5
 """So many violations are spelled out in a goal's error text; the rest is counted."""
@@ -62,12 +65,16 @@ class Goal:
     """A checked trajectory in the controller's joint order and what counts as having done it.
 
     goal_tolerance: shape (n,), rad; inf where it is not checked. goal_time: s after the planned
-    end within which the arm must be there; 0 means no limit.
+    end within which the arm must be there; 0 means no limit. goal_velocity: shape (n,), rad/s,
+    below which each joint counts as standing at the end, if that is less than what holds for all;
+    None: no such. path_tolerance: on the way, against the plan at that moment; None: not checked.
     """
 
     trajectory: Trajectory
     goal_tolerance: Array
     goal_time: float
+    goal_velocity: Array | None = None
+    path_tolerance: 'Tolerances | None' = None
 
 
 def trajectory_from_message(message: Any, joint_names: Sequence[str]) -> Trajectory:
@@ -194,29 +201,6 @@ def check_start(
     ]
     if found:
         raise GoalRefusedError(ErrorCode.INVALID_GOAL, _listed(found))
-
-
-def goal_tolerances(message: Iterable[Any], joint_names: Sequence[str], defaults: Array) -> Array:
-    """Return the tolerances in rad of a goal's JointTolerance[], over the configured `defaults`.
-
-    As in joint_trajectory_controller: 0 takes the default, negative switches the check off.
-    Raises GoalRefusedError for a joint that is not there or a number that is not finite.
-    """
-    tolerances = np.where(defaults > 0.0, defaults, np.inf)
-    for entry in message:
-        if entry.name not in joint_names:
-            raise GoalRefusedError(
-                ErrorCode.INVALID_JOINTS, f'goal_tolerance names the unknown joint {entry.name!r}'
-            )
-        if not np.isfinite(entry.position):
-            raise GoalRefusedError(
-                ErrorCode.INVALID_GOAL,
-                f'goal_tolerance, {entry.name}: position = {entry.position} is not finite',
-            )
-        if entry.position != 0.0:
-            index = joint_names.index(entry.name)
-            tolerances[index] = entry.position if entry.position > 0.0 else np.inf
-    return tolerances
 
 
 def _listed(found: Sequence[str]) -> str:

@@ -6,6 +6,7 @@ from array import array
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
@@ -55,7 +56,7 @@ def result(outcome: Outcome) -> FollowJointTrajectory.Result:
 def feedback(
     execution: Execution, sample: JointSample, stamp: Any
 ) -> FollowJointTrajectory.Feedback:
-    """Return where the arm should be going (the point on its way), where it is, the difference."""
+    """Return where the arm should be on the plan, where it was measured, and the difference."""
     message = FollowJointTrajectory.Feedback()
     message.header.stamp = stamp
     message.joint_names = list(execution.goal.trajectory.joint_names)
@@ -71,18 +72,24 @@ def controller_state(
     message.header.stamp = stamp
     message.joint_names = list(execution.goal.trajectory.joint_names)
     message.reference, message.feedback, message.error = _points(execution, sample)
-    message.speed_scaling_factor = 1.0
+    trajectory, target = execution.goal.trajectory, execution.target
+    message.output = JointTrajectoryPoint(
+        positions=trajectory.positions[target].tolist(),
+        time_from_start=_duration(float(trajectory.times[target])),
+    )
+    message.speed_scaling_factor = execution.speed(sample.time)
     return message
 
 
 def _points(
     execution: Execution, sample: JointSample
 ) -> tuple[JointTrajectoryPoint, JointTrajectoryPoint, JointTrajectoryPoint]:
-    trajectory = execution.goal.trajectory
-    target = execution.target
+    at_rest = (0.0, sample.positions, np.zeros_like(sample.velocities))
+    time, positions, velocities = execution.desired or at_rest
     desired = JointTrajectoryPoint(
-        positions=trajectory.positions[target].tolist(),
-        time_from_start=_duration(float(trajectory.times[target])),
+        positions=positions.tolist(),
+        velocities=velocities.tolist(),
+        time_from_start=_duration(time),
     )
     actual = JointTrajectoryPoint(
         positions=sample.positions.tolist(),
@@ -90,7 +97,8 @@ def _points(
         time_from_start=_duration(sample.time - execution.started),
     )
     error = JointTrajectoryPoint(
-        positions=(trajectory.positions[target] - sample.positions).tolist(),
+        positions=(positions - sample.positions).tolist(),
+        velocities=(velocities - sample.velocities).tolist(),
         time_from_start=actual.time_from_start,
     )
     return desired, actual, error

@@ -31,9 +31,10 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from epson_driver.client import messages, parameters
+from epson_driver.client.deliveries import delivery_rules
 from epson_driver.client.diagnostics import Diagnostics
 from epson_driver.client.driver import Configuration, Driver, Ticket
-from epson_driver.client.execution import Execution, Settings
+from epson_driver.client.execution import Execution, Settings, cause_time
 from epson_driver.client.goal import (
     End,
     ErrorCode,
@@ -42,18 +43,23 @@ from epson_driver.client.goal import (
     Outcome,
     check_limits,
     duration_in_s,
-    goal_tolerances,
     trajectory_from_message,
     untimed,
 )
+from epson_driver.client.io_node import IoInterface
+from epson_driver.client.joint_mapping import joint_mapping
+from epson_driver.client.pace import Pace
 from epson_driver.client.robot_state import JointSample
 from epson_driver.client.services import ServiceError, Services
 from epson_driver.client.smoothing import Smoothing
+from epson_driver.client.speed_node import SpeedInterface
+from epson_driver.client.tolerances import tolerances
+from epson_driver.client.tracing import Tracing
+from epson_driver.controllers import load_controller_profile
+from epson_driver.error_texts import load_error_texts
+from epson_driver.link import TraceError
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import ByteOrder, Status
-
-FEEDBACK_PERIOD = 0.05
-"""Action feedback and controller state, s: joint_trajectory_controller's 20 Hz."""
 
 RESULTS_TIMEOUT = 0.3
 """How long the end of the process waits for results to be sent, s."""
@@ -78,11 +84,13 @@ class ClientNode:
         self._node = node
         self._loop = asyncio.get_running_loop()
         self._parameters = parameters.declare(node)
+        self._profile = load_controller_profile(self._parameters['controller'])
         self.driver = Driver(self._configuration(), self, self._settings())
         self._apply_settings()
+        self._tracing = Tracing(self.driver.trace, self._parameters)
         self._services = Services(self.driver)
         self._tickets: dict[bytes, Ticket] = {}
-        self._next_feedback = 0.0
+        self._feedback_pace = Pace()
         self._limits = self.driver.configuration.limits
         self._joint_state = messages.JointStateWriter(self._limits.names)
         self._clock = node.get_clock()
@@ -131,9 +139,17 @@ class ClientNode:
             motion_port=values['motion_port'],
             state_port=values['state_port'],
             remote_port=values['remote_port'],
+            io_port=values['io_port'],
+            io_timeout=values['io_timeout'],
             byte_order=BYTE_ORDERS[values['byte_order']],
             state_timeout=values['state_timeout'],
             limits=replace(model.limits, names=names),
+            errors=load_error_texts(values['error_texts']),
+            delivery=delivery_rules(self._profile, values['interface'], values['point_message']),
+            mapping=joint_mapping(
+                len(names), values['joint_signs'], values['joint_offsets'], values['j23_factor']
+            ),
+            usual_byte_order=self._profile.byte_order,
             smoothing=Smoothing(
                 values['resample_period'] if values['smoothing'] == 'resample' else None,
                 values['timing'] == 'time_optimal',
@@ -144,11 +160,13 @@ class ClientNode:
         return Settings(
             stopped_velocity=self._parameters['constraints.stopped_velocity_tolerance'],
             reply_timeout=self._parameters['reply_timeout'],
+            cause_time=cause_time(self._profile.state),
         )
 
     def _apply_settings(self) -> None:
         self.driver.execution_settings = self._settings()
         self.driver.start_tolerance = self._parameters['start_tolerance']
+        self.driver.io.timeout = self._parameters['io_timeout']
 
     def _make_publishers(self) -> None:
         node = self._node
@@ -173,6 +191,8 @@ class ClientNode:
             node.create_subscription(
                 JointTrajectory, topic, self._on_trajectory, 10, callback_group=group
             )
+        self._io = IoInterface(node, self.driver.io, self._in_loop, group)
+        self._speed = SpeedInterface(node, self.driver.scaling, self._in_loop, group)
         self._action = ActionServer(
             node,
             FollowJointTrajectory,
@@ -286,14 +306,22 @@ class ClientNode:
             may_end_moving=values['allow_nonzero_velocity_at_trajectory_end'],
         )
         self._check_stamp(request.trajectory.header.stamp, trajectory.duration)
-        if request.path_tolerance:
-            self._node.get_logger().warning('path_tolerance is not checked yet')
-        defaults = np.array([values[f'constraints.{name}.goal'] for name in names])
+        path, goal = (
+            tolerances(
+                getattr(request, field),
+                field,
+                names,
+                np.array([values[f'constraints.{name}.{default}'] for name in names]),
+            )
+            for field, default in (('path_tolerance', 'trajectory'), ('goal_tolerance', 'goal'))
+        )
         goal_time = duration_in_s(request.goal_time_tolerance)
         return Goal(
             trajectory,
-            goal_tolerances(request.goal_tolerance, names, defaults),
+            goal.position,
             max(goal_time, 0.0) if goal_time != 0.0 else values['constraints.goal_time'],
+            goal_velocity=goal.velocity,
+            path_tolerance=path if path.checked else None,
         )
 
     def _check_stamp(self, stamp: Any, duration: float) -> None:
@@ -315,11 +343,18 @@ class ClientNode:
 
     def _on_set_parameters(self, changes: list[Any]) -> SetParametersResult:
         # ranges and read-only flags were checked by rclpy from the descriptors
-        self._parameters |= {
+        values = {
             parameter.name: parameter.value
             for parameter in changes
             if parameter.name in self._parameters
         }
+        if why := parameters.refusal(changes):
+            return SetParametersResult(successful=False, reason=why)
+        try:
+            self._tracing.change(values)
+        except TraceError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._parameters |= values
         self._loop.call_soon_threadsafe(self._apply_settings)
         return SetParametersResult(successful=True)
 
@@ -341,10 +376,9 @@ class ClientNode:
         self._link_state.publish(String(data=name))
 
     def _on_feedback(self, goal_handle: Any, execution: Execution, sample: JointSample) -> None:
-        """Publish action feedback and `~/controller_state`, at most every FEEDBACK_PERIOD."""
-        if sample.time < self._next_feedback:
+        """Publish action feedback and `~/controller_state` at `action_monitor_rate`."""
+        if not self._feedback_pace.due(sample.time, self._parameters['action_monitor_rate']):
             return
-        self._next_feedback = sample.time + FEEDBACK_PERIOD
         stamp = self._clock.now().to_msg()
         self._controller_state.publish(messages.controller_state(execution, sample, stamp))
         if goal_handle is not None:

@@ -2,11 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node's parameters as one table: name, default, description, range, read-only or not."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
+from epson_driver.controllers import ControllerProfile, load_controller_profile
+from epson_driver.simple_message import MAX_JOINTS
+
+POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
+"""What carries a point, per kind of program in a profile."""
 
 JOINTS = [f'joint_{i}' for i in range(1, 7)]
 
@@ -43,7 +49,15 @@ class Row:
         return descriptor
 
 
+CONTROLLER = Row(
+    'controller',
+    'rc620',
+    'Kind of controller: a file of config/controllers, or a path to one. Where other parameters '
+    'are not set, it says which ports, which interface and which messages are used.',
+)
+
 TABLE = (
+    CONTROLLER,
     Row('robot_ip', '127.0.0.1', 'Address of the robot controller.'),
     Row('motion_port', 11000, 'TCP port of its motion server.', 1, 65535),
     Row('state_port', 11002, 'TCP port of its state server.', 1, 65535),
@@ -57,18 +71,40 @@ TABLE = (
         65535,
     ),
     Row('joint_names', JOINTS, "Names of the joints in the controller's order."),
+    Row(
+        'joint_signs',
+        [1],
+        'A joint is this, 1 or -1, times that of the controller, plus its offset: one number for '
+        'all joints, or one for each.',
+    ),
+    Row('joint_offsets', [0.0], 'Offsets of the joints: one for all, or one for each [rad].'),
+    Row(
+        'j23_factor',
+        0,
+        "What joint 3 has of the controller's joint 2 besides its own. FANUC: its J23_factor; "
+        'ABB with coupled joints: -1.',
+        -1,
+        1,
+    ),
     Row('robot_model', 'c3_a601s', 'Robot model: a file of config/robots, or a path to one.'),
+    Row(
+        'error_texts',
+        'epson',
+        "What the controller's error numbers mean: a file of config/errors; none: not known.",
+    ),
     Row(
         'interface',
         'streaming',
-        'How trajectories reach the controller: point by point, each acknowledged.',
-        choices=('streaming',),
+        'How trajectories reach the controller. streaming: point by point, each acknowledged; '
+        'download: all of them before it moves, not acknowledged.',
+        choices=('streaming', 'download'),
     ),
     Row(
         'point_message',
         'joint_traj_pt',
-        'The message that carries a point.',
-        choices=('joint_traj_pt',),
+        'The message that carries a point: one speed and a duration, or time, positions and '
+        'velocities.',
+        choices=('joint_traj_pt', 'joint_traj_pt_full'),
     ),
     Row(
         'smoothing',
@@ -105,6 +141,15 @@ TABLE = (
         60.0,
     ),
     Row(
+        'io_timeout',
+        1.0,
+        'Patience for the reply to an I/O request, and silence of the I/O port after which the '
+        'values are taken for unknown [s].',
+        0.05,
+        60.0,
+        now=True,
+    ),
+    Row(
         'reply_timeout',
         5.0,
         'Patience for the reply to a point while the arm does not move, beyond the planned '
@@ -125,6 +170,29 @@ TABLE = (
         'allow_nonzero_velocity_at_trajectory_end',
         False,
         'Accept trajectories whose last point has a velocity. The arm comes to rest there anyway.',
+        now=True,
+    ),
+    Row(
+        'action_monitor_rate',
+        20.0,
+        'Rate of the action feedback and of ~/controller_state while a goal runs [Hz].',
+        0.1,
+        200.0,
+        now=True,
+    ),
+    Row(
+        'trace_file',
+        '',
+        'File to record what goes over the wire into, for Wireshark and `epson_driver replay`; '
+        '%Y%m%d-%H%M%S and the like are filled in; it must not exist yet. Empty: no trace.',
+        now=True,
+    ),
+    Row(
+        'trace_size',
+        100.0,
+        'Size at which a trace ends [MB].',
+        0.001,
+        10000.0,
         now=True,
     ),
     Row(
@@ -159,25 +227,73 @@ def joint_rows(joint: str) -> Iterator[Row]:
     yield Row(
         f'constraints.{joint}.trajectory',
         0.0,
-        f'Tolerance of {joint} on the way; not checked yet, keep 0 [rad].',
+        f'How far {joint} may be from the plan at any moment on the way; 0: not checked [rad].',
         0.0,
-        0.0,
+        10.0,
         now=True,
     )
+
+
+def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
+    """Return the parameters that a controller's profile has values for.
+
+    The byte order is not among them: it is found out; the profile says what to begin with.
+    """
+    return {
+        'motion_port': profile.ports.motion,
+        'state_port': profile.ports.state,
+        'io_port': profile.ports.io,
+        'remote_port': profile.ports.remote,
+        'error_texts': profile.error_texts,
+        'interface': profile.program.interface,
+        'point_message': POINT_MESSAGES[profile.program.kind],
+    }
 
 
 def declare(node: Any) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
-    Raises ValueError that names the parameter, its value and what is allowed.
+    Where the controller's profile has a value, it is the default. Raises ValueError that names the
+    parameter, its value and what is allowed, FileNotFoundError that lists the profiles.
     """
-    values = _declare_rows(node, TABLE)
+    values = _declare_rows(node, (CONTROLLER,))
+    given = profile_defaults(load_controller_profile(values['controller']))
+    values |= _declare_rows(
+        node,
+        (
+            replace(row, default=given.get(row.name, row.default))
+            for row in TABLE
+            if row is not CONTROLLER
+        ),
+    )
     names = values['joint_names']
     if not names or len(set(names)) != len(names) or '' in names:
         raise ValueError(f'parameter joint_names = {names}: the names must be there and differ')
+    if len(names) > MAX_JOINTS:
+        raise ValueError(
+            f'parameter joint_names has {len(names)} names: a message carries {MAX_JOINTS} joints'
+        )
     for joint in names:
         values |= _declare_rows(node, joint_rows(joint))
     return values
+
+
+def refusal(changes: Iterable[Any]) -> str:
+    """Return why rclpy parameters cannot have these values; '' if they can.
+
+    Ranges, types and read-only flags are rclpy's business: it has them from the descriptors.
+    """
+    choices = {row.name: row.choices for row in TABLE if row.choices}
+    for change in changes:
+        allowed = choices.get(change.name, (change.value,))
+        if change.value not in allowed:
+            return _not_among(change.name, change.value, allowed)
+    return ''
+
+
+def _not_among(name: str, value: object, choices: Sequence[Any]) -> str:
+    allowed = ', '.join(map(str, choices))
+    return f'parameter {name} = {value!r}: must be one of {allowed}'
 
 
 def _declare_rows(node: Any, rows: Any) -> dict[str, Any]:
@@ -185,7 +301,6 @@ def _declare_rows(node: Any, rows: Any) -> dict[str, Any]:
     for row in rows:
         value = node.declare_parameter(row.name, row.default, row.descriptor).value
         if row.choices and value not in row.choices:
-            allowed = ', '.join(row.choices)
-            raise ValueError(f'parameter {row.name} = {value!r}: must be one of {allowed}')
+            raise ValueError(_not_among(row.name, value, row.choices))
         values[row.name] = list(value) if isinstance(row.default, list) else value
     return values

@@ -8,12 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from epson_driver.client.joint_mapping import JointMapping, unmapped
+from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.motion import Array
 from epson_driver.simple_message import Status, TriState
 
 VELOCITY_WINDOW = 0.04
 """Time over which the velocity is fitted, s: single differences of positions that come every
 5 ms would show the network's jitter rather than the arm."""
+
+KEPT_ARRIVALS = 2048
+"""Arrival times that are kept for diagnostics: two seconds at 1 kHz."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,18 +34,30 @@ class RobotState:
     """The newest joints and status, for `joints` joints. Times are the event loop's, s.
 
     Emptied when the link is lost: nothing stale can be taken for fresh (docs/invariants.md, 6).
+    `errors` says what the controller's error numbers mean; EPSON's, unless it is given.
+    What comes in is counted as the controller does, `sample` as ROS does, by `mapping`.
     """
 
-    def __init__(self, joints: int) -> None:
+    def __init__(
+        self,
+        joints: int,
+        errors: ErrorTexts | None = None,
+        mapping: JointMapping | None = None,
+    ) -> None:
         self._joints = joints
+        self._mapping = unmapped(joints) if mapping is None else mapping
+        self.errors = load_error_texts() if errors is None else errors
         self._history: deque[tuple[float, tuple[float, ...]]] = deque()
         self.sample: JointSample | None = None
         self.status: Status | None = None
         self.status_time = 0.0
+        self.arrivals: deque[float] = deque(maxlen=KEPT_ARRIVALS)
+        """When joints came, the newest last; only since the link was established."""
 
     def clear(self) -> None:
         """Forget everything: the link is gone."""
         self._history.clear()
+        self.arrivals.clear()
         self.sample = None
         self.status = None
 
@@ -51,16 +68,21 @@ class RobotState:
 
         Raises ValueError that names the joint if a value is not finite.
         """
-        positions = _finite('position', data[: self._joints])
+        values = data[: self._joints]
+        positions = _finite('position', values)
         measured = None
         if velocities is not None:
             measured = _finite('velocity', velocities[: self._joints])
         history = self._history
-        history.append((now, data[: self._joints]))
+        history.append((now, values))
+        self.arrivals.append(now)
         while history[0][0] < now - VELOCITY_WINDOW and len(history) > 2:
             history.popleft()
         rates = self._slope() if measured is None else measured
-        self.sample = JointSample(now, positions, rates)
+        mapping = self._mapping
+        self.sample = JointSample(
+            now, mapping.positions_to_ros(positions), mapping.velocities_to_ros(rates)
+        )
         return self.sample
 
     def on_status(self, status: Status, now: float) -> None:

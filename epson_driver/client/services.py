@@ -8,8 +8,9 @@ from collections.abc import Callable
 from epson_driver.client.arm_gate import what_forbids_motion
 from epson_driver.client.driver import Driver
 from epson_driver.client.points import STOP
+from epson_driver.client.refusal import refusal
 from epson_driver.link.remote_ethernet import RemoteError, execute
-from epson_driver.simple_message import Packet, ReplyCode, Status, TriState
+from epson_driver.simple_message import Packet, Status, TriState
 
 ANSWER_TIMEOUT = 2.0
 """How long a service waits for the controller, s."""
@@ -43,15 +44,15 @@ class Services:
                 answer.set_result(packet)
 
         try:
-            self._driver.motion_link.post(STOP, on_reply)
+            self._driver.delivery.post(STOP, on_reply)
             async with asyncio.timeout(ANSWER_TIMEOUT):
                 packet = await answer
         except ConnectionError as error:
             raise ServiceError(f'STOP could not be sent: {error}') from error
         except TimeoutError as error:
             raise ServiceError(f'no reply to STOP within {ANSWER_TIMEOUT:g} s') from error
-        if packet.reply_code is not ReplyCode.SUCCESS:
-            raise ServiceError('the controller refused STOP')
+        if (no := refusal(packet)) is not None:
+            raise ServiceError(f'the controller refused STOP ({no})')
         return 'no goal was running; the controller acknowledged STOP'
 
     async def enable(self) -> str:
@@ -60,6 +61,7 @@ class Services:
         Raises ServiceError that says what is in the way and what to do about it.
         """
         self._check_links()
+        errors = self._driver.robot.errors
         status = await self._wait_for_status(lambda status: True, 'the controller sends no STATUS')
         if status.e_stopped == TriState.TRUE:
             raise ServiceError(
@@ -68,8 +70,9 @@ class Services:
             )
         if status.in_error == TriState.TRUE:
             raise ServiceError(
-                f'the controller is in error {status.error_code}: remove the cause, call '
-                '~/reset_error, then ~/enable'
+                f'the controller is in error {errors.phrase(status.error_code)}: '
+                f'{errors.advice(status.error_code, "remove the cause")}; call ~/reset_error, '
+                'then ~/enable'
             )
         if status.drives_powered == TriState.FALSE:
             await self._remote(['SetMotorsOn,1'], 'switch the motors on at the controller')
@@ -77,7 +80,7 @@ class Services:
                 lambda status: status.drives_powered == TriState.TRUE, 'the motors stay off'
             )
         self._check_links()
-        if (why := what_forbids_motion(status)) is not None:
+        if (why := what_forbids_motion(status, errors)) is not None:
             raise ServiceError(why)
         self._driver.gate.open()
         return 'the arm is enabled'

@@ -21,7 +21,6 @@ from epson_driver.controller.errors import TEXTS, ErrorNumber, ErrorRegister, Re
 from epson_driver.controller.faults.faults import Faults
 from epson_driver.controller.io.io_points import IoPoints
 from epson_driver.controller.lines import Lines
-from epson_driver.controller.profile import ControllerProfile
 from epson_driver.controller.programs.points import angles_refusal, clipped
 from epson_driver.controller.remote.spel_memory import SpelMemory
 from epson_driver.controller.remote.spel_settings import DEFAULTS_AFTER, defaults
@@ -42,6 +41,7 @@ from epson_driver.controller.states import (
     after,
 )
 from epson_driver.controller.timing import Timing
+from epson_driver.controllers.profile import ControllerProfile
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.simple_message import (

@@ -2,8 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Connections to a controller, from the client's side. asyncio, no ROS."""
 
-from epson_driver.link.link import Link, Trace
+from epson_driver.link.link import Link
 from epson_driver.link.states import LinkState
 from epson_driver.link.statistics import LinkStatistics
+from epson_driver.link.trace import Trace, TraceError, open_trace
+from epson_driver.link.wire_events import WireEvent
 
-__all__ = ['Link', 'LinkState', 'LinkStatistics', 'Trace']
+__all__ = [
+    'Link',
+    'LinkState',
+    'LinkStatistics',
+    'Trace',
+    'TraceError',
+    'WireEvent',
+    'open_trace',
+]

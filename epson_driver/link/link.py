@@ -9,9 +9,11 @@ import os
 import socket
 from collections.abc import Callable
 
-from epson_driver.link.replies import PendingReplies, Waiting, sequence_of
+from epson_driver.link.pcap import Address
+from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
+from epson_driver.link.wire_events import Tap, WireEvent
 from epson_driver.simple_message import (
     ByteOrder,
     CommType,
@@ -31,6 +33,7 @@ from epson_driver.simple_message import (
     encode,
     reply,
     request,
+    topic,
 )
 
 READ_SIZE = 65536
@@ -45,9 +48,6 @@ MAX_UNSENT = 65536
 SHOWS_DIALECT = (JointPosition, JointFeedback)
 """Messages of every state server that carry reals, so that their length shows the width."""
 
-Trace = Callable[[str, bytes], None]
-"""Called with 'sent' or 'received' and the bytes, as they went over the wire."""
-
 _log = logging.getLogger(__name__)
 
 
@@ -61,7 +61,9 @@ class Link:
     `receive_timeout` in s closes a connection that has been silent for longer; None waits for
     ever (then only the keepalive notices a peer that vanished). `byte_order` None detects the
     peer's from its first bytes, anew for each connection. The attribute `dialect` is how requests
-    are written; it follows what is received, and may be set.
+    are written; it follows what is received, and may be set. `trace` is called with each step of
+    a connection; it may be set or taken away at any time. `quiet` logs bad frames for debugging
+    only: for a port where something else may listen.
     """
 
     def __init__(
@@ -74,7 +76,8 @@ class Link:
         on_state: Callable[[LinkState, str], None],
         byte_order: ByteOrder | None = None,
         receive_timeout: float | None = None,
-        trace: Trace | None = None,
+        trace: Tap | None = None,
+        quiet: bool = False,
     ) -> None:
         self.name = name
         self.host = host
@@ -86,9 +89,11 @@ class Link:
         self._on_packet = on_packet
         self._on_state = on_state
         self._receive_timeout = receive_timeout
-        self._trace = trace
+        self.trace = trace
+        self._quiet = quiet
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
+        self._framer = Framer(byte_order)
         self._attempt = 0
         self._last_received = 0.0
 
@@ -96,6 +101,22 @@ class Link:
     def connected(self) -> bool:
         """True while requests can be sent."""
         return self.state is LinkState.CONNECTED
+
+    @property
+    def addresses(self) -> tuple[Address, Address] | None:
+        """Our own and the controller's end of the connection; None while there is none."""
+        if self._writer is None:
+            return None
+        ends = [self._writer.get_extra_info(name) for name in ('sockname', 'peername')]
+        if None in ends:  # it died before it could be asked
+            return None
+        own, other = ends
+        return (own[0], own[1]), (other[0], other[1])
+
+    @property
+    def unread(self) -> bytes:
+        """What came of a frame that is not whole yet."""
+        return self._framer.unread
 
     async def run(self) -> None:
         """Keep the link alive until this is cancelled."""
@@ -114,11 +135,11 @@ class Link:
         finally:
             self._step(LinkEvent.CLOSE, 'closed')
 
-    def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> None:
+    def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> Waiting:
         """Send a request; `on_reply` gets its reply and the time (loop's, s), if it comes.
 
-        Raises ConnectionError if the link is not connected or the controller does not read,
-        FieldError if a value does not fit.
+        Returns what `give_up` takes. Raises ConnectionError if the link is not connected or the
+        controller does not read, FieldError if a value does not fit.
         """
         if self._writer is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
@@ -126,7 +147,26 @@ class Link:
         data = encode(packet, self.dialect)
         now = asyncio.get_running_loop().time()
         self._write(self._writer, data)
-        self._pending.add(Waiting(packet.msg_type, sequence_of(message), now, on_reply))
+        waiting = Waiting(
+            packet.msg_type, sequence_of(message), now, on_reply, command_of(message)
+        )
+        self._pending.add(waiting)
+        return waiting
+
+    def give_up(self, waiting: Waiting) -> None:
+        """Wait no longer for a reply; when it comes all the same, it answers nothing else."""
+        self._pending.give_up(waiting)
+
+    def tell(self, message: Message) -> None:
+        """Send a topic, which is not answered. Raises as `post` does."""
+        if self._writer is None:
+            raise ConnectionError(f'{self.name} link is {self.state.value}')
+        self._write(self._writer, encode(topic(message), self.dialect))
+
+    @property
+    def unsent(self) -> int:
+        """Bytes that wait for the controller to read what was sent before."""
+        return 0 if self._writer is None else self._writer.transport.get_write_buffer_size()
 
     async def _connect_and_receive(self) -> float | None:
         """Return when the connection was established (loop time, s), or None if it was not."""
@@ -142,11 +182,16 @@ class Link:
         self._writer = writer
         self._last_received = established
         self.statistics.connections += 1
+        self.statistics.connected_since = established
+        self._framer = Framer(self._byte_order)
+        self._tell(WireEvent.OPENED)
         self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
         try:
             why = await self._receive(reader)
         finally:
+            self._tell(WireEvent.CLOSED)
             self._writer = None
+            self.statistics.connected_since = None
             self._pending.clear()
             writer.close()
         self._step(LinkEvent.LOST, f'{self.host}:{self.port}: {why}')
@@ -154,7 +199,7 @@ class Link:
 
     async def _receive(self, reader: asyncio.StreamReader) -> str:
         """Receive until the connection ends; return why it did."""
-        framer = Framer(self._byte_order)
+        framer = self._framer
         try:
             async with asyncio.timeout(self._receive_timeout) as silence:
                 while data := await reader.read(READ_SIZE):
@@ -170,14 +215,17 @@ class Link:
         except TimeoutError as error:  # ours has no text; the keepalive's (ETIMEDOUT) has
             return str(error) or f'silent for {self._receive_timeout:g} s'
         except OSError as error:
+            if isinstance(error, ConnectionResetError):
+                self._tell(WireEvent.RESET)
             return str(error)
+        self._tell(WireEvent.ENDED)
         return 'closed by the controller'
 
     def _received(self, data: bytes) -> None:
         self._last_received = asyncio.get_running_loop().time()
         self.statistics.bytes_received += len(data)
-        if self._trace is not None:
-            self._trace('received', data)
+        if self.trace is not None:
+            self.trace(WireEvent.RECEIVED, data)
 
     def _dispatch(self, frame: Frame) -> None:
         self.statistics.frames_received += 1
@@ -221,12 +269,17 @@ class Link:
         writer.write(data)
         self.statistics.frames_sent += 1
         self.statistics.bytes_sent += len(data)
-        if self._trace is not None:
-            self._trace('sent', data)
+        if self.trace is not None:
+            self.trace(WireEvent.SENT, data)
+
+    def _tell(self, event: WireEvent) -> None:
+        if self.trace is not None:
+            self.trace(event, b'')
 
     def _bad_frame(self, error: SimpleMessageError) -> None:
         self.statistics.bad_frames[error.field] += 1
-        _log.warning('%s link: bad frame: %s', self.name, error)
+        level = logging.DEBUG if self._quiet else logging.WARNING
+        _log.log(level, '%s link: bad frame: %s', self.name, error)
 
     def _step(self, event: LinkEvent, why: str) -> None:
         self.state = TRANSITIONS[self.state, event]

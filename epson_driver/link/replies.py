@@ -7,19 +7,31 @@
   decides; otherwise the oldest request that the reply's type can answer.
 * FANUC also sends a second, negative reply for a point that it has acknowledged and then could not
   reach. A sequence that was answered a moment ago does not answer the next request.
+* Motoman repeats in a MOTION_REPLY which command it answers, or that it answers a point.
 """
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from epson_driver.simple_message import Message, MessageType, Packet
+from epson_driver.simple_message import (
+    Message,
+    MessageType,
+    MotionCtrl,
+    MotionReply,
+    Packet,
+)
 
 ANSWERED_BY: dict[int, frozenset[int]] = {
     MessageType.JOINT_TRAJ_PT: frozenset({MessageType.JOINT_TRAJ_PT, MessageType.JOINT_POSITION}),
     MessageType.JOINT_TRAJ_PT_FULL: frozenset(
-        {MessageType.JOINT_TRAJ_PT_FULL, MessageType.JOINT_POSITION}
+        {
+            MessageType.JOINT_TRAJ_PT_FULL,
+            MessageType.JOINT_POSITION,
+            MessageType.MOTION_REPLY,
+        }
     ),
+    MessageType.MOTION_CTRL: frozenset({MessageType.MOTION_REPLY}),
 }
 """Types of reply per type of request; a type that is not listed is answered by itself."""
 
@@ -35,12 +47,24 @@ long after its request, s, will not come. Otherwise it would take the place of t
 
 @dataclass(frozen=True, slots=True)
 class Waiting:
-    """A request without its reply. `sent` is the loop's time, s."""
+    """A request without its reply. `sent` is the loop's time, s.
+
+    `command` is that of a MOTION_CTRL; a MOTION_REPLY to any other request has its type there.
+    """
 
     msg_type: int
     sequence: int | None
     sent: float
     on_reply: Callable[[Packet, float], None]
+    command: int | None = None
+
+    def may_be_answered_by(self, reply: Packet) -> bool:
+        """Return whether the reply is of a kind that answers this request."""
+        if reply.msg_type not in ANSWERED_BY.get(self.msg_type, {self.msg_type}):
+            return False
+        message = reply.message
+        expected = self.msg_type if self.command is None else self.command
+        return not isinstance(message, MotionReply) or message.command == expected
 
 
 class PendingReplies:
@@ -71,6 +95,13 @@ class PendingReplies:
                 self._answered.append(found.sequence)
         return found
 
+    def give_up(self, waiting: Waiting) -> None:
+        """Forget one request; a late reply with its sequence answers no other one."""
+        if waiting in self._waiting:
+            self._waiting.remove(waiting)
+            if waiting.sequence:
+                self._answered.append(waiting.sequence)
+
     def clear(self) -> None:
         """Forget all: the link is gone, no reply will come."""
         self._waiting.clear()
@@ -78,11 +109,7 @@ class PendingReplies:
 
     def _find(self, reply: Packet) -> Waiting | None:
         sequence = sequence_of(reply.message)
-        able = [
-            waiting
-            for waiting in self._waiting
-            if reply.msg_type in ANSWERED_BY.get(waiting.msg_type, {waiting.msg_type})
-        ]
+        able = [waiting for waiting in self._waiting if waiting.may_be_answered_by(reply)]
         if sequence:
             for waiting in able:
                 if waiting.sequence == sequence:
@@ -93,6 +120,11 @@ class PendingReplies:
 
 
 def sequence_of(message: Message) -> int | None:
-    """Return a message's sequence, or None if it has none."""
-    sequence: int | None = getattr(message, 'sequence', None)
+    """Return a message's sequence, or an I/O message's message_id; None if it has neither."""
+    sequence: int | None = getattr(message, 'sequence', getattr(message, 'message_id', None))
     return sequence
+
+
+def command_of(message: Message) -> int | None:
+    """Return the command of a MOTION_CTRL, None for any other message."""
+    return message.command if isinstance(message, MotionCtrl) else None

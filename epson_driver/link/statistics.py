@@ -13,6 +13,8 @@ class LinkStatistics:
     """Counters since the link object was made; nothing here grows without bound."""
 
     connections: int = 0
+    connected_since: float | None = None
+    """Loop time at which the present connection was established, s; None without one."""
     frames_received: int = 0
     frames_sent: int = 0
     bytes_received: int = 0

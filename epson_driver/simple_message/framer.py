@@ -57,6 +57,11 @@ class Framer:
         self._start = 0
         self._bad_length: int | None = None
 
+    @property
+    def unread(self) -> bytes:
+        """What was received and not given out as a frame."""
+        return bytes(self._buffer[self._start :])
+
     def receive_data(self, data: bytes) -> None:
         """Append bytes from the stream. Nothing is parsed before `next_frame`.
 

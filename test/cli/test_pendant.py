@@ -17,7 +17,7 @@ from epson_driver.cli import pendant, pendant_words
 from epson_driver.controller.core import Controller
 from epson_driver.controller.faults.fault_kinds import FAULTS
 from epson_driver.controller.network.servers import ControllerServers, Ports
-from epson_driver.controller.profile import load_controller_profile
+from epson_driver.controllers.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 

@@ -14,7 +14,7 @@ from epson_driver.client.goal import Goal
 from epson_driver.client.services import Services
 from epson_driver.controller.core import Controller
 from epson_driver.controller.network.servers import ControllerServers, Ports
-from epson_driver.controller.profile import load_controller_profile
+from epson_driver.controllers.profile import load_controller_profile
 from epson_driver.motion import Trajectory
 from epson_driver.robots import load_robot_model
 
@@ -180,9 +180,14 @@ def pose(*values):
 
 
 @contextlib.asynccontextmanager
-async def simulated(dialect=None):
-    """Run the simulated controller in this process; yield it and its ports."""
-    controller = Controller(MODEL, load_controller_profile('rc620'), dialect=dialect)
+async def simulated(dialect=None, profile='rc620'):
+    """Run the simulated controller in this process; yield it and its ports.
+
+    `profile` is the name of one, or one.
+    """
+    if isinstance(profile, str):
+        profile = load_controller_profile(profile)
+    controller = Controller(MODEL, profile, dialect=dialect)
     servers = ControllerServers(controller)
     ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
     task = asyncio.create_task(servers.run())

@@ -8,6 +8,7 @@ from epson_driver.client.execution import FINAL, Execution, Settings
 from epson_driver.client.goal import Goal
 from epson_driver.client.points import STOP
 from epson_driver.client.robot_state import RobotState
+from epson_driver.client.speed_scaling import SpeedScaling
 from epson_driver.motion import Trajectory
 from epson_driver.simple_message import (
     JointPosition,
@@ -25,10 +26,10 @@ CYCLE = ((0.0, 0.0), (0.5, 0.25), (0.0, 0.0))
 DT = 0.005
 
 
-def goal_along(points, *, step=1.0, tolerance=(0.01, 0.01), goal_time=0.0):
+def goal_along(points, *, step=1.0, tolerance=(0.01, 0.01), goal_time=0.0, **fields):
     times = np.arange(len(points)) * step
     trajectory = Trajectory(NAMES, times, np.array(points, dtype=float))
-    return Goal(trajectory, np.array(tolerance), goal_time)
+    return Goal(trajectory, np.array(tolerance), goal_time, **fields)
 
 
 class Bench:
@@ -50,8 +51,9 @@ class Bench:
             JointTrajPt(sequence, joint_data(list(point)), 0.5, options.get('step', 1.0))
             for sequence, point in enumerate(points)
         ]
+        self.scaling = SpeedScaling()
         self.execution = Execution(
-            self.goal, settings or Settings(), self._send, self._on_end, self.now
+            self.goal, settings or Settings(), self._send, self._on_end, self.now, self.scaling
         )
         self._wire = wire
         self.see(0.1)

@@ -7,6 +7,7 @@ from itertools import product
 import pytest
 
 from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
+from epson_driver.error_texts import load_error_texts
 from epson_driver.simple_message import Mode, Status, TriState
 
 
@@ -34,6 +35,7 @@ def test_closing_a_gate_that_was_never_open_says_so():
     assert gate.reason == 'not enabled since the driver started'
 
 
+ERRORS = load_error_texts()
 FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
 
 
@@ -43,7 +45,8 @@ FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
         ({}, None),
         ({'e_stopped': 1}, ['E-stop']),
         ({'e_stopped': 1, 'error_code': 2261}, ['E-stop', '2261']),
-        ({'in_error': 1, 'error_code': 4001}, ['in error 4001']),
+        ({'in_error': 1, 'error_code': 4001}, ['in error 4001 (the arm', 'not confirmed)']),
+        ({'in_error': 1, 'error_code': 4030}, ['in error 4030 (too much torque for too long)']),
         ({'drives_powered': 0}, ['motors are off']),
         ({'drives_powered': 0, 'error_code': 4031}, ['motors are off', '4031']),
         ({'e_stopped': 1, 'in_error': 1, 'drives_powered': 0}, ['E-stop']),
@@ -56,7 +59,7 @@ FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
     ],
 )
 def test_what_a_status_says(fields, words):
-    why = what_forbids_motion(Status(**{**FINE, **fields}))
+    why = what_forbids_motion(Status(**{**FINE, **fields}), ERRORS)
     if words is None:
         assert why is None
     else:
@@ -64,7 +67,7 @@ def test_what_a_status_says(fields, words):
 
 
 def test_nothing_known_forbids_nothing():
-    assert what_forbids_motion(Status()) is None
+    assert what_forbids_motion(Status(), ERRORS) is None
 
 
 def test_the_rule_in_full():
@@ -72,4 +75,4 @@ def test_the_rule_in_full():
     for e_stopped, in_error, drives, mode in product(values, values, values, Mode):
         status = Status(drives, e_stopped, 0, in_error, TriState.UNKNOWN, mode, TriState.UNKNOWN)
         forbidden = e_stopped == 1 or in_error == 1 or drives == 0
-        assert (what_forbids_motion(status) is not None) == forbidden
+        assert (what_forbids_motion(status, ERRORS) is not None) == forbidden

@@ -18,6 +18,11 @@ from epson_driver.client.goal import End, ErrorCode, Outcome
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.simple_message import Status
 
+
+def in_s(duration):
+    return duration.sec + duration.nanosec * 1e-9
+
+
 STAMP = Time(sec=12, nanosec=345)
 FIELDS = ('drives_powered', 'e_stopped', 'in_error', 'in_motion', 'motion_possible')
 
@@ -110,20 +115,34 @@ def test_feedback_is_where_it_should_go_where_it_is_and_the_difference():
     ):
         assert tuple(message.joint_names) == NAMES
         assert message.header.stamp == STAMP
-        assert list(desired.positions) == list(LINE[1])
-        assert (desired.time_from_start.sec, desired.time_from_start.nanosec) == (1, 0)
+        on_plan = np.array(LINE[1]) * elapsed  # the first segment takes 1 s
+        np.testing.assert_allclose(desired.positions, on_plan)
+        np.testing.assert_allclose(desired.velocities, LINE[1])
+        assert in_s(desired.time_from_start) == pytest.approx(elapsed, abs=1e-6)
         assert list(actual.positions) == [0.4, -0.1]
         assert list(actual.velocities) == [1.5, -2.5]
-        time = actual.time_from_start
-        assert time.sec + time.nanosec * 1e-9 == pytest.approx(elapsed, abs=1e-6)
-        assert list(message.error.positions) == [0.5 - 0.4, 0.25 - -0.1]
+        assert in_s(actual.time_from_start) == pytest.approx(elapsed, abs=1e-6)
+        np.testing.assert_allclose(message.error.positions, on_plan - [0.4, -0.1])
+        np.testing.assert_allclose(message.error.velocities, [0.5 - 1.5, 0.25 + 2.5])
+    assert list(state.output.positions) == list(LINE[1])  # the point on its way
     assert state.speed_scaling_factor == 1.0
 
 
-def test_feedback_after_the_last_reply_is_about_the_last_point():
-    bench = Bench()
+def test_feedback_before_a_goal_is_prepared_wants_the_arm_where_it_is():
+    bench = Bench(start=False)
+    sample = JointSample(bench.now, np.array([0.4, -0.1]), np.array([0.0, 0.0]))
+    feedback = messages.feedback(bench.execution, sample, STAMP)
+    assert list(feedback.desired.positions) == [0.4, -0.1]
+    assert list(feedback.error.positions) == [0.0, 0.0]
+    assert in_s(feedback.desired.time_from_start) == 0.0
+
+
+def test_feedback_after_the_plan_is_about_the_last_point():
+    bench = Bench(in_motion=TriState.TRUE)
     for _ in LINE:
         bench.answer()
+    bench.see(2.1)
     sample = bench.robot.sample
     feedback = messages.feedback(bench.execution, sample, STAMP)
     assert list(feedback.desired.positions) == list(LINE[-1])
+    assert in_s(feedback.desired.time_from_start) == 2.0

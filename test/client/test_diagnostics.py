@@ -5,7 +5,7 @@
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from driver_bench import JOINTS, Bench, now, run
+from driver_bench import JOINTS, Bench, WaxController, now, run, until
 
 from epson_driver.client.diagnostics import Diagnostics
 from epson_driver.controller.network.servers import Ports
@@ -73,6 +73,7 @@ def test_the_arm_that_is_not_enabled_is_a_warning_with_its_reason(bench, diagnos
     assert arm.level == WARN
     assert arm.message == 'not enabled: not enabled since the driver started'
     assert values(arm)['arm gate'] == 'closed'
+    assert values(arm)['arm gate reason'] == 'not enabled since the driver started'
 
 
 def test_the_arm_that_is_enabled_is_fine(bench, diagnostics):
@@ -94,7 +95,129 @@ def test_an_error_of_the_controller_is_an_error_with_its_number(bench, diagnosti
     bench.driver.gate.open()
     bench.driver.robot.on_status(Status(1, 0, 4001, 1, 0, 2, 0), 100.0)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
-    assert (arm.level, arm.message) == (ERROR, 'error 4001')
+    assert (arm.level, arm.message) == (
+        ERROR,
+        'error 4001 (the arm would leave its motion range; not confirmed)',
+    )
+    assert values(arm)['error code'] == '4001'
+    assert values(arm)['error'] == 'the arm would leave its motion range'
+    assert values(arm)['remedy'] == 'send points inside the limits'
+    assert values(arm)['error text confirmed'] == 'False'
+
+
+def test_a_number_that_nobody_has_listed_stands_alone(bench, diagnostics):
+    connect(bench)
+    bench.driver.robot.on_status(Status(1, 0, 1234, 1, 0, 2, 0), 100.0)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (ERROR, 'error 1234')
+    assert 'remedy' not in values(arm)
+
+
+@pytest.mark.parametrize(
+    ('status', 'text'),
+    [
+        (Status(1, 1, 0, 0, 0, 2, 0), 'the E-stop is pressed or not reset'),
+        (Status(1, 0, 0, 1, 0, 2, 0), 'the controller is in error 0'),
+    ],
+)
+def test_what_must_be_mended_is_an_error_even_without_a_number(bench, diagnostics, status, text):
+    connect(bench)
+    bench.driver.robot.on_status(status, 100.0)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (ERROR, text)
+
+
+def test_motors_that_are_off_are_a_warning_with_the_gates_reason(bench, diagnostics):
+    connect(bench)
+    bench.driver.gate.open()
+    bench.driver.gate.close('the motors are off')
+    bench.driver.robot.on_status(Status(0, 0, 0, 0, 0, 2, 0), 100.0)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (WARN, 'not enabled: the motors are off')
+
+
+@pytest.mark.parametrize(
+    ('joints', 'status', 'level', 'text'),
+    [
+        (99.01, 99.01, OK, 'enabled'),
+        (98.9, 99.9, STALE, 'no joint state for 1.1 s'),
+        (99.9, 97.9, STALE, 'no STATUS for 2.1 s'),
+        (99.9, None, STALE, 'no STATUS'),
+    ],
+)
+def test_inv6_a_stale_state_is_stale_and_nothing_else(
+    bench, diagnostics, joints, status, level, text
+):
+    connect(bench)
+    robot = bench.driver.robot
+    bench.driver.gate.open()
+    robot.on_joints((0.0,) * 10, joints)
+    fine = Status(1, 0, 0, 0, 0, 2, 1)
+    wrong = Status(1, 1, 4001, 1, 0, 2, 0)
+    if status is None:
+        robot.status = None
+    else:
+        robot.on_status(wrong if level == STALE else fine, status)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (level, text)
+
+
+def test_the_rate_and_the_regularity_of_the_joint_states(bench, diagnostics):
+    robot = bench.driver.robot
+    robot.on_joints((0.0,) * 10, 99.99)
+    first = values(rows(diagnostics.build(STAMP, 100.0))['arm'])
+    assert 'joint state rate [Hz]' not in first  # there is no time yet to count over
+    for number in range(100):  # 8 ms and 12 ms in turn
+        robot.on_joints((0.0,) * 10, 100.001 + number * 0.01 + (number % 2) * 0.002)
+    second = values(rows(diagnostics.build(STAMP, 101.0))['arm'])
+    assert second['joint state rate [Hz]'] == '100.0'
+    assert float(second['joint state jitter [ms]']) == pytest.approx(2.0, abs=0.02)
+    assert second['joint state longest gap [ms]'] == '12.00'
+    third = values(rows(diagnostics.build(STAMP, 102.0))['arm'])
+    assert third['joint state rate [Hz]'] == '0.0'
+    assert 'joint state jitter [ms]' not in third
+
+
+def test_a_gap_counts_where_it_ends(bench, diagnostics):
+    robot = bench.driver.robot
+    for time in (99.8, 99.9):
+        robot.on_joints((0.0,) * 10, time)
+    diagnostics.build(STAMP, 100.0)
+    for time in (100.5, 100.6):
+        robot.on_joints((0.0,) * 10, time)
+    gap = values(rows(diagnostics.build(STAMP, 101.0))['arm'])['joint state longest gap [ms]']
+    assert gap == '600.00'
+
+
+def test_after_a_lost_link_the_regularity_is_that_of_the_new_one(bench, diagnostics):
+    robot = bench.driver.robot
+    robot.on_joints((0.0,) * 10, 50.0)
+    diagnostics.build(STAMP, 100.0)
+    robot.clear()
+    for time in (100.5, 100.6, 100.7):
+        robot.on_joints((0.0,) * 10, time)
+    arm = values(rows(diagnostics.build(STAMP, 101.0))['arm'])
+    assert arm['joint state longest gap [ms]'] == '100.00'
+    assert arm['joint state rate [Hz]'] == '3.0'
+
+
+def test_the_io_link_is_there_where_it_is_used_and_at_most_a_warning():
+    bench = Bench(Ports(1, 2, 0, 0), io_port=3)
+    diagnostics = Diagnostics(bench.driver, 'x')
+    io = rows(diagnostics.build(STAMP, 100.0))['io link']
+    assert (io.level, io.message, io.hardware_id) == (WARN, 'connecting', '127.0.0.1:3')
+    bench.driver.io.reason = ''
+    bench.driver.io.link.state = LinkState.CONNECTED
+    io = rows(diagnostics.build(STAMP, 101.0))['io link']
+    assert (io.level, io.message) == (OK, 'connected')
+    assert values(io)['frame rate [Hz]'] == '0.0'
+
+
+def test_uptime_is_that_of_the_present_connection(bench, diagnostics):
+    link = bench.driver.motion_link
+    assert 'uptime [s]' not in values(rows(diagnostics.build(STAMP, 100.0))['motion link'])
+    link.statistics.connected_since = 40.0
+    assert values(rows(diagnostics.build(STAMP, 100.0))['motion link'])['uptime [s]'] == '60.0'
 
 
 def test_counters_and_rates(bench, diagnostics):
@@ -112,6 +235,7 @@ def test_counters_and_rates(bench, diagnostics):
     second = values(rows(diagnostics.build(STAMP, 102.0))['state link'])
     assert second['frame rate [Hz]'] == '180.0'
     assert second['connections'] == '3'
+    assert second['reconnects'] == '2'
     assert second['bad frames'] == '3'
     assert second['bad frames: body'] == '2'
     assert second['bad frames: length'] == '1'
@@ -127,6 +251,19 @@ def test_a_running_driver_without_a_controller():
         async with Bench(Ports(1, 1, 0, 0)) as bench:
             message = Diagnostics(bench.driver, 'epson_driver').build(STAMP, now())
             assert {row.level for row in message.status} == {ERROR, STALE}
+
+    run(scenario())
+
+
+def test_a_connection_has_its_time_until_it_is_lost():
+    async def scenario():
+        async with WaxController() as controller, Bench(controller.ports) as bench:
+            await bench.ready()
+            links = (bench.driver.state_link, bench.driver.motion_link)
+            assert all(0 < link.statistics.connected_since <= now() for link in links)
+            await controller.__aexit__()
+            await until(lambda: not any(link.connected for link in links))
+            assert [link.statistics.connected_since for link in links] == [None, None]
 
     run(scenario())
 

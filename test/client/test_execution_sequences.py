@@ -22,6 +22,8 @@ HAPPENINGS = st.lists(
         st.tuples(st.sampled_from(('cancel', 'stop', 'fault', 'withdraw')), st.none()),
         st.tuples(st.just('link'), st.booleans()),
         st.tuples(st.just('forget'), st.none()),
+        st.tuples(st.just('scale'), st.sampled_from((0.0, 0.01, 0.5, 1.0))),
+        st.tuples(st.just('possible'), st.sampled_from(list(TriState))),
         st.tuples(st.just('prepared'), st.none()),
     ),
     max_size=25,
@@ -55,6 +57,10 @@ def apply(bench, what, value):
         execution.on_unsolicited_failure(bench.now)
     elif what == 'prepared':
         bench.start()
+    elif what == 'scale':
+        bench.scaling.set(value, bench.now)
+    elif what == 'possible':
+        bench.status(motion_possible=value)
     elif what == 'link':
         bench.broken = value
     else:

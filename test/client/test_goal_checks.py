@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
-from control_msgs.msg import JointTolerance
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.client.goal import (
@@ -19,7 +18,6 @@ from epson_driver.client.goal import (
     check_limits,
     check_start,
     duration_in_s,
-    goal_tolerances,
     trajectory_from_message,
 )
 from epson_driver.motion import JointLimits
@@ -251,41 +249,6 @@ def test_a_later_first_point_must_be_reachable_in_its_time():
     text = refusal(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
     assert '1.2 rad/s' in text
     assert 'limit is 1 rad/s' in text
-
-
-# --- tolerances -------------------------------------------------------------------------------
-
-DEFAULTS = np.array([0.01, 0.02, 0.0])
-
-
-def tolerances(**positions):
-    entries = [JointTolerance(name=name, position=value) for name, value in positions.items()]
-    return goal_tolerances(entries, NAMES, DEFAULTS).tolist()
-
-
-@pytest.mark.parametrize(
-    ('asked', 'expected'),
-    [
-        ({}, [0.01, 0.02, np.inf]),
-        ({'a': 0.0}, [0.01, 0.02, np.inf]),
-        ({'a': 0.5}, [0.5, 0.02, np.inf]),
-        ({'c': 0.3}, [0.01, 0.02, 0.3]),
-        ({'b': -1.0}, [0.01, np.inf, np.inf]),
-        ({'c': 0.0, 'a': -0.1}, [np.inf, 0.02, np.inf]),
-    ],
-)
-def test_tolerances_zero_is_the_default_and_negative_is_off(asked, expected):
-    assert tolerances(**asked) == expected
-    assert DEFAULTS.tolist() == [0.01, 0.02, 0.0]  # not changed for the next goal
-
-
-def test_a_tolerance_of_an_unknown_joint():
-    assert "'x'" in refusal(lambda: tolerances(x=0.1), ErrorCode.INVALID_JOINTS)
-
-
-@pytest.mark.parametrize('bad', [float('nan'), float('inf')])
-def test_a_tolerance_that_is_not_finite(bad):
-    assert 'goal_tolerance, b: position' in refusal(lambda: tolerances(b=bad))
 
 
 def test_durations():

@@ -3,6 +3,7 @@
 """The node's parameters: described, typed, range-checked, and read-only where they must be."""
 
 import contextlib
+import re
 
 import pytest
 import rclpy
@@ -82,7 +83,7 @@ def test_every_parameter_has_a_description_a_type_and_bounds(node):
         if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
             assert descriptor.floating_point_range or descriptor.integer_range, name
         if isinstance(value, float):
-            assert '[rad' in descriptor.description or '[s]' in descriptor.description, name
+            assert re.search(r'\[(rad|s|Hz|MB)\b', descriptor.description), name
 
 
 @pytest.mark.parametrize('row', WITH_RANGE, ids=lambda row: row.name)
@@ -132,12 +133,16 @@ def test_the_others_can_be_changed_at_any_time_within_their_range(node, row):
     made = node()
     declare(made)
     good = row.high if row.high is not None else not row.default
+    if isinstance(row.default, str):
+        good = f'{row.default}x'
     assert made.set_parameters([Parameter(row.name, value=good)])[0].successful
     assert made.get_parameter(row.name).value == good
     if row.high is not None:
         result = made.set_parameters([Parameter(row.name, value=row.high + 1.0)])[0]
         assert not result.successful
         assert row.name in result.reason
+        kind = type(row.default)
+        assert f'Min: {kind(row.low)}, Max: {kind(row.high)}' in result.reason
         assert made.get_parameter(row.name).value == good
 
 
@@ -163,3 +168,26 @@ def test_joint_names_become_parameters_of_their_own(node):
 def test_joint_names_must_be_there_and_differ(node, names):
     with pytest.raises(ValueError, match='joint_names'):
         declare(node(joint_names=names))
+
+
+def test_the_controller_gives_defaults_and_what_is_set_counts_more(node):
+    values = declare(node(controller='motoman', state_port=5))
+    assert values['controller'] == 'motoman'
+    assert (values['motion_port'], values['io_port']) == (50240, 50242)
+    assert values['state_port'] == 5
+    assert values['point_message'] == 'joint_traj_pt_full'
+    assert values['byte_order'] == 'auto'
+    values = declare(node(controller='abb'))
+    assert values['interface'] == 'download'
+    assert declare(node(controller='abb', interface='streaming'))['interface'] == 'streaming'
+
+
+def test_a_controller_of_ones_own(node, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('{like: rc620, name: mine, description: x, ports: {motion: 7000}}')
+    assert declare(node(controller=str(path)))['motion_port'] == 7000
+
+
+def test_an_unknown_controller_lists_those_there_are(node):
+    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*rc620'):
+        declare(node(controller='rc1'))

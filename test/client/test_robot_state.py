@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from epson_driver.client.joint_mapping import joint_mapping
 from epson_driver.client.robot_state import VELOCITY_WINDOW, RobotState
 from epson_driver.simple_message import Status, TriState, joint_data
 
@@ -148,3 +149,17 @@ def test_memory_is_bounded():
     state = RobotState(1)
     feed(state, lambda t: t, 60.0)
     assert len(state._history) <= VELOCITY_WINDOW / DT + 2
+
+
+def test_positions_and_velocities_are_counted_as_ros_does():
+    """The controller's joint 3 goes against its joint 2; joint 1 turns the other way."""
+    mapping = joint_mapping(3, [-1, 1, 1], [0.5, 0.0, 0.0], 1)
+    state = RobotState(3, mapping=mapping)
+    for count in range(20):  # fitted velocities
+        t = count * DT
+        sample = state.on_joints(joint_data([0.1 * t, 0.2 * t, 0.3 * t]), 50.0 + t)
+    np.testing.assert_allclose(sample.positions, [0.5 - 0.1 * t, 0.2 * t, 0.5 * t])
+    np.testing.assert_allclose(sample.velocities, [-0.1, 0.2, 0.5], rtol=1e-9)
+    sample = state.on_joints(joint_data([0.0, 1.0, 2.0]), 51.0, joint_data([0.1, 0.2, 0.3]))
+    np.testing.assert_allclose(sample.positions, [0.5, 1.0, 3.0])
+    np.testing.assert_allclose(sample.velocities, [-0.1, 0.2, 0.5])

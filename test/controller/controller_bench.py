@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from epson_driver.controller.core import Controller
-from epson_driver.controller.profile import load_controller_profile
 from epson_driver.controller.states import Event
+from epson_driver.controllers.profile import load_controller_profile
 from epson_driver.motion.smoother import plan
 from epson_driver.robots import load_robot_model
 

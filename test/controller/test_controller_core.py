@@ -21,8 +21,8 @@ from controller_bench import (
 )
 
 from epson_driver.controller.core import Controller
-from epson_driver.controller.profile import load_controller_profile
 from epson_driver.controller.states import EStop, Motors, RefusedError, Tasks
+from epson_driver.controllers.profile import load_controller_profile
 from epson_driver.simple_message import FrameError
 
 HERE = (0.0,) * 6

@@ -12,7 +12,7 @@ from itertools import pairwise
 import pytest
 from link_bench import Bench, Peer, frame, joints, run, until
 
-from epson_driver.link import LinkState
+from epson_driver.link import LinkState, WireEvent
 from epson_driver.simple_message import (
     BIG_ENDIAN,
     ByteOrder,
@@ -417,7 +417,8 @@ def test_a_request_is_forgotten_when_the_link_is_lost():
 
 def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_them():
     async def scenario():
-        traced = {'sent': bytearray(), 'received': bytearray()}
+        traced = {event: bytearray() for event in WireEvent}
+        steps = []
         sent = bytearray()
 
         async def talk(connection):
@@ -434,6 +435,7 @@ def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_th
         def trace(direction, data):
             assert isinstance(data, bytes)
             traced[direction] += data
+            steps.append(direction)
 
         async with Peer(talk) as peer, Bench(peer.port, trace=trace) as bench:
             await until(lambda: bench.packets)
@@ -449,6 +451,9 @@ def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_th
             assert counted.frames_sent == 2
             assert counted.connections == 1
             assert counted.bad_frames.total() == 1
+        assert steps[0] == 'opened'
+        assert steps[-1] == 'closed'
+        assert not {'opened', 'closed', 'ended', 'reset'}.intersection(steps[1:-1])
 
     run(scenario())
 

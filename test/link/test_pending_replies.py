@@ -6,13 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from epson_driver.link.replies import PendingReplies, Waiting, sequence_of
+from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
 from epson_driver.simple_message import (
     Frame,
     GetVersion,
     JointPosition,
     JointTrajPt,
     JointTrajPtFull,
+    MotionCtrl,
+    MotionReply,
     Opaque,
     Ping,
     ReplyCode,
@@ -218,3 +220,24 @@ def test_whatever_comes_no_request_is_answered_twice(steps):
     assert len(taken) == len(set(taken))
     assert set(taken) <= {id(waiting) for waiting in posted}
     assert len(pending) <= len(posted) - len(taken)
+
+
+def test_a_motion_reply_answers_the_command_that_it_repeats():
+    """Motoman: a STOP_MOTION overtakes a point, and both are answered with a MOTION_REPLY."""
+    point, stop = JointTrajPtFull(0, 5, 7), MotionCtrl(0, 0, 200111)
+    pending = PendingReplies()
+    for message in (point, stop):
+        packet = request(message)
+        pending.add(
+            Waiting(
+                packet.msg_type, sequence_of(message), 0.0, lambda *_: None, command_of(message)
+            )
+        )
+    stopped = pending.take(reply(MotionReply(0, 0, 200111, 0), OK))
+    assert stopped is not None
+    assert stopped.command == 200111
+    assert pending.take(reply(MotionReply(0, 0, 200121, 0), OK)) is None
+    answered_point = pending.take(reply(MotionReply(0, 5, 14, 0), OK))
+    assert answered_point is not None
+    assert answered_point.sequence == 5
+    assert len(pending) == 0

@@ -13,6 +13,7 @@ from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
 from diagnostic_msgs.msg import DiagnosticArray
+from epson_msgs.srv import SetSpeedScaling
 from industrial_msgs.msg import RobotStatus
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -20,7 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -119,6 +120,14 @@ class RosPeer:
             name: self._node.create_client(Trigger, f'{driver}/{name}')
             for name in ('stop', 'enable', 'disable', 'reset_error')
         }
+        self.speed_scaling: list[float] = []
+        self._node.create_subscription(
+            Float64,
+            f'{driver}/speed_scaling',
+            self._keep(lambda message: self.speed_scaling.append(message.data)),
+            latched,
+        )
+        self._set_speed = self._node.create_client(SetSpeedScaling, f'{driver}/set_speed_scaling')
         self._thread = threading.Thread(target=self._executor.spin, daemon=True)
         self._thread.start()
 
@@ -168,6 +177,13 @@ class RosPeer:
         client = self._services[service]
         assert client.wait_for_service(PATIENCE)
         answer = self.complete(client.call_async(Trigger.Request()))
+        return answer.success, answer.message
+
+    def set_speed(self, factor: float) -> tuple[bool, str]:
+        """Call `~/set_speed_scaling` and return (success, message)."""
+        assert self._set_speed.wait_for_service(PATIENCE)
+        request = SetSpeedScaling.Request(factor=factor)
+        answer = self.complete(self._set_speed.call_async(request))
         return answer.success, answer.message
 
     def goal(self, message: JointTrajectory, **fields: Any) -> Goal:

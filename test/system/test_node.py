@@ -44,6 +44,7 @@ def test_diagnostics(shared_cell: Cell) -> None:
     assert set(found) == {
         'epson_driver: state link',
         'epson_driver: motion link',
+        'epson_driver: io link',
         'epson_driver: arm',
     }
     for status in found.values():
@@ -52,6 +53,12 @@ def test_diagnostics(shared_cell: Cell) -> None:
     values = {value.key: value.value for value in found['epson_driver: state link'].values}
     assert float(values['frame rate [Hz]']) > 1.0
     assert values['bad frames'] == '0'
+    assert values['reconnects'] == '0'
+    assert float(values['uptime [s]']) > 0.0
+    values = {value.key: value.value for value in found['epson_driver: arm'].values}
+    assert float(values['joint state rate [Hz]']) > 1.0
+    assert float(values['joint state longest gap [ms]']) > 0.0
+    assert values['arm gate'] == 'open'
 
 
 def test_start_order_does_not_matter(tmp_path: Path) -> None:

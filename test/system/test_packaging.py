@@ -14,7 +14,7 @@ import pytest
 from epson_driver.cli import processes
 
 ROOT = Path(__file__).parents[2]
-EXECUTABLES = ('client', 'demo', 'pendant', 'sim_controller', 'smooth')
+EXECUTABLES = ('client', 'demo', 'pendant', 'replay', 'sim_controller', 'smooth')
 
 
 @pytest.fixture(scope='module')
@@ -74,6 +74,7 @@ def test_colcon_build_makes_a_ros_package(colcon_install: Path) -> None:
     assert (share / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver').is_file()
     assert (share / 'epson_driver' / 'package.xml').is_file()
     assert (share / 'epson_driver' / 'config' / 'robots' / 'c3_a601s.yaml').is_file()
+    assert (share / 'epson_driver' / 'config' / 'errors' / 'epson.yaml').is_file()
     lib = colcon_install / 'lib' / 'epson_driver'
     for name in EXECUTABLES:
         assert os.access(lib / name, os.X_OK)
@@ -85,7 +86,7 @@ def test_colcon_finds_the_packages_that_the_readme_names() -> None:
     folders = [ROOT, ROOT / 'interfaces']
     command = [Path(sys.executable).parent / 'colcon', 'list', '--names-only', '--base-paths']
     run = subprocess.run([*command, *folders], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ['epson_driver', 'industrial_msgs']
+    assert run.stdout.split() == ['epson_driver', 'epson_msgs', 'industrial_msgs']
 
 
 def test_pip_environment_is_found_by_ros_tools() -> None:

@@ -12,7 +12,7 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from epson_driver.controller.io.io_profile import IoProfile, Point
+from epson_driver.controllers.io_profile import IoProfile, Point
 from epson_driver.simple_message import IoFeature, IoRange, IoResult, IoType
 
 BYTE = 8

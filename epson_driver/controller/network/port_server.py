@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from epson_driver.controller.network.connection import Connection
 from epson_driver.controller.network.pacer import Pacer
-from epson_driver.controller.profile import ServerProfile
+from epson_driver.controllers.profile import ServerProfile
 from epson_driver.simple_message import FrameError
 
 HANDOVER = 0.1

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from epson_driver.controller.errors import Refusal, corrupt
-from epson_driver.controller.profile import DownloadProfile
+from epson_driver.controllers.profile import DownloadProfile
 from epson_driver.simple_message import CommType, JointTrajPt, SpecialSequence
 
 _log = logging.getLogger(__name__)

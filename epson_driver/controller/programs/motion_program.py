@@ -29,7 +29,6 @@ from collections.abc import Callable
 from epson_driver.controller.arm.executor import Executor, Point
 from epson_driver.controller.clock import Clock
 from epson_driver.controller.errors import ErrorRegister, Refusal, corrupt
-from epson_driver.controller.profile import ProgramProfile
 from epson_driver.controller.programs.download import FIRST, LAST, Download
 from epson_driver.controller.programs.point_queue import Entry, PointQueue
 from epson_driver.controller.programs.points import (
@@ -43,6 +42,7 @@ from epson_driver.controller.programs.points import (
 from epson_driver.controller.programs.program import ProgramQuit, SendPacket
 from epson_driver.controller.programs.replies import REPLIES
 from epson_driver.controller.requests import answer, failure
+from epson_driver.controllers.profile import ProgramProfile
 from epson_driver.simple_message import (
     BodyError,
     CommType,

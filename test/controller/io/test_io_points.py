@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from epson_driver.controller.io.io_points import IoError, IoPoints
-from epson_driver.controller.io.io_profile import IoProfile, read_io_profile
-from epson_driver.controller.profile_rules import ControllerProfileError
+from epson_driver.controllers.io_profile import IoProfile, read_io_profile
+from epson_driver.controllers.profile_rules import ControllerProfileError
 from epson_driver.simple_message import IoRange, IoResult, IoType
 
 DI, DO = IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT

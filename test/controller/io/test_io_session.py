@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from epson_driver.controller.clock import Clock
 from epson_driver.controller.io.io_points import IoPoints
-from epson_driver.controller.io.io_profile import IoProfile
 from epson_driver.controller.io.io_session import IoSession
 from epson_driver.controller.io.io_stream import MAX_RANGES
+from epson_driver.controllers.io_profile import IoProfile
 from epson_driver.simple_message import (
     BIG_ENDIAN,
     LITTLE_ENDIAN,

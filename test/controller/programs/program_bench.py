@@ -10,8 +10,8 @@ import numpy as np
 from epson_driver.controller.arm.point_to_point import PointToPoint
 from epson_driver.controller.clock import Clock
 from epson_driver.controller.errors import ErrorRegister
-from epson_driver.controller.profile import load_controller_profile
 from epson_driver.controller.programs.motion_program import MotionProgram
+from epson_driver.controllers.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import Dialect, Framer, encode
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from epson_driver.controller.profile_rules import ControllerProfileError
+from epson_driver.controllers.profile_rules import ControllerProfileError
 from epson_driver.simple_message import IoType
 
 MAX_POINTS = 4096

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import yaml
 
-from epson_driver.controller.io.io_profile import IoProfile, read_io_profile
-from epson_driver.controller.profile_rules import (
+from epson_driver.controllers.io_profile import IoProfile, read_io_profile
+from epson_driver.controllers.profile_rules import (
     LOOK_AHEAD,
     RULES,
     ControllerProfileError,
@@ -103,6 +103,7 @@ class ProgramProfile:
     """The program on the motion port: which messages it takes, and how it answers.
 
     * `kind`: JOINT_TRAJ_PT ('points'), or Motoman's messages.
+    * `interface`: how a driver hands trajectories over unless it is told otherwise.
     * `reply`: JOINT_POSITION with the request's sequence, all zero, or only a header of the
       request's type.
     * `acknowledge`: when a streamed point is answered: when the arm has taken it, when it is
@@ -118,6 +119,7 @@ class ProgramProfile:
     """
 
     kind: Literal['points', 'motoman']
+    interface: Literal['streaming', 'download']
     reply: Literal['sequence', 'zero', 'header']
     acknowledge: Literal['default', 'taken', 'done']
     failure_replies: bool
@@ -178,7 +180,7 @@ class ControllerProfile:
     """Data of one kind of controller.
 
     `approximate` holds sentences on what is only approximated; `cycle_period` is that of the
-    motion, s.
+    motion, s. `error_texts` names the file of config/errors that its error numbers are in.
     """
 
     name: str
@@ -186,6 +188,7 @@ class ControllerProfile:
     approximate: tuple[str, ...]
     byte_order: ByteOrder
     mode: Mode
+    error_texts: str
     cycle_period: float
     ports: PortsProfile
     motion: MotionProfile

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from epson_driver.controller.profile import (
+from epson_driver.controllers.profile import (
     ControllerProfile,
     ControllerProfileError,
     load_controller_profile,
 )
-from epson_driver.controller.profile_rules import RULES
+from epson_driver.controllers.profile_rules import RULES
 from epson_driver.share import share_file
 from epson_driver.simple_message import ByteOrder, Mode
 

@@ -1,0 +1,77 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the tables that come from elsewhere.
+
+Parameters in ros_interface.md, from client/parameters.py; error numbers in troubleshooting.md,
+from config/errors/epson.yaml.
+
+Run it after a change there: `python docs/make_tables.py`. Tests compare them.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from epson_driver.client.parameters import TABLE, Row, joint_rows
+from epson_driver.error_texts import NO_ERROR, load_error_texts
+
+DOCS = Path(__file__).parent
+KINDS = {bool: 'bool', int: 'integer', float: 'double', str: 'string', list: 'array'}
+
+
+def parameters() -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the parameters; `<joint>` stands for each joint's name."""
+    yield 'name', 'type', 'default', 'allowed', 'change', ''
+    for row in (*TABLE, *joint_rows('<joint>')):
+        yield (
+            f'`{row.name}`',
+            KINDS[type(row.default)],
+            _written(row.default),
+            _allowed(row),
+            'any time' if row.now else 'at start',
+            row.description.replace('<joint>', '`<joint>`'),
+        )
+
+
+def errors() -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the error numbers."""
+    yield 'number', 'meaning', 'what to do', 'confirmed'
+    for number, text in load_error_texts('epson').items():
+        if number != NO_ERROR:
+            confirmed = 'yes' if text.confirmed else '**no**'
+            yield str(number), text.meaning, text.remedy, confirmed
+
+
+def page(name: str) -> str:
+    """Return a page with its table as it should be."""
+    mark, rows = TABLES[name]
+    begin, end = f'<!-- {mark}: begin -->\n', f'<!-- {mark}: end -->\n'
+    head, rest = (DOCS / name).read_text(encoding='utf-8').split(begin)
+    return head + begin + _table(rows()) + end + rest.split(end)[1]
+
+
+def _table(rows: Iterator[tuple[str, ...]]) -> str:
+    first = next(rows)
+    lines = [first, ('---',) * len(first), *rows]
+    return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
+
+
+def _written(default: object) -> str:
+    if isinstance(default, list):
+        return ', '.join(map(str, default))
+    return str(default).lower() if isinstance(default, bool) else str(default)
+
+
+def _allowed(row: Row) -> str:
+    if row.choices:
+        return ', '.join(row.choices)
+    return '' if row.low is None else f'{row.low:g} … {row.high:g}'
+
+
+TABLES: dict[str, tuple[str, Callable[[], Iterator[tuple[str, ...]]]]] = {
+    'ros_interface.md': ('parameters', parameters),
+    'troubleshooting.md': ('errors', errors),
+}
+
+if __name__ == '__main__':
+    for name in TABLES:
+        (DOCS / name).write_text(page(name), encoding='utf-8')

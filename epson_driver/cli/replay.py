@@ -1,0 +1,222 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`replay`: plays the controller's side of a recorded run to a client, for bug reports."""
+
+import argparse
+import asyncio
+import contextlib
+import functools
+import signal
+import sys
+from pathlib import Path
+
+from epson_driver.link.pcap import PcapError
+from epson_driver.link.player import Order, Player, Score
+from epson_driver.link.recording import read_recording
+from epson_driver.link.script import ROLES, Kind, Script, ScriptError, make_script
+
+TELL_AFTER = 2.0
+"""What the recording waits for is told when it has waited this long, s."""
+
+
+def main() -> int:
+    """Play a file once. Returns 0 if the client did all that was recorded and nothing else."""
+    parser = _parser()
+    args = parser.parse_args()
+    try:
+        script = make_script(read_recording(args.file), args.controller)
+    except (PcapError, ScriptError) as error:
+        parser.error(f'{args.file}: {error}')
+    except OSError as error:
+        parser.error(f'{args.file}: {error.strerror}')
+    player = Player(script, args.speed, _tell)
+    asked = {role: getattr(args, f'{role}_port') for role in ROLES}
+    ports = {
+        role: port if asked[role] is None else asked[role] for role, port in script.ports.items()
+    }
+    try:
+        asyncio.run(_run(player, script, args.host, ports))
+    except OSError as error:
+        print(f'replay: {error}', file=sys.stderr)
+        return 2
+    score = player.finish()
+    print(_report(score))
+    return 0 if score.unknown == score.missing == 0 else 1
+
+
+async def _run(player: Player, script: Script, host: str, ports: dict[str, int]) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    stage = _Stage(player, stop)
+    servers = {
+        role: await loop.create_server(
+            functools.partial(_Connection, stage, script.ports[role]), host, port
+        )
+        for role, port in ports.items()
+    }
+    open_ports = {role: each.sockets[0].getsockname()[1] for role, each in servers.items()}
+    print('listening', *(f'{role}={port}' for role, port in open_ports.items()), flush=True)
+    telling = asyncio.create_task(_tell_what_is_missing(player))
+    await stop.wait()
+    telling.cancel()
+    for server in servers.values():
+        server.close()
+    stage.close()
+    await asyncio.sleep(0)  # what was closed goes now
+
+
+async def _tell_what_is_missing(player: Player) -> None:
+    before = told = ''
+    while True:
+        await asyncio.sleep(TELL_AFTER)
+        missing = player.waits_for
+        if missing and missing == before and missing != told:
+            _tell(f'waiting for {missing}')
+            told = missing
+        before = missing
+
+
+class _Stage:
+    """Lets time pass for the player, and does what it says."""
+
+    def __init__(self, player: Player, stop: asyncio.Event) -> None:
+        self.player = player
+        self._stop = stop
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        self._transports: dict[int, asyncio.Transport] = {}
+
+    def connect(self, port: int, transport: asyncio.Transport) -> int | None:
+        """Return the recorded connection for a new one, or None."""
+        number = self.player.connect(port, self._loop.time())
+        if number is not None:
+            self._transports[number] = transport
+        return number
+
+    def leave(self, number: int) -> None:
+        """Forget a connection that is gone."""
+        if self._transports.pop(number, None) is not None:
+            self.player.leave(number)
+            self.go_on()
+
+    def go_on(self) -> None:
+        """Do what is due, and come back when more is."""
+        if self._timer is not None:
+            self._timer.cancel()
+        for order in self.player.advance(self._loop.time()):
+            self._obey(order)
+        if self.player.done:
+            self._stop.set()
+            return
+        pause = self.player.wait()
+        if pause is not None:
+            self._timer = self._loop.call_later(pause, self.go_on)
+
+    def close(self) -> None:
+        """Close what is open."""
+        if self._timer is not None:
+            self._timer.cancel()
+        for transport in self._transports.values():
+            transport.close()
+        self._transports.clear()
+
+    def _obey(self, order: Order) -> None:
+        if order.kind is Kind.SEND:
+            self._transports[order.connection].write(order.data)
+            return
+        transport = self._transports.pop(order.connection)
+        if order.kind is Kind.RESET:
+            transport.abort()
+        else:
+            transport.close()
+
+
+class _Connection(asyncio.Protocol):
+    """A client on one of the ports."""
+
+    def __init__(self, stage: _Stage, port: int) -> None:
+        self._stage = stage
+        self._port = port
+        self._number: int | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Play to it, or close it if nothing was recorded for it now."""
+        if not isinstance(transport, asyncio.Transport):
+            raise TypeError(transport)
+        self._number = self._stage.connect(self._port, transport)
+        if self._number is None:
+            transport.close()
+        else:
+            self._stage.go_on()
+
+    def data_received(self, data: bytes) -> None:
+        """Take what it sent."""
+        if self._number is not None and self._stage.player.plays(self._number):
+            self._stage.player.receive(self._number, data)
+            self._stage.go_on()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget it."""
+        if self._number is not None:
+            self._stage.leave(self._number)
+
+
+def _report(score: Score) -> str:
+    requests = score.same + score.alike
+    return '\n'.join(
+        (
+            f'requests: {requests} as recorded ({score.same} to the byte), '
+            f'{score.unknown} not recorded, {score.missing} missing',
+            f'messages: {score.sent} sent, {score.repeated} repeated while waiting, '
+            f'{score.left_out} left out',
+        )
+    )
+
+
+def _tell(text: str) -> None:
+    with contextlib.suppress(BrokenPipeError):
+        print(f'replay: {text}', file=sys.stderr, flush=True)
+
+
+def _port(text: str) -> int:
+    port = int(text) if text.isdecimal() else -1
+    if not 0 <= port <= 65_535:
+        raise argparse.ArgumentTypeError(f'{text}: must be a port from 0 to 65535')
+    return port
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = 0.0
+    if not 0.01 <= speed <= 100.0:
+        raise argparse.ArgumentTypeError(f'{text}: must be a number from 0.01 to 100')
+    return speed
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='replay',
+        description="Plays the controller's side of a recorded run once. Exit code 0: the client "
+        'did all that was recorded and nothing else; 1: it did not; 2: not playable.',
+        allow_abbrev=False,
+    )
+    parser.add_argument('file', type=Path, metavar='FILE', help='a trace, or a pcap of tcpdump')
+    parser.add_argument('--host', default='127.0.0.1', help='address to listen on (%(default)s)')
+    for role in ROLES:
+        text = f'{role} port, 0 for any free one (the recorded one)'
+        parser.add_argument(f'--{role}-port', type=_port, metavar='PORT', help=text)
+    parser.add_argument(
+        '--speed', type=_speed, default=1.0, metavar='FACTOR', help='of time (%(default)s)'
+    )
+    parser.add_argument(
+        '--controller', metavar='ADDRESS', help='whose side, if the file has several controllers'
+    )
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,61 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How trajectories reach a controller: the messages that are made of one, and how they are sent.
+
+A goal's execution posts one message at a time, and the next one when that is answered. It is the
+same for all deliveries, and so are STOP and the end of a goal:
+
+* streaming (streaming.py): each point is a request, and its reply is the answer;
+* download (download.py): points are topics; each counts as answered when it is sent;
+* Motoman (motoman_delivery.py): as streaming, in Motoman's messages.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from epson_driver.motion import Array, Trajectory
+from epson_driver.simple_message import Message, Packet
+
+OnReply = Callable[[Packet, float], None]
+"""on_reply(packet, now) is called when a message is answered; now: the loop's time, s."""
+
+
+@dataclass(frozen=True)
+class DeliveryRules:
+    """What the controller takes: parameters and its profile.
+
+    motoman: its points need Motoman's commands. buffer, dead_time (s per point): of a download, as
+    in the profile (docs/controllers.md).
+    """
+
+    interface: Literal['streaming', 'download'] = 'streaming'
+    point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] = 'joint_traj_pt'
+    motoman: bool = False
+    buffer: int = 1000
+    dead_time: float = 0.0
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A trajectory as it is executed, and its messages, in the order in which they are posted.
+
+    delay: how long after the first of them the controller lets the arm stand before it moves, s.
+    """
+
+    trajectory: Trajectory
+    messages: list[Message]
+    delay: float = 0.0
+
+
+class Delivery(Protocol):
+    """A way to a controller."""
+
+    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
+        """Return the messages for a checked trajectory from `start` (shape (n,), rad).
+
+        Raises GoalRefusedError if the controller cannot take it.
+        """
+
+    def post(self, message: Message, on_reply: OnReply) -> None:
+        """Send one of them, or STOP. Raises ConnectionError if there is no link."""

@@ -1,0 +1,87 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joints as the controller counts them, and as ROS does: coupling, signs, offsets.
+
+FANUC and ABB count the third joint against the second one. ROS-Industrial's factor says how:
+joint 3 of ROS is that of the controller plus `j23_factor` times its joint 2 (FANUC's J23_factor;
+ABB's coupling is -1). After that each joint is `sign` times the controller's plus `offset`. The
+way to the controller is the exact inverse. Velocities go the same ways, without the offset.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from epson_driver.motion import Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointMapping:
+    """The mapping of n joints. signs: 1 or -1, offsets: rad, both of shape (n,).
+
+    All methods take and return arrays of shape (n,) or (points, n), in rad or rad/s.
+    """
+
+    signs: Array
+    offsets: Array
+    j23_factor: int = 0
+
+    @cached_property
+    def identity(self) -> bool:
+        """Whether both count alike: then values pass as they are, bit by bit."""
+        return not self.j23_factor and bool(np.all(self.signs == 1.0) and not self.offsets.any())
+
+    def positions_to_ros(self, values: Array) -> Array:
+        """Return the controller's positions as ROS's."""
+        return values if self.identity else self.velocities_to_ros(values) + self.offsets
+
+    def velocities_to_ros(self, values: Array) -> Array:
+        """Return the controller's velocities as ROS's."""
+        return values if self.identity else self.signs * self._coupled(values, self.j23_factor)
+
+    def positions_to_controller(self, values: Array) -> Array:
+        """Return ROS's positions as the controller's."""
+        return values if self.identity else self.velocities_to_controller(values - self.offsets)
+
+    def velocities_to_controller(self, values: Array) -> Array:
+        """Return ROS's velocities as the controller's."""
+        return values if self.identity else self._coupled(self.signs * values, -self.j23_factor)
+
+    def _coupled(self, values: Array, factor: int) -> Array:
+        if not factor:
+            return values
+        coupled = values.copy()
+        coupled[..., 2] += factor * values[..., 1]
+        return coupled
+
+
+def joint_mapping(
+    joints: int, signs: Sequence[int], offsets: Sequence[float], j23_factor: int
+) -> JointMapping:
+    """Return the mapping that the parameters ask for: one number for all joints, or one for each.
+
+    Raises ValueError that names the parameter and its value.
+    """
+    for name, values in (('joint_signs', signs), ('joint_offsets', offsets)):
+        if len(values) not in (1, joints):
+            raise ValueError(
+                f'parameter {name} = {list(values)}: needs one number, or {joints}: one per joint'
+            )
+    if not all(sign in (1, -1) for sign in signs):
+        raise ValueError(f'parameter joint_signs = {list(signs)}: each must be 1 or -1')
+    if not np.all(np.isfinite(offsets)):
+        raise ValueError(f'parameter joint_offsets = {list(offsets)}: each must be finite')
+    if j23_factor and joints < 3:
+        raise ValueError(f'parameter j23_factor = {j23_factor}: there are {joints} joints')
+    return JointMapping(
+        np.ones(joints) * np.array(signs, dtype=float),
+        np.zeros(joints) + np.array(offsets, dtype=float),
+        j23_factor,
+    )
+
+
+def unmapped(joints: int) -> JointMapping:
+    """Return the mapping that changes nothing."""
+    return JointMapping(np.ones(joints), np.zeros(joints))

@@ -1,0 +1,21 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which of many samples are passed on, so that they come at a set rate."""
+
+
+class Pace:
+    """Lets `rate` samples a second through, or all if there are fewer. Times are monotonic, s."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def due(self, time: float, rate: float) -> bool:
+        """Return whether the sample of this time is one: the first in each period, 1/Hz.
+
+        Periods follow each other whenever the samples come, so that the mean rate is right.
+        """
+        if time < self._next:
+            return False
+        following = self._next + 1.0 / rate
+        self._next = following if following > time else time + 1.0 / rate
+        return True

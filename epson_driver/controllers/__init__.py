@@ -1,0 +1,11 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Kinds of controllers as data, from config/controllers/."""
+
+from epson_driver.controllers.profile import (
+    ControllerProfile,
+    ControllerProfileError,
+    load_controller_profile,
+)
+
+__all__ = ['ControllerProfile', 'ControllerProfileError', 'load_controller_profile']

@@ -1,0 +1,110 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a controller's error numbers mean: one table, config/errors/NAME.yaml, for both ends.
+
+The simulated controller shows these numbers; the client says what they mean and what helps.
+"""
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from epson_driver.share import share_file
+
+NO_ERROR = 0
+NO_TEXTS = 'none'
+"""The name of the table without any text: for controllers whose numbers nobody has listed."""
+
+_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where there is one
+
+
+class ErrorText(NamedTuple):
+    """What an error number means, what a person does about it, and whether both are certain.
+
+    `confirmed` False: from memory only; no document at hand says so. `source` is a word that the
+    head of the file explains.
+    """
+
+    meaning: str
+    remedy: str = ''
+    confirmed: bool = True
+    source: str = ''
+
+
+class ErrorTexts(Mapping[int, ErrorText]):
+    """The texts of one kind of controller, by number."""
+
+    def __init__(self, texts: Mapping[int, ErrorText]) -> None:
+        self._texts = dict(texts)
+
+    def __getitem__(self, number: int) -> ErrorText:
+        return self._texts[number]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._texts)
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+    def phrase(self, number: int) -> str:
+        """Return the number with its meaning, to go on a sentence: `4031 (motion attempted …)`.
+
+        A number without a text stands alone; one that is not confirmed says so.
+        """
+        text = self._texts.get(number)
+        if text is None or number == NO_ERROR:
+            return str(number)
+        doubt = '' if text.confirmed else '; not confirmed'
+        return f'{number} ({text.meaning}{doubt})'
+
+    def advice(self, number: int, otherwise: str) -> str:
+        """Return what a person does about it; `otherwise` where that is not known."""
+        text = self._texts.get(number)
+        return text.remedy if text is not None and text.remedy else otherwise
+
+
+@cache
+def load_error_texts(name: str = 'epson') -> ErrorTexts:
+    """Load config/errors/NAME.yaml; 'none' is the table without texts.
+
+    Raises FileNotFoundError that lists the files that are there, ValueError for a bad file.
+    """
+    if name == NO_TEXTS:
+        return ErrorTexts({})
+    if Path(name).name != name:
+        raise FileNotFoundError(f'{name!r} is not the name of a file of config/errors')
+    return read_error_texts(share_file('config', 'errors', f'{name}.yaml'))
+
+
+def read_error_texts(path: Path) -> ErrorTexts:
+    """Read a file of error texts. Raises ValueError that names the file and what is wrong."""
+    try:
+        data = yaml.load(path.read_text(encoding='utf-8'), Loader=_Loader)  # noqa: S506 - safe
+    except (yaml.YAMLError, UnicodeDecodeError) as cause:
+        raise ValueError(f'{path}: not YAML: {cause}') from cause
+    rows = data.get('errors') if isinstance(data, dict) else None
+    if not isinstance(rows, list):
+        raise ValueError(f'{path}: errors must be a list')
+    texts: dict[int, ErrorText] = {}
+    for index, row in enumerate(rows):
+        number, text = _row(path, index, row)
+        if number in texts:
+            raise ValueError(f'{path}: number {number} is there twice')
+        texts[number] = text
+    return ErrorTexts(texts)
+
+
+_KEYS = {'number': int, 'meaning': str, 'remedy': str, 'confirmed': bool, 'source': str}
+
+
+def _row(path: Path, index: int, row: Any) -> tuple[int, ErrorText]:
+    if not isinstance(row, dict) or set(row) != set(_KEYS):
+        raise ValueError(f'{path}: errors[{index}] = {row!r}: must have {", ".join(_KEYS)}')
+    for key, kind in _KEYS.items():
+        if type(row[key]) is not kind:
+            value = row[key]
+            raise ValueError(f'{path}: errors[{index}].{key} = {value!r}: must be {kind.__name__}')
+    return row['number'], ErrorText(*(row[key] for key in list(_KEYS)[1:]))

@@ -1,0 +1,197 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A run with the simulated controller, recorded, and played back by the real executable."""
+
+import asyncio
+import contextlib
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from epson_driver.link import Link, Trace, open_trace
+from epson_driver.link.recording import read_recording
+from epson_driver.simple_message import CommType, JointTrajPt, Ping, Status
+
+COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'replay']
+PATIENCE = 60.0
+REQUESTS = [Ping(), JointTrajPt(0), Ping(), JointTrajPt(3)]
+STATES = 40
+
+
+class Run:
+    """Two links to a controller, real or played, and all that came from it."""
+
+    def __init__(self, motion, state):
+        self.replies = []
+        self.states = []
+        self.motion = Link(
+            'motion', '127.0.0.1', motion, on_packet=self._unexpected, on_state=self._changed
+        )
+        self.state = Link(
+            'state', '127.0.0.1', state, on_packet=self.states.append, on_state=self._changed
+        )
+
+    @staticmethod
+    def _unexpected(packet):
+        raise AssertionError(packet)
+
+    def _changed(self, _state, _why):
+        pass
+
+    async def _until(self, condition):
+        while not condition():  # noqa: ASYNC110 - it watches a socket's other end
+            await asyncio.sleep(0.001)
+
+    async def go(self, requests, trace_file=None):
+        """Connect, see some states, send the requests, each after the reply before it."""
+        async with asyncio.timeout(PATIENCE):
+            trace = Trace([self.motion, self.state])
+            tasks = [asyncio.create_task(link.run()) for link in (self.motion, self.state)]
+            await self._until(lambda: self.motion.connected and self.state.connected)
+            if trace_file is not None:
+                trace.begin(open_trace(str(trace_file)))
+            enough = len(self.states) + STATES
+            await self._until(lambda: len(self.states) > enough)
+            for message in requests:
+                count = len(self.replies)
+                self.motion.post(message, lambda packet, _: self.replies.append(packet))
+                await self._until(lambda n=count: len(self.replies) > n)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            trace.end('the run is over', PATIENCE)
+
+
+@pytest.fixture
+def recorded(start, tmp_path):
+    """Return the trace of a run, and the run."""
+    path = tmp_path / 'run.pcap'
+    _, ports = start('--motion', 'ptp')
+    run = Run(ports['motion'], ports['state'])
+    asyncio.run(run.go(REQUESTS, path))
+    return path, run, ports
+
+
+@contextlib.contextmanager
+def playing(path, *arguments):
+    """Start `replay` on free ports; yield it and a run to it."""
+    free = ['--motion-port', '0', '--state-port', '0']
+    process = subprocess.Popen(
+        [*COMMAND, str(path), *free, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        words = process.stdout.readline().split()
+        assert words[0] == 'listening', process.stderr.read()
+        ports = {name: int(port) for name, port in (word.split('=') for word in words[1:])}
+        assert list(ports) == ['motion', 'state']
+        yield process, Run(ports['motion'], ports['state'])
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_client_that_does_the_same_sees_the_same(recorded):
+    path, run, _ = recorded
+    with playing(path) as (process, again):
+        asyncio.run(again.go(REQUESTS))
+        output, errors = process.communicate(timeout=PATIENCE)
+    assert again.replies == run.replies
+    seen = {packet.message for packet in run.states}
+    assert {type(message) for message in seen} >= {Status}
+    assert all(packet.comm_type is CommType.TOPIC for packet in again.states)
+    assert {packet.message for packet in again.states} <= seen
+    assert process.returncode == 0, errors
+    assert 'requests: 4 as recorded (4 to the byte), 0 not recorded, 0 missing' in output
+    assert not errors
+
+
+def test_a_client_that_does_something_else_is_told_apart(recorded):
+    path, run, _ = recorded
+    with playing(path, '--speed', '2') as (process, again):
+        asyncio.run(again.go([Ping(), JointTrajPt(0, (0.1, *[0.0] * 9))]))
+        output, errors = process.communicate(timeout=PATIENCE)
+    assert again.replies == run.replies[:2]
+    assert process.returncode == 1
+    assert '2 as recorded (1 to the byte), 0 not recorded, 2 missing' in output
+    assert 'JOINT_TRAJ_PT 0 was recorded with other values' in errors
+    assert 'the client closed the motion port before 2 requests' in errors
+
+
+def test_an_unrecorded_request_has_no_answer_and_ctrl_c_ends_with_the_report(recorded):
+    path, _, _ = recorded
+    with playing(path) as (process, again):
+
+        async def scenario():
+            task = asyncio.create_task(again.go([JointTrajPt(9)]))
+            await asyncio.to_thread(process.stderr.readline)
+            process.send_signal(signal.SIGINT)
+            await asyncio.to_thread(process.wait, PATIENCE)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+        asyncio.run(scenario())
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert not again.replies
+    assert process.returncode == 1
+    assert '0 as recorded (0 to the byte), 1 not recorded, 4 missing' in output
+
+
+@pytest.mark.parametrize(
+    ('content', 'text'),
+    [(None, 'No such file'), (b'', 'not a capture'), (bytes(100), 'not a capture')],
+    ids=['missing', 'empty', 'garbage'],
+)
+def test_a_file_that_cannot_be_played_is_refused_with_the_reason(content, text, tmp_path):
+    path = tmp_path / 'a.pcap'
+    if content is not None:
+        path.write_bytes(content)
+    run = subprocess.run(
+        [*COMMAND, str(path)], capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    assert run.returncode == 2
+    assert text in run.stderr
+    assert 'Traceback' not in run.stderr
+
+
+def test_a_port_in_use_is_told(recorded):
+    path, _, ports = recorded  # whose controller still runs
+    run = subprocess.run(
+        [*COMMAND, str(path)], capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    assert run.returncode == 2
+    assert str(ports['motion']) in run.stderr
+    assert 'Traceback' not in run.stderr
+
+
+def test_the_recorded_ports_are_the_real_ones(recorded):
+    path, _, ports = recorded
+    servers = {step.server for step in read_recording(path)}
+    assert servers == {('127.0.0.1', ports[name]) for name in ('motion', 'state')}
+
+
+@pytest.mark.skipif(shutil.which('tshark') is None, reason='tshark is not installed')
+@pytest.mark.parametrize(
+    'fault',
+    [
+        '_ws.malformed',
+        'tcp.analysis.flags',
+        'tcp.checksum.status == 0 || ip.checksum.status == 0',
+    ],
+)
+def test_wireshark_finds_no_fault(fault, recorded):
+    path, _, _ = recorded
+    checks = ['-o', 'tcp.check_checksum:TRUE', '-o', 'ip.check_checksum:TRUE']
+
+    def matching(rule):
+        command = ['tshark', '-r', str(path), *checks, '-Y', rule]
+        run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+        return run.stdout
+
+    assert matching(fault) == ''
+    assert len(matching('tcp.checksum.status == 1').splitlines()) > STATES

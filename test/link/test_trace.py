@@ -1,0 +1,245 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The trace of real links: whole, in order, and never in the way of the links."""
+
+import asyncio
+import errno
+import logging
+import os
+import time
+
+import pytest
+from link_bench import PATIENCE, Bench, Peer, frame, joints, run, until
+
+from epson_driver.link import Trace, TraceError, WireEvent, open_trace
+from epson_driver.link import trace as trace_module
+from epson_driver.link.recording import read_recording
+from epson_driver.simple_message import JointTrajPt
+
+EVENTS = {
+    'opened': WireEvent.OPENED,
+    'sent': WireEvent.SENT,
+    'received': WireEvent.RECEIVED,
+    'ended': WireEvent.ENDED,
+    'closed': WireEvent.CLOSED,
+}
+
+
+def bytes_of(steps, event, number=0):
+    return b''.join(s.data for s in steps if s.event is event and s.number == number)
+
+
+def events_of(steps, number=0):
+    """Return what happened on a connection, without repetitions."""
+    events = [step.event for step in steps if step.number == number]
+    return [e for i, e in enumerate(events) if i == 0 or e is not events[i - 1]]
+
+
+def test_a_trace_holds_every_byte_of_every_connection(tmp_path):
+    path = tmp_path / 'a.pcap'
+    points = []
+
+    async def talk(connection):
+        await connection.send(joints(float(connection.number)))
+        points.append(await connection.read_frame())
+        await connection.send(frame(11, 3, 1))
+        if connection.number == 2:
+            await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            bench = Bench(peer.port)
+            trace = Trace([bench.link])
+            before = time.time()
+            trace.begin(open_trace(str(path)))
+            async with bench:
+                for number in (1, 2):
+                    await until(lambda n=number: len(bench.packets) == n)
+                    answers = []
+                    bench.link.post(JointTrajPt(number), lambda *a, to=answers: to.append(a))
+                    await until(lambda to=answers: to)
+            trace.end('the test ends', PATIENCE)
+            after = time.time()
+            assert trace.file_name == ''
+        steps = read_recording(path)
+        assert {step.number for step in steps} == {0, 1}
+        assert all(step.server == ('127.0.0.1', peer.port) for step in steps)
+        for number in (0, 1):
+            assert bytes_of(steps, WireEvent.SENT, number) == points[number]
+            expected = joints(number + 1.0) + frame(11, 3, 1)
+            assert bytes_of(steps, WireEvent.RECEIVED, number) == expected
+        usual = ['opened', 'received', 'sent', 'received']
+        assert events_of(steps, 0) == [*usual, 'ended', 'closed']
+        assert events_of(steps, 1) == [*usual, 'closed']
+        times = [step.time for step in steps]
+        assert times == sorted(times)
+        assert before - 1e-3 <= times[0]
+        assert times[-1] <= after
+
+    run(scenario())
+
+
+def test_a_connection_that_was_reset_shows_it(tmp_path):
+    async def talk(connection):
+        await connection.receive(1)
+        connection.reset()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            bench = Bench(peer.port)
+            trace = Trace([bench.link])
+            trace.begin(open_trace(str(tmp_path / 'a.pcap')))
+            async with bench:
+                await bench.connected()
+                bench.link.post(JointTrajPt(0), lambda *_: None)
+                await until(lambda: 'backing_off' in bench.states)
+            trace.end('', PATIENCE)
+        assert events_of(read_recording(tmp_path / 'a.pcap')) == ['opened', 'sent', 'reset']
+
+    run(scenario())
+
+
+def test_a_trace_that_begins_within_a_frame_begins_with_that_frame(tmp_path):
+    path = tmp_path / 'a.pcap'
+    state = joints(1.0)
+    go_on = asyncio.Event()
+
+    async def talk(connection):
+        await connection.send(state + state[:20])
+        await go_on.wait()
+        await connection.send(state[20:])
+        await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await until(lambda: bench.link.statistics.bytes_received == len(state) + 20)
+            trace = Trace([bench.link])
+            trace.begin(open_trace(str(path)))
+            go_on.set()
+            await until(lambda: len(bench.packets) == 2)
+            trace.end('', PATIENCE)
+            assert bench.link.trace is None
+        steps = read_recording(path)
+        assert bytes_of(steps, WireEvent.RECEIVED) == state
+        assert events_of(steps) == ['opened', 'received']  # it was still open at the end
+
+    run(scenario())
+
+
+def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, caplog):
+    caplog.set_level(logging.INFO)
+    path = tmp_path / 'a.pcap'
+
+    async def talk(connection):
+        for _ in range(100):
+            await connection.send(joints(1.0))
+        await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            bench = Bench(peer.port)
+            trace = Trace([bench.link])
+            trace.largest = 2000
+            trace.begin(open_trace(str(path)))
+            assert trace.file_name == str(path)
+            async with bench:
+                await until(lambda: len(bench.packets) == 100)  # the link goes on
+                assert trace.file_name == ''
+                assert bench.link.trace is None
+                await until(lambda: 'reached its size, 0.002 MB' in caplog.text)
+        assert 2000 <= path.stat().st_size < 2000 + 100 * 60
+        assert read_recording(path)
+
+    run(scenario())
+
+
+class BrokenFile:
+    """A disk that fails as `write` says."""
+
+    name = 'broken.pcap'
+
+    def __init__(self, write):
+        self.write = write
+        self.closed = False
+
+    def close(self):
+        self.closed = True
+
+
+def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch):
+    monkeypatch.setattr(trace_module, 'WRITE_PERIOD', 0.001)
+
+    def full(_data):
+        raise OSError(errno.ENOSPC, 'x')
+
+    file = BrokenFile(full)
+
+    async def talk(connection):
+        while True:
+            await connection.send(joints(1.0))
+            await asyncio.sleep(0.001)
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            bench = Bench(peer.port)
+            trace = Trace([bench.link])
+            trace.begin(file)
+            async with bench:
+                await until(lambda: trace.file_name == '')
+                count = len(bench.packets)
+                await until(lambda: len(bench.packets) > count + 3)
+                assert bench.link.statistics.connections == 1
+        assert file.closed
+        assert os.strerror(errno.ENOSPC) in caplog.text
+
+    run(scenario())
+
+
+def test_a_disk_that_hangs_is_not_waited_for(caplog, monkeypatch):
+    monkeypatch.setattr(trace_module, 'WRITE_PERIOD', 0.001)
+    monkeypatch.setattr(trace_module, 'MOST_UNWRITTEN', 2000)
+    going = trace_module.threading.Event()
+    file = BrokenFile(lambda data: going.wait(60) and len(data))
+
+    async def talk(connection):
+        for _ in range(200):
+            await connection.send(joints(1.0))
+            await asyncio.sleep(0)
+        await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            bench = Bench(peer.port)
+            trace = Trace([bench.link])
+            trace.begin(file)
+            async with bench:
+                await until(lambda: len(bench.packets) == 200)
+                assert trace.file_name == ''
+        assert 'does not keep up' in caplog.text
+        going.set()
+
+    run(scenario())
+
+
+def test_a_file_that_exists_is_left_alone(tmp_path):
+    path = tmp_path / 'a.pcap'
+    path.write_text('evidence')
+    with pytest.raises(TraceError, match=r'no trace into .*a\.pcap: File exists'):
+        open_trace(str(path))
+    assert path.read_text() == 'evidence'
+    with pytest.raises(TraceError, match='No such file'):
+        open_trace(str(tmp_path / 'missing' / 'a.pcap'))
+    with open_trace(str(tmp_path / 'run-%Y.pcap')) as file:
+        assert '%' not in file.name
+
+
+def test_a_new_trace_ends_the_one_before(tmp_path):
+    trace = Trace([])
+    first, second = (open_trace(str(tmp_path / name)) for name in 'ab')
+    trace.begin(first)
+    trace.begin(second)
+    assert trace.file_name == str(tmp_path / 'b')
+    trace.end('', PATIENCE)
+    trace.end('', PATIENCE)
+    assert second.closed
+    run(until(lambda: first.closed))

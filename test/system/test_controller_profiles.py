@@ -1,0 +1,62 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node and a controller of each kind, as real processes."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from cell import START
+from ros_peer import trajectory
+
+from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.controllers import load_controller_profile
+from epson_driver.motion import Trajectory
+from epson_driver.share import share_file
+
+PLANS = ('around_pillar_11_points', 'around_pillar_fast_100ms', 'around_pillar_positions_only')
+
+
+def message_of(plan: Trajectory) -> Any:
+    """Return a plan as a ROS message, with its velocities."""
+    message = trajectory(*zip(plan.times.tolist(), plan.positions.tolist(), strict=True))
+    if plan.velocities is not None:
+        for point, velocities in zip(message.points, plan.velocities.tolist(), strict=True):
+            point.velocities = velocities
+    return message
+
+
+@pytest.mark.parametrize('name', ['rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
+def test_the_same_planned_trajectories_succeed_on_every_controller(
+    make_cell: Any, name: str
+) -> None:
+    cell = make_cell(f'--controller={name}', '--motion=smooth', controller=name).ready()
+    cell.peer.enable()
+    for file in PLANS:
+        plan = read_trajectory(share_file('config', 'trajectories', f'{file}.yaml'))
+        to_start = trajectory((2.0, plan.positions[0].tolist()))
+        assert cell.peer.goal(to_start).result()[0] == 'succeeded'
+        ended, _, text = cell.peer.goal(message_of(plan)).result()
+        assert ended == 'succeeded', f'{file}: {text}'
+        end = plan.positions[-1]
+        assert np.abs(cell.peer.assert_still(5) - end).max() < 1e-4
+
+
+def test_what_goes_over_the_wire_is_counted_as_the_controller_does(make_cell: Any) -> None:
+    cell = make_cell('--controller=fanuc', controller='fanuc', j23_factor=1).ready()
+    cell.peer.enable()
+    shown = [*START[:2], START[2] + START[1], *START[3:]]
+    np.testing.assert_allclose(cell.peer.position(), shown, atol=1e-6)
+    target = [0.1, 0.3, 0.4, *shown[3:]]
+    assert cell.peer.goal(trajectory((0.0, shown), (0.5, target))).result()[0] == 'succeeded'
+    np.testing.assert_allclose(cell.peer.assert_still(5), target, atol=1e-4)
+
+
+def test_a_download_that_is_too_long_says_so(make_cell: Any) -> None:
+    cell = make_cell('--controller=abb', controller='abb').ready()
+    cell.peer.enable()
+    buffer = load_controller_profile('abb').program.download.buffer
+    points = [(0.1 * index, START) for index in range(buffer + 1)]
+    ended, code, text = cell.peer.goal(trajectory(*points)).result()
+    assert (ended, code) == ('aborted', -1)
+    assert f'has {buffer + 1} points, but the controller keeps {buffer} ' in text

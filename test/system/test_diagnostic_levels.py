@@ -1,0 +1,64 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`/diagnostics` of the real node while things go wrong at a real controller."""
+
+from pathlib import Path
+from typing import Any
+
+from cell import Cell
+
+OK, WARN, ERROR, STALE = (bytes([level]) for level in range(4))
+
+
+def rows(cell: Cell) -> dict[str, Any]:
+    """Return the statuses of the newest message, by their part."""
+    if not cell.peer.diagnostics:
+        return {}
+    return {status.name.partition(': ')[2]: status for status in cell.peer.diagnostics[-1].status}
+
+
+def values(status: Any) -> dict[str, str]:
+    return {value.key: value.value for value in status.values}
+
+
+def wait(cell: Cell, part: str, level: bytes, text: str = '') -> dict[str, str]:
+    """Wait until that status has the level and the text; return its values."""
+
+    def there() -> bool:
+        status = rows(cell).get(part)
+        return status is not None and status.level == level and text in status.message
+
+    cell.peer.wait_for(there, f'{part} at level {level!r}: {text}')
+    return values(rows(cell)[part])
+
+
+def test_levels_and_sentences_through_an_estop_and_a_restart(tmp_path: Path) -> None:
+    cell = Cell(tmp_path)
+    try:
+        cell.ready()
+        wait(cell, 'arm', WARN, 'not enabled since the driver started')
+        cell.peer.enable()
+        assert wait(cell, 'arm', OK, 'enabled')['arm gate'] == 'open'
+
+        cell.pendant('estop', 'press')
+        shown = wait(cell, 'arm', ERROR, 'the motion task does not exist')
+        assert shown['error code'] == '2261'
+        assert shown['remedy'] == 'release the E-stop, reset, motors on'
+        assert 'E-stop' in shown['arm gate reason']
+
+        cell.controller.end()
+        wait(cell, 'arm', STALE, 'no joint state')
+        for link in ('state link', 'motion link'):
+            shown = wait(cell, link, ERROR)
+            assert 'uptime [s]' not in shown
+
+        cell.restart_controller()
+        for link in ('state link', 'motion link'):
+            shown = wait(cell, link, OK)
+            assert int(shown['reconnects']) >= 1
+            assert float(shown['uptime [s]']) >= 0.0
+        shown = wait(cell, 'arm', WARN, 'not enabled')
+        assert shown['arm gate'] == 'closed'
+        assert float(shown['age of joint state [ms]']) < 1000.0
+    finally:
+        cell.close()

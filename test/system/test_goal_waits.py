@@ -1,0 +1,187 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Path tolerance, a paused controller and the speed scaling, through real ROS and processes."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from cell import START, Cell
+from control_msgs.msg import JointTolerance
+from ros_peer import RosPeer, trajectory
+
+A = [0.8, 0.0, 0.3, 0.1, -0.6, 0.1]
+POINTS = 21
+
+
+@pytest.fixture(scope='module', params=['smooth', 'ptp'])
+def waiting_cell(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Cell]:
+    """One enabled cell; its arm stands anywhere."""
+    cell = Cell(tmp_path_factory.mktemp('cell'), f'--motion={request.param}').ready()
+    cell.peer.enable()
+    yield cell
+    cell.close()
+
+
+def plan(seconds: float) -> Any:
+    """Return a way from START to A in many small steps."""
+    shares = np.linspace(0.0, 1.0, POINTS)
+    # at rest at both ends: no controller likes jumps of the velocity
+    smooth = shares**2 * (3.0 - 2.0 * shares)
+    places = np.array(START) + smooth[:, None] * (np.array(A) - START)
+    return trajectory(*zip((shares * seconds).tolist(), places.tolist(), strict=True))
+
+
+def at_start(cell: Cell) -> RosPeer:
+    peer = cell.peer
+    assert peer.goal(trajectory((1.5, START))).result()[0] == 'succeeded'
+    return peer
+
+
+def seconds(duration: Any) -> float:
+    whole: float = duration.sec + duration.nanosec * 1e-9
+    return whole
+
+
+def test_a_wide_path_tolerance_is_kept_and_a_narrow_one_stops_the_arm(waiting_cell: Cell) -> None:
+    peer = at_start(waiting_cell)
+    wide = [JointTolerance(name='joint_1', position=1.0)]
+    ended, code, text = peer.goal(plan(3.0), path_tolerance=wide).result()
+    assert (ended, code) == ('succeeded', 0), text
+    at_start(waiting_cell)
+    narrow = [JointTolerance(name='joint_1', position=1e-4)]  # no servo is that good
+    ended, code, text = peer.goal(plan(3.0), path_tolerance=narrow).result()
+    assert (ended, code) == ('aborted', -4), text
+    assert 'joint_1: the position error is' in text
+    assert 'the tolerance is 0.0001 rad' in text
+    assert peer.assert_still()[0] < 0.7
+
+
+def test_a_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
+    peer = at_start(waiting_cell)
+    goal = peer.goal(plan(3.0))
+    peer.wait_for_motion()
+    waiting_cell.pendant('pause')
+    peer.wait_for(
+        lambda: (
+            peer.robot_status[-1].motion_possible.val == 0
+            and peer.robot_status[-1].in_motion.val == 0
+        ),
+        'a paused controller',
+    )
+    peer.wait_for(
+        lambda: peer.controller_states[-1].speed_scaling_factor == 0.0, 'a clock at rest'
+    )
+    seen = len(peer.controller_states)
+    peer.wait_for(lambda: len(peer.controller_states) >= seen + 45, 'two seconds of states')
+    states = peer.controller_states[seen:]
+    assert len({seconds(state.reference.time_from_start) for state in states}) == 1
+    assert not goal.done
+    waiting_cell.pendant('continue')
+    ended, code, text = goal.result()
+    assert (ended, code) == ('succeeded', 0), text
+    assert np.abs(peer.assert_still() - A).max() < 1e-3
+    log = waiting_cell.client.log_text()
+    assert 'the controller is paused: the goal waits' in log
+    assert 'the controller goes on' in log
+
+
+def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled(waiting_cell: Cell) -> None:
+    peer = at_start(waiting_cell)
+    goal = peer.goal(plan(3.0))
+    peer.wait_for_motion()
+    waiting_cell.pendant('pause')
+    peer.wait_for(
+        lambda: peer.controller_states[-1].speed_scaling_factor == 0.0, 'a paused controller'
+    )
+    goal.cancel()
+    ended, _, text = goal.result()
+    assert ended == 'canceled', text
+    waiting_cell.pendant('continue')
+    peer.wait_for(lambda: peer.robot_status[-1].motion_possible.val == 1, 'continued')
+    assert peer.assert_still()[0] < 0.7
+
+
+def test_an_estop_ends_a_goal_that_waits(waiting_cell: Cell) -> None:
+    peer = at_start(waiting_cell)
+    goal = peer.goal(plan(3.0))
+    peer.wait_for_motion()
+    waiting_cell.pendant('pause')
+    peer.wait_for(
+        lambda: peer.controller_states[-1].speed_scaling_factor == 0.0, 'a paused controller'
+    )
+    waiting_cell.pendant('estop', 'press')
+    ended, code, text = goal.result()
+    assert (ended, code) == ('aborted', -4)
+    assert 'E-stop' in text
+    waiting_cell.pendant('estop', 'release')
+    waiting_cell.pendant('reset')
+    peer.wait_for(lambda: peer.robot_status[-1].e_stopped.val == 0, 'E-stop reset')
+    peer.enable()
+
+
+def test_the_speed_scaling_slows_a_running_goal_pauses_it_and_goes_on(waiting_cell: Cell) -> None:
+    peer = at_start(waiting_cell)
+    peer.wait_for(lambda: peer.speed_scaling, 'the latched factor')
+    assert peer.speed_scaling[-1] == 1.0
+    goal = peer.goal(plan(4.0), goal_tolerance=[])
+    peer.wait_for_motion()
+    success, message = peer.set_speed(0.0)
+    assert success
+    assert 'no more points are sent' in message
+    peer.wait_for(lambda: peer.speed_scaling[-1] == 0.0, 'a factor of 0')
+    ramp = peer.speed_scaling[-5:]
+    assert ramp == sorted(ramp, reverse=True)
+    assert len(set(ramp)) > 2
+    # what was acknowledged runs on; then the arm stands and the plan with it
+    peer.wait_for(
+        lambda: (
+            not any(peer.joint_states[-1].velocity)
+            and len({seconds(s.reference.time_from_start) for s in peer.controller_states[-20:]})
+            == 1
+        ),
+        'standstill',
+    )
+    stands = peer.assert_still()
+    assert stands[0] < 0.75
+    assert not goal.done
+    assert peer.set_speed(0.5)[0]
+    peer.wait_for_motion()
+    peer.wait_for(lambda: peer.speed_scaling[-1] == 0.5, 'a factor of one half')
+    ended, code, text = goal.result()
+    assert (ended, code) == ('succeeded', 0), text
+    assert np.abs(peer.assert_still() - A).max() < 1e-3
+    success, message = peer.set_speed(1.5)
+    assert not success
+    assert 'from 0.01 to 1' in message
+    assert peer.set_speed(1.0)[0]
+
+
+def test_at_half_the_speed_the_arm_takes_twice_as_long(waiting_cell: Cell) -> None:
+    peer = at_start(waiting_cell)
+    assert peer.set_speed(0.5)[0]
+    peer.wait_for(lambda: peer.speed_scaling[-1] == 0.5, 'a factor of one half')
+    first = len(peer.joint_states)
+    ended, _, text = peer.goal(plan(3.0)).result()
+    assert ended == 'succeeded', text
+    times = [
+        seconds(state.header.stamp)
+        for state in peer.joint_states[first:]
+        if 0.01 < (state.position[0] - START[0]) / (A[0] - START[0]) < 0.99
+    ]
+    assert times[-1] - times[0] > 1.6 * 3.0  # 1 % at either end takes some time, too
+    assert peer.set_speed(1.0)[0]
+
+
+def test_an_open_door_is_no_pause(cell: Cell) -> None:
+    peer = cell.peer
+    peer.enable()
+    goal = peer.goal(plan(3.0))
+    peer.wait_for_motion()
+    cell.pendant('door', 'open')
+    ended, code, text = goal.result()
+    assert (ended, code) == ('aborted', -4)
+    assert 'motors are off' in text

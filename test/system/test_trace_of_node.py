@@ -1,0 +1,132 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A run of the real node, recorded through its parameter, and played to another real node."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cell import START, Cell
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from ros_peer import RosPeer, trajectory
+
+from epson_driver.cli import processes
+from epson_driver.link.recording import read_recording
+from epson_driver.link.wire_events import WireEvent
+
+TARGET = [0.2, 0.0, 0.3, 0.1, -0.6, 0.1]
+SENT = WireEvent.SENT
+
+
+def set_parameter(peer: RosPeer, name: str, value: Any) -> Any:
+    client = AsyncParameterClient(peer._node, 'epson_driver')
+    peer.wait_for(client.services_are_ready, 'parameter services')
+    response = peer.complete(client.set_parameters([Parameter(name, value=value)]))
+    return response.results[0]
+
+
+def plan() -> Any:
+    return trajectory((0.0, START), (0.3, TARGET), (0.6, START))
+
+
+@pytest.fixture
+def replay() -> Iterator[Any]:
+    """Start `replay FILE` on free ports; it ends with the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(path: Path) -> tuple[subprocess.Popen[str], processes.Ports]:
+        free = ['--motion-port', '0', '--state-port', '0', '--io-port', '0']
+        command = [sys.executable, '-m', 'epson_driver.cli', 'replay', str(path), *free]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        started.append(process)
+        assert process.stdout is not None
+        words = dict(word.split('=') for word in process.stdout.readline().split()[1:])
+        numbers = [int(words.get(name, 0)) for name in ('motion', 'state', 'io')]
+        return process, processes.Ports(*numbers, remote=0)
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_a_recorded_goal_is_played_to_another_node(
+    make_cell: Any, replay: Any, tmp_path: Path
+) -> None:
+    cell: Cell = make_cell(trace_file=str(tmp_path / 'run-%Y.pcap')).ready()
+    cell.peer.enable()
+    ended, _, text = cell.peer.goal(plan()).result()
+    assert ended == 'succeeded', text
+    assert set_parameter(cell.peer, 'trace_file', '').successful
+    cell.peer.wait_for(lambda: 'trace_file was cleared' in cell.client.log_text(), 'its end')
+    [path] = tmp_path.glob('run-2*.pcap')
+    points = sum(step.event is SENT for step in read_recording(path))
+    assert points >= 3
+
+    process, ports = replay(path)
+    domain = processes.free_ros_domain()
+    client = processes.client(tmp_path / 'replayed.log', ports, domain)
+    peer = RosPeer(domain)
+    with processes.ended_at_exit(client):
+        try:
+            peer.wait_until_ready()
+            peer.wait_for(
+                lambda: peer.robot_status and peer.robot_status[-1].drives_powered.val == 1,
+                'the recorded motors on',
+            )
+            assert peer.call('enable')[0]
+            goal = peer.goal(plan())
+            assert goal.result()[0] == 'succeeded'
+            recorded = {tuple(state.position) for state in cell.peer.joint_states}
+            assert {tuple(state.position) for state in peer.joint_states} <= recorded
+        finally:
+            peer.close()
+    output, _ = process.communicate(timeout=60)
+    assert '0 not recorded, 0 missing' in output
+    assert process.returncode == 0
+
+
+def test_the_parameter_is_refused_with_the_reason_and_may_change(
+    cell: Cell, tmp_path: Path
+) -> None:
+    peer = cell.peer
+    result = set_parameter(peer, 'trace_file', str(tmp_path / 'missing' / 'a.pcap'))
+    assert not result.successful
+    assert 'No such file or directory' in result.reason
+    path = tmp_path / 'a.pcap'
+    assert set_parameter(peer, 'trace_file', str(path)).successful
+    again = set_parameter(peer, 'trace_file', str(path))
+    assert not again.successful
+    assert 'File exists' in again.reason
+    assert set_parameter(peer, 'trace_size', 0.02).successful
+    peer.wait_for(lambda: 'reached its size, 0.02 MB' in cell.client.log_text(), 'its size')
+    assert 20_000 <= path.stat().st_size < 40_000
+    steps = read_recording(path)
+    servers = {step.server[1] for step in steps}
+    assert {cell.ports.motion, cell.ports.state} <= servers
+    count = len(peer.joint_states)
+    peer.wait_for(lambda: len(peer.joint_states) > count, 'the driver goes on')
+
+
+def test_a_file_that_cannot_be_made_does_not_keep_the_node_from_starting(
+    make_cell: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / 'a.pcap'
+    path.write_text('evidence')
+    cell: Cell = make_cell(trace_file=str(path)).ready()
+    assert 'File exists' in cell.client.log_text()
+    assert path.read_text() == 'evidence'
+
+
+def test_the_end_of_the_node_ends_the_trace(make_cell: Any, tmp_path: Path) -> None:
+    path = tmp_path / 'a.pcap'
+    cell: Cell = make_cell(trace_file=str(path)).ready()
+    assert cell.client.end() == 0
+    steps = read_recording(path)
+    closed = {step.server[1] for step in steps if step.event is WireEvent.CLOSED}
+    assert {cell.ports.motion, cell.ports.state} <= closed
+    assert 'the driver ended' in cell.client.log_text()
