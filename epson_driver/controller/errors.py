@@ -47,8 +47,8 @@ ERRORS: dict[int, ErrorText] = {
     28: ErrorText('safety board: stop signal, sub', 'check the safety wiring'),
     2260: ErrorText('the task number is out of range'),
     2261: ErrorText(
-        'the motion task does not exist: an E-stop or an error aborted it',
-        'release the E-stop, reset, motors on',
+        'the motion task does not exist: it was stopped, or an E-stop or an error aborted it',
+        'start it; after an E-stop or an error: reset, motors on',
     ),
     2556: ErrorText('an endless loop without a wait'),
     2900: ErrorText('the port could not be opened as server', '', _UNCONFIRMED),
