@@ -36,8 +36,9 @@ class PointToPoint:
 
     `start` has shape (n,), rad. `speed` and `accel` are fractions (0, 1] of the limits (SPEL+
     Speed, Accel); a point's own velocity can only make its move slower, its duration too if
-    `timed`. With `cp`, moves overlap, and each has at most half of the acceleration. `caps` is what low power does; without, nothing. Raises ValueError for a start that is not n
-    finite angles within the limits, and for other fractions.
+    `timed`. With `cp`, moves overlap, and each has at most half of the acceleration. `caps` is
+    what low power does; without, nothing. Raises ValueError for a start that is not n finite
+    angles within the limits, and for other fractions.
     """
 
     def __init__(
