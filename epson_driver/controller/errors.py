@@ -48,7 +48,7 @@ ERRORS: dict[int, ErrorText] = {
     2260: ErrorText('the task number is out of range'),
     2261: ErrorText(
         'the motion task does not exist: it was stopped, or an E-stop or an error aborted it',
-        'start it; after an E-stop or an error: reset, motors on',
+        'after a stop, start; after an E-stop or an error: release, reset, motors on',
     ),
     2556: ErrorText('an endless loop without a wait'),
     2900: ErrorText('the port could not be opened as server', '', _UNCONFIRMED),
