@@ -41,6 +41,7 @@ def _new_arm(
             statement_overhead=motion.statement_overhead,
             acknowledge=_acknowledge(program.acknowledge, 'done'),
             caps=caps,
+            timed=program.uses == 'duration',
         )
     return Streaming(
         limits,
@@ -69,7 +70,6 @@ def new_program(controller: 'Controller', arm: Executor, errors: ErrorRegister) 
             controller.motion_refusal,
             controller.send_reply,
             controller.trajectory_begins,
-            controller.faults.point_begun,
             controller,
             lambda: controller.lines.hang_up('motion'),
         )
@@ -82,7 +82,6 @@ def new_program(controller: 'Controller', arm: Executor, errors: ErrorRegister) 
         controller.send_reply,
         controller.clock,
         controller.trajectory_begins,
-        lambda _sequence: controller.faults.point_begun(),
     )
 
 

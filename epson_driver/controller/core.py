@@ -40,6 +40,7 @@ from epson_driver.controller.states import (
     Tasks,
     after,
 )
+from epson_driver.controller.tasks import Task, TaskState
 from epson_driver.controller.timing import Timing
 from epson_driver.controllers.profile import ControllerProfile
 from epson_driver.motion import Array
@@ -106,6 +107,7 @@ class Controller:
         self.reply: Send | None = None  # where replies of the motion program go
         self.program = new_program(self, self._mechanism.arm, self._errors)
         self._error = ErrorNumber.NONE  # of the controller itself, until it is reset
+        self._begun = 0  # points that the faults know of
         self._slowing = False  # whether it brakes to go on at low power
         self._set_power()
 
@@ -128,6 +130,7 @@ class Controller:
         elif event is Event.MOTORS_ON:
             self._errors.clear(ErrorNumber.MOTORS_OFF)
         elif event is Event.START:
+            self._errors.clear(ErrorNumber.TASK_ABORTED)
             self.lines.start()
         elif event is Event.BOOT:
             self.io.boot()
@@ -208,6 +211,10 @@ class Controller:
         self.show(Refusal(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
         self.program.restart()
 
+    def task_state(self, task: Task) -> TaskState:
+        """Return what a task is doing; one whose port nobody serves any more does not run."""
+        return TaskState.NOT_RUNNING if self.lines.dead(task) else task.state(self.condition)
+
     # Time.
 
     def step(self, dt: float) -> None:
@@ -228,6 +235,9 @@ class Controller:
         if self.in_motion:
             self._mechanism.step(dt, self.program.step)
             self._settle()
+        while self._begun < self._mechanism.arm.begun:
+            self._begun += 1
+            self.faults.point_begun()
 
     # State.
 
@@ -307,6 +317,8 @@ class Controller:
         if self.condition.tasks is Tasks.RECOVERING:
             self._mechanism.went_back()
             self.apply(Event.RECOVERED)
+            if self._mechanism.arm.moving:
+                self.trajectory_begins()  # it goes on, at its power
             return
         self._mechanism.rest()
         if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):

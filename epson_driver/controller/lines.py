@@ -114,6 +114,10 @@ class Lines:
         self._lines.append(line)
         return line
 
+    def dead(self, task: Task) -> bool:
+        """Return whether the task has ended because its client has gone, or with the program."""
+        return any(_SERVERS[port] is task for port in self._dead)
+
     def silent(self, port: str) -> bool:
         """Return whether the port's bytes are not read: its task is dead, its socket is not."""
         return self._down(port) and self._controller.profile.server.aborted == 'silent'

@@ -18,8 +18,8 @@ or to none. The rules (SPEL+ language reference; thesis chapter 3):
 * Stop ends the Normal tasks and what they were doing; start runs them again.
 * An error takes the power from the motors and aborts the Normal tasks until a reset; a critical
   one until the controller is booted again.
-* Power is low after boot, motors on, reset and stop, and while the motors are off, but for the
-  door. The motion program raises it for its trajectories where its profile says so, unless a
+* Power is low after boot, motors on, reset and stop, while the motors are off and while the door
+  is open. The motion program raises it for its trajectories where its profile says so, unless a
   person has chosen low power.
 * Asking for what is already so is no error.
 """
@@ -252,6 +252,7 @@ POWER: dict[tuple[Power, Event], Power] = {
     (Power.HIGH, _E.POWER_LOW): Power.HELD_LOW,
     (Power.HIGH, _E.MOTORS_ON): Power.LOW,
     (Power.HIGH, _E.MOTORS_OFF): Power.LOW,
+    (Power.HIGH, _E.DOOR_OPEN): Power.LOW,
     (Power.HIGH, _E.CLIENT_LOST): Power.LOW,
     (Power.HIGH, _E.ESTOP_PRESS): Power.LOW,
     (Power.HIGH, _E.ERROR): Power.LOW,
@@ -309,6 +310,8 @@ REFUSALS: dict[tuple[Event, Enum], str] = {
     (_E.START, Tasks.ABORTED): 'the tasks are aborted: reset, which starts them again',
     (_E.START, Door.OPEN): 'the safeguard door is open: close it first',
     (_E.START, Mode.MANUAL): 'the key switch is at MANUAL: turn it to AUTO first',
+    (_E.POWER_HIGH, Door.OPEN): 'the safeguard door is open: power stays low',
+    (_E.POWER_HIGH, Motors.HELD): 'the door interrupted a motion: power is low until continue',
     (_E.POWER_HIGH, Motors.OFF): 'the motors are off: power is low until they are on',
     (_E.POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
     (_E.PROGRAM_POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',

@@ -32,6 +32,10 @@ class Pieces:
     jerks: Array
 
 
+HALVINGS = 20
+"""How well a move keeps to a duration: its speed is found to a millionth."""
+
+
 class LineMotion:
     """A motion along a line, as a function of the time since it began.
 
@@ -147,6 +151,27 @@ def _check_vector(name: str, vector: Array, limits: JointLimits) -> None:
         raise ValueError(f'{name}: {vector.size} values for {len(limits.names)} joints')
     if not np.all(np.isfinite(vector)):
         raise ValueError(f'{name} = {vector.tolist()}: not finite')
+
+
+def go_in(
+    limits: JointLimits, start: Array, target: Array, duration: float, speed: float, accel: float
+) -> LineMotion:
+    """Return the slowest move of `go`, at `speed` or less, that takes no longer than `duration` s.
+
+    It takes longer if `speed` and `accel` allow no less. 0: as fast as they allow. Raises as `go`.
+    """
+    motion = go(limits, start, target, speed, accel)
+    low, high = 0.0, speed
+    if motion.duration >= duration or motion.duration == 0.0:
+        return motion
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        slower = go(limits, start, target, middle, accel)
+        if slower.duration > duration:
+            low = middle
+        else:
+            high, motion = middle, slower
+    return motion
 
 
 def _bounds_along(

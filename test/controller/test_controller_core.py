@@ -21,7 +21,8 @@ from controller_bench import (
 )
 
 from epson_driver.controller.core import Controller
-from epson_driver.controller.states import EStop, Motors, RefusedError, Tasks
+from epson_driver.controller.faults.fault_text import parse
+from epson_driver.controller.states import EStop, Motors, Power, RefusedError, Tasks
 from epson_driver.controllers.profile import load_controller_profile
 from epson_driver.simple_message import FrameError
 
@@ -366,3 +367,47 @@ def test_a_program_that_does_not_reconnect_serves_nobody_until_it_is_started():
             bench.controller.connect(port, Peer())
     bench.do('start')
     bench.connect()
+
+
+@pytest.mark.parametrize('smooth', [False, True])
+def test_an_estop_at_a_point_comes_when_the_arm_goes_to_it(smooth):
+    bench = Bench(planner=InlinePlanner() if smooth else None)
+    bench.controller.faults.start(parse('estop_at_point 4'))
+    bench.send(*(point(i, (0.1 * (i + 1),), 0.0, 0.2) for i in range(8)))
+    bench.rest()
+    assert bench.condition.estop is EStop.PRESSED
+    assert 0.25 < bench.joints[0] < 0.41
+
+
+def test_a_point_after_a_stop_does_not_stand_in_the_way_of_start():
+    bench = Bench()
+    bench.do('stop')
+    bench.send(point(0, THERE))
+    assert bench.codes() == [(0, FAILURE)]
+    assert bench.error == 2261
+    assert bench.remote('Start,0') == ['#Start,0']
+    assert bench.error == 0
+    bench.send(point(0, THERE))
+    bench.rest()
+    assert bench.codes() == [(0, SUCCESS)]
+
+
+def test_after_the_door_the_arm_goes_on_at_its_power():
+    bench = moving_bench()
+    assert bench.condition.power is Power.HIGH
+    bench.do('door open')
+    assert bench.condition.power is Power.LOW
+    bench.rest()
+    bench.do('door close', 'continue')
+    assert bench.condition.power is Power.HIGH
+    bench.rest()
+    assert bench.codes() == [(0, SUCCESS)]
+
+
+def test_a_server_that_is_dead_does_not_run():
+    bench = Bench(profile=load_controller_profile('thesis'))
+    bench.controller.connect('state', Peer()).closed()
+    assert bench.remote('Sim,tasks') == [
+        '#Sim,1=motion server,Normal,runs;2=state server,NoEmgAbort,does not run;'
+        '3=I/O server,Normal,runs'
+    ]

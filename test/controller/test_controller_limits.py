@@ -190,5 +190,6 @@ def test_every_request_is_answered_once_and_in_order(sequences, pause):
     for index, sequence in enumerate(sequences):
         bench.send(point(sequence, (0.01 * index,)))
         bench.controller.step(pause)
+    bench.step(1.0)  # the dead time of downloads
     bench.rest()
     assert [sequence for sequence, _ in bench.codes()] == sequences

@@ -71,7 +71,9 @@ STORIES = {
     'door': """
         door close:
         motors on: motors=ON
-        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
+        power high: power=HIGH
+        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED power=LOW
+        power high! door is open
         continue! close it, then continue
         motors on! door is open
         standstill: motors=HELD
@@ -79,6 +81,7 @@ STORIES = {
         reset! close the door and continue
         start! close the door and continue
         door close: door=CLOSED tasks=WAIT_RECOVER
+        power high! low until continue
         motors on! continue, or stop
         reset! continue, or stop
         start! continue, or stop

@@ -193,6 +193,7 @@ def test_refused_point_ends_the_goal(make_cell: Any, tmp_path: Any) -> None:
     assert (ended, code) == ('aborted', -4)
     assert 'refused point 2 of 3' in text
     assert '4001' in text
+    peer.wait_for(lambda: peer.robot_status[-1].in_motion.val == 0, 'servos that have settled')
     assert abs(peer.assert_still()[0] - 0.3) < 1e-6
     peer.wait_for(lambda: list(peer.robot_status[-1].error_codes) == [4001], 'error 4001')
     assert peer.call('reset_error')[0]

@@ -14,14 +14,17 @@ Stop = LineMotion | JointStop
 class Statement:
     """A `Go`: its target, fractions of the limits, when its motion may begin, s.
 
-    executed: whether the program goes on after it, though the arm may still decelerate.
+    duration: how long it takes at least, s; 0: no matter. executed: whether the program goes on
+    after it, though the arm may still decelerate. begun: whether it is the arm's way already.
     """
 
     target: Array
     speed: float
     accel: float
     ready: float
+    duration: float = 0.0
     executed: bool = False
+    begun: bool = False
 
 
 @dataclass(slots=True, eq=False)

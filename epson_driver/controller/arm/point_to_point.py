@@ -25,16 +25,20 @@ from epson_driver.controller.arm.low_power import LowPower
 from epson_driver.motion import Array, JointLimits, go
 from epson_driver.motion.blend import blend_start
 from epson_driver.motion.joint_stop import stop_joints
-from epson_driver.motion.point_to_point import check_fractions, check_target
+from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
+
+OVERLAPPING = 0.5
+"""The share of the acceleration that each of two moves has that may overlap."""
 
 
 class PointToPoint:
     """An arm that goes from point to point, inside its limits.
 
     `start` has shape (n,), rad. `speed` and `accel` are fractions (0, 1] of the limits (SPEL+
-    Speed, Accel); a point's own velocity can only make its move slower. `caps` is what low power
-    does; without, nothing. Raises ValueError for a start that is not n finite angles within the
-    limits, and for other fractions.
+    Speed, Accel); a point's own velocity can only make its move slower, its duration too if
+    `timed`. With `cp`, moves overlap, and each has at most half of the acceleration. `caps` is
+    what low power does; without, nothing. Raises ValueError for a start that is not n finite
+    angles within the limits, and for other fractions.
     """
 
     def __init__(
@@ -49,6 +53,7 @@ class PointToPoint:
         acknowledge: Literal['done', 'taken'] = 'done',
         look_ahead_points: int = 1,
         caps: LowPower | None = None,
+        timed: bool = False,
     ) -> None:
         self.limits = limits
         self.low_power = False
@@ -59,6 +64,8 @@ class PointToPoint:
         self._early = acknowledge == 'taken'
         self._most = 1 + look_ahead_points if self._early else 1
         self._caps = caps
+        self._timed = timed
+        self.begun = 0
         self._now = 0.0
         self._rest = go(limits, start, start, speed, accel).end
         self._queue: deque[Statement] = deque()  # not begun
@@ -134,8 +141,9 @@ class PointToPoint:
         if not self.moving:
             self._now = 0.0
         speed = min(self._speed, point.velocity or 1.0)
+        duration = point.duration if self._timed else 0.0
         ready = self._now + self._overhead
-        self._queue.append(Statement(point.target.copy(), speed, self._accel, ready))
+        self._queue.append(Statement(point.target.copy(), speed, self._accel, ready, duration))
         if not self._legs and not self._brake and not self._held:
             self._skip(self._rest)
         elif self._legs and self._legs[-1].decelerates and self._now <= self._legs[-1].braking:
@@ -235,6 +243,7 @@ class PointToPoint:
         elif not self._legs:
             self._skip(self._rest)
             if self._queue and self._queue[0].ready <= self._now:
+                self._begin(self._queue[0])
                 self._legs.append(self._leg(self._queue.popleft(), self._rest))
         elif self._now < self._legs[0].end:
             last = self._legs[-1]
@@ -250,15 +259,24 @@ class PointToPoint:
         while self._queue and np.array_equal(
             position.astype(np.float32), self._queue[0].target.astype(np.float32)
         ):
-            self._queue.popleft().executed = True
+            statement = self._queue.popleft()
+            statement.executed = True
+            self._begin(statement)
+
+    def _begin(self, statement: Statement) -> None:
+        self.begun += not statement.begun
+        statement.begun = True
 
     def _leg(self, statement: Statement, start: Array) -> Leg:
         """Return the move of a statement that begins now."""
-        speed, accel = statement.speed, statement.accel
+        speed, accel, most = statement.speed, statement.accel, 1.0
         if self.low_power and self._caps is not None:
             speed = min(speed, self._caps.speed(self.limits, statement.target - start))
-            accel = min(accel, self._caps.fraction)
-        motion = go(self.limits, start, statement.target, speed, accel)
+            most = self._caps.fraction
+        # With CP two moves overlap: each may have half of what the arm can do.
+        accel = min(accel, OVERLAPPING * most if self._cp else most)
+        way = (self.limits, start, statement.target)
+        motion = go_in(*way, statement.duration, speed, accel)
         return Leg(statement, motion, self._now, speed, self.low_power)
 
     def _blend(self) -> None:
@@ -284,7 +302,7 @@ class PointToPoint:
         if begin < last.end:
             leg.begin = max(begin, self._now)
             self._legs.append(leg)
-            self._queue.popleft()
+            self._begin(self._queue.popleft())
 
     def _begin_brake(self) -> None:
         """Leave the lines, and brake."""

@@ -99,6 +99,8 @@ class Streaming:
         self._failed = failed
         self._look_ahead = look_ahead
         self._look_ahead_points = look_ahead_points
+        self.begun = 0
+        self._taken = 0
         self._now = 0.0
         self._held = False
         self._braking = False
@@ -177,6 +179,7 @@ class Streaming:
         if self._one_by_one:
             self._smoother.finish()
         self._goal = point.target
+        self._taken += 1
 
     def stop(self) -> bool:
         """Forget all points and come to rest, on the path if that can be verified.
@@ -185,6 +188,7 @@ class Streaming:
         may have been answered.
         """
         lost = self.moving and not self._braking and not self._one_by_one
+        self._taken = self.begun
         self._smoother.stop()
         self.resume()
         self._braking = self._smoother.moving
@@ -222,6 +226,8 @@ class Streaming:
         self._smoother.step(dt)
         self._look()
         self._braking = self._braking and self._smoother.moving
+        ahead = max(self._smoother.waiting - 1, 0)
+        self.begun = max(self.begun, self._taken - ahead)
         self._keep_to_power()
         if self._request is None and self._planner.ready:
             request = self._smoother.request()

@@ -233,7 +233,8 @@ FAULTS: dict[str, Kind] = {
         Parameter('critical', 'whether only booting helps', 0, choices=('no', 'yes')),
     ),
     'estop_at_point': _of_controller(
-        'The E-stop is pressed when the arm is given that many points after the fault began.',
+        'The E-stop is pressed when the arm begins to go to that point, counted since the fault '
+        'began.',
         Parameter('point', 'at which point, counted from 1', 1, 1, MOST, whole=True),
     ),
     'reboot': _of_controller(

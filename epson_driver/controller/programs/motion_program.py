@@ -16,7 +16,8 @@ The rules (REP-I0006 where it says something, the thesis' program otherwise):
 * STOP (sequence -4) does the same in every condition, is answered with SUCCESS, and ends the
   trajectory: the next point must have sequence 0.
 * A sequence of -1 begins a download (download.py). Its points, if they are requests, are answered
-  when they are kept. A streamed point in between ends it; points that still move go on first.
+  when the program is done with them. From a client that downloads by topics, topics are never
+  answered. A streamed point in between ends it; points that still move go on first.
 * In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
   STOP works.
 
@@ -66,10 +67,6 @@ def _nothing() -> None:
     pass
 
 
-def _no_point(sequence: int) -> None:
-    pass
-
-
 def _name(point: JointTrajPt) -> str:
     return f'JOINT_TRAJ_PT {point.sequence}'
 
@@ -79,8 +76,7 @@ class MotionProgram:
 
     At most `pending_limit` points wait, or those of one download. `blocked` returns why the
     controller's condition forbids motion, or None; `send` takes the replies. `began` is called
-    before the arm takes the first point of a trajectory, `point_taken` after it has taken a point,
-    with its sequence (in a download, its index).
+    before the arm takes the first point of a trajectory.
     """
 
     def __init__(
@@ -93,7 +89,6 @@ class MotionProgram:
         send: SendPacket,
         clock: Clock,
         began: Callable[[], None] = _nothing,
-        point_taken: Callable[[int], None] = _no_point,
     ) -> None:
         self._limits = arm.limits
         self._profile = profile
@@ -106,6 +101,7 @@ class MotionProgram:
         self._reply = REPLIES[profile.reply]
         self._download = Download(profile.download)
         self._accepted: int | None = None
+        self._topics = False  # whether the client downloads by topics, which are not answered
         self._queue = PointQueue(
             arm,
             clock,
@@ -113,7 +109,6 @@ class MotionProgram:
             self._answer_success,
             self._fail,
             began,
-            point_taken,
         )
 
     @property
@@ -180,6 +175,8 @@ class MotionProgram:
             self._refuse(0, corrupt('JOINT_TRAJ_PT: the body must be 52 bytes'))
         elif self._concerns_download(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)
+        elif packet.comm_type is CommType.TOPIC and self._topics:
+            self._errors.enter(corrupt('no download is under way').about(_name(point)))
         elif packet.comm_type is not CommType.SERVICE_REQUEST:
             sentence = f'JOINT_TRAJ_PT must be a request, not a {packet.comm_type.name.lower()}'
             self._refuse(point.sequence, corrupt(sentence))
@@ -219,6 +216,7 @@ class MotionProgram:
             self._refuse(point.sequence, refusal.about(_name(point)))
             return
         self._errors.clear()
+        self._topics = False
         sequence = max(point.sequence, 0)
         begins = sequence == 0 or self._accepted is None
         self._accepted = sequence
@@ -253,6 +251,7 @@ class MotionProgram:
         reply_to = point.sequence if comm_type is CommType.SERVICE_REQUEST else None
         if point.sequence == FIRST:
             self._download.begin(comm_type)
+            self._topics = comm_type is CommType.TOPIC
             self._accepted = None
         refused = self._download.refused
         if not refused and (refusal := self._download_refusal(point, reply_to)) is not None:
@@ -265,7 +264,7 @@ class MotionProgram:
             return
         self._errors.clear()
         if reply_to is not None:
-            self._queue.append(Entry(reply_to=reply_to))
+            self._queue.append(Entry(reply_to=reply_to, ready_at=self._download.busy_until))
         self._execute(points)
         self._queue.advance()
 

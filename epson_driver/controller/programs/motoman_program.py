@@ -79,8 +79,7 @@ class MotomanProgram:
 
     At most `pending_limit` points wait for the arm; more are BUSY. `blocked` returns why the
     controller's condition forbids motion, or None; `send` takes the replies; `began` is told when
-    a trajectory begins, `point_taken` of each point that the arm has taken, and of point 0;
-    `hang_up` closes the client's connection.
+    a trajectory begins; `hang_up` closes the client's connection.
     """
 
     def __init__(
@@ -91,7 +90,6 @@ class MotomanProgram:
         blocked: Callable[[], Refusal | None],
         send: Callable[[Packet], None],
         began: Callable[[], None],
-        point_taken: Callable[[], None],
         servos: Servos,
         hang_up: Callable[[], None],
     ) -> None:
@@ -100,7 +98,6 @@ class MotomanProgram:
         self._errors = errors
         self._send = send
         self._began = began
-        self._point_taken = point_taken
         self._servos = servos
         self._hang_up = hang_up
         self._mode = TrajectoryMode(servos, errors, blocked)
@@ -212,7 +209,6 @@ class MotomanProgram:
             return invalid(done, wrong)
         self._last = (0, point.time)
         self._began()
-        self._point_taken()
         return done
 
     def _go_on(self, point: JointTrajPtFull, before: float, done: MotionReply) -> MotionReply:
@@ -229,7 +225,6 @@ class MotomanProgram:
     def _feed(self) -> None:
         while self._waiting and not self._paused and self._arm.has_room:
             self._arm.take(self._waiting.popleft())
-            self._point_taken()
 
     def _stop(self) -> None:
         self._arm.stop()

@@ -37,8 +37,8 @@ class PointQueue:
 
     `answered` is called with an entry that was done (or, with `answers_early`, one that will be
     refused); `failed` with one that is refused in its turn, which is still in the queue then.
-    `began` is called before the arm takes the first point of a trajectory, `point_taken` after it
-    has taken a point. Any of them may flush the queue.
+    `began` is called before the arm takes the first point of a trajectory. Any of them may flush
+    the queue.
     """
 
     def __init__(
@@ -49,7 +49,6 @@ class PointQueue:
         answered: Callable[[Entry], None],
         failed: Callable[[Refusal], None],
         began: Callable[[], None],
-        point_taken: Callable[[int], None],
     ) -> None:
         self._arm = arm
         self._clock = clock
@@ -57,7 +56,6 @@ class PointQueue:
         self._answered = answered
         self._failed = failed
         self._began = began
-        self._point_taken = point_taken
         self._current: Entry | None = None
         self._waiting: deque[Entry] = deque()
         self._timer: Timer | None = None
@@ -105,9 +103,8 @@ class PointQueue:
                 self._begin(self._waiting.popleft())
 
     def _has_turn(self, entry: Entry) -> bool:
-        if entry.point is None:
-            return True
-        return self._arm.has_room and self._is_ready(entry.ready_at)
+        room = entry.point is None or self._arm.has_room
+        return room and self._is_ready(entry.ready_at)
 
     def _is_ready(self, ready_at: float) -> bool:
         """Return whether it is that time; if not, `advance` will be called then."""
@@ -134,7 +131,6 @@ class PointQueue:
         if self._current is not entry:  # flushed meanwhile
             return
         self._arm.take(entry.point)
-        self._point_taken(entry.point.sequence)
 
     def _done(self, entry: Entry) -> bool:
         if entry.refusal is not None:

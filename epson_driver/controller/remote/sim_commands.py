@@ -154,7 +154,7 @@ def _tasks(controller: 'Controller', parameters: list[str]) -> str:
     expect(parameters, 0)
     return ';'.join(
         f'{task.number}={task.name},{TASK_TYPES[task.type]},'
-        f'{TASK_WORDS[task.state(controller.condition)]}'
+        f'{TASK_WORDS[controller.task_state(task)]}'
         for task in PROGRAM
     )
 

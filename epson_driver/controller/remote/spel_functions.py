@@ -90,7 +90,7 @@ def _one(predicate: status_words.Predicate) -> Callable[..., str]:
 
 def _task_state(controller: 'Controller', arguments: Sequence[str]) -> str:
     number = whole('task', arguments[0], 1, _LAST_TASK)
-    states = {task.number: task.state(controller.condition) for task in PROGRAM}
+    states = {task.number: controller.task_state(task) for task in PROGRAM}
     return str(states.get(number, TaskState.NOT_RUNNING).value)
 
 

@@ -36,10 +36,14 @@ def ready(controller: 'Controller') -> bool:
 
 
 def error(controller: 'Controller') -> bool:
-    """Return whether the controller is in error, or shows an error number."""
-    return (
-        controller.condition.fault is not Fault.NONE or controller.error_number != ErrorNumber.NONE
-    )
+    """Return whether the controller is in error, or shows an error number.
+
+    A person who stopped the tasks can start them again: that they do not run is no error.
+    """
+    number = controller.error_number
+    if controller.condition.tasks is Tasks.STOPPED and number == ErrorNumber.TASK_ABORTED:
+        return controller.condition.estopped
+    return controller.condition.fault is not Fault.NONE or number != ErrorNumber.NONE
 
 
 def never(_controller: 'Controller') -> bool:
@@ -102,7 +106,7 @@ def _task_runs(number: int) -> Predicate:
     task = next((task for task in PROGRAM if task.number == number), None)
     if task is None:
         return never
-    return lambda controller: task.state(controller.condition) in _ALIVE
+    return lambda controller: controller.task_state(task) in _ALIVE
 
 
 _ALIVE = (TaskState.RUNNING, TaskState.WAITING, TaskState.HALTED, TaskState.QUICK_PAUSE)

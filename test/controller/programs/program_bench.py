@@ -65,8 +65,14 @@ class ProgramBench:
             lambda packet: self.sent.extend(encode(packet, Dialect())),
             self.clock,
             lambda: self.events.append('began'),
-            self.events.append,
         )
+        take = self.arm.take
+
+        def record(taken):
+            take(taken)
+            self.events.append(taken.sequence)
+
+        self.arm.take = record
 
     def send(self, *frames):
         for data in frames:

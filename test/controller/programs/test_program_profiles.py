@@ -168,13 +168,15 @@ def test_a_refused_first_point_begins_nothing():
 def test_a_program_that_is_restarted_by_the_point_it_gives_to_the_arm():
     bench = ProgramBench()
     taken = []
+    take = bench.arm.take
 
-    def restart_at_1(sequence):
-        taken.append(sequence)
-        if sequence == 1:
+    def restart_at_1(point):
+        taken.append(point.sequence)
+        take(point)
+        if point.sequence == 1:
             bench.program.restart()
 
-    bench.program._queue._point_taken = restart_at_1
+    bench.arm.take = restart_at_1
     bench.send(point(0), point(1, THERE), point(2, HOME))
     bench.rest()
     assert taken == [0, 1]

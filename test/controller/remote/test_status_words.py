@@ -21,8 +21,10 @@ from epson_driver.controller.states import (
 
 
 def controller(moving=False, in_motion=None, error=0, **regions):
+    condition = Condition(**regions)
     return SimpleNamespace(
-        condition=Condition(**regions),
+        condition=condition,
+        task_state=lambda task: task.state(condition),
         moving=moving,
         in_motion=moving if in_motion is None else in_motion,
         error_number=error,
@@ -169,9 +171,9 @@ def test_words_of_a_controller_that_moves_pauses_and_recovers():
     bench.step(0.2)
     bench.do('door open')
     bench.rest()
-    assert words() == (('0x204', '0x610', '0x0'), '00100100100,0000')
+    assert words() == (('0x204', '0x600', '0x0'), '00100100100,0000')
     bench.do('door close')
-    assert words() == (('0x2004', '0x610', '0x0'), '00100000100,0000')
+    assert words() == (('0x2004', '0x600', '0x0'), '00100000100,0000')
     bench.do('continue')
     assert words()[0][0] in ('0x4002', '0x2')  # it may be there already
     bench.do('E-stop press')
