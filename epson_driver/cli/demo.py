@@ -159,13 +159,13 @@ def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) ->
                 user.enable()
                 console.print(f'robot ready after {time.monotonic() - began:.1f} s')
                 text, succeeded = user.execute(console)
+                if not succeeded:
+                    raise RunError(f'the goal was not reached: {text}')
                 latencies = user.reply_latencies()
                 run = user.recording()
             finally:
                 user.close()
         round_trips = _ping(ports)
-    if not succeeded:
-        raise RunError(f'the goal was not reached: {text}')
     return Run(motion, run, measure(trajectory, run), text, latencies, round_trips)
 
 
