@@ -93,7 +93,7 @@ def test_motors_estop_and_reset(ask, done):
     assert 'motors: off\n' in text
     assert 'E-stop: pressed (release, then reset)\n' in text
     assert 'error:  2261 (the motion task does not exist' in text
-    assert 'an error, release, reset, motors on\n' in text
+    assert 'release the E-stop, reset, motors on; after a stop, start\n' in text
     assert 'motion server  Normal        aborted (2261)\n' in text
     done('estop release')
     assert 'E-stop: released, not reset (reset)\n' in done('status')

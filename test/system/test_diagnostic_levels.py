@@ -43,7 +43,7 @@ def test_levels_and_sentences_through_an_estop_and_a_restart(tmp_path: Path) -> 
         cell.pendant('estop', 'press')
         shown = wait(cell, 'arm', ERROR, 'the motion task does not exist')
         assert shown['error code'] == '2261'
-        assert shown['remedy'] == 'release the E-stop, reset, motors on'
+        assert shown['remedy'] == 'release the E-stop, reset, motors on; after a stop, start'
         assert 'E-stop' in shown['arm gate reason']
 
         cell.controller.end()
