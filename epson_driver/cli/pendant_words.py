@@ -152,7 +152,8 @@ def _disturb(words: Sequence[str]) -> Request:
     joint, degrees = words
     if not _is_index(joint) or not math.isfinite(float(degrees)):
         raise ValueError
-    return Request((f'Sim,disturb,{joint},{degrees}',), f'joint {joint} pushed by {degrees}°')
+    done = f'joint {joint} pushed by {degrees}° (with the motors on, over 1° is a servo error)'
+    return Request((f'Sim,disturb,{joint},{degrees}',), done)
 
 
 def _reboot(words: Sequence[str]) -> Request:
