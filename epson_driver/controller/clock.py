@@ -15,6 +15,13 @@ MAX_CATCH_UP = 3
 """Periods that are made up for after a delay; what was missed before them is left out."""
 
 
+LATE = 0.002
+"""What is repeated acts at the end of a step that is no later than this, s.
+
+What it tells then is as new as it can be.
+"""
+
+
 class Timer:
     """Something that will happen, once or every `period` s, until it is cancelled.
 
@@ -71,11 +78,12 @@ class Clock:
     def advance(self, until: float, passes: Callable[[float], None] = _nothing) -> None:
         """Let the time be `until`, and what is due by then happen.
 
-        An action sees the moment it is due as now, and may set further timers. Before each, and at
+        An action sees the moment it is due as now (`LATE` apart), and may set further timers. Before each, and at
         the end, `passes` is called with the time that has passed since, s.
         """
         while (due := self.next_due) is not None and due <= until:
-            self._pass(due, passes)
+            late = self._timers[0][2].period is not None and until - due <= LATE
+            self._pass(until if late else due, passes)
             if self.next_due == due:  # not cancelled by that
                 self._act(heapq.heappop(self._timers)[2], until)
         self._pass(until, passes)

@@ -93,3 +93,20 @@ def test_time_passes_before_each_timer_and_may_cancel_it(clock):
     clock.after(0.1, lambda: passed.append('timer'))
     clock.advance(0.5, passes)
     assert passed == [0.1, 'timer', 0.4]
+
+
+@pytest.mark.parametrize(('late', 'seen_at'), [(0.0015, 0.1015), (0.003, 0.1)])
+def test_what_is_repeated_is_told_as_new_as_it_can_be(clock, late, seen_at):
+    passed, seen = [], []
+    clock.every(0.1, lambda: seen.append((clock.now, sum(passed))), first=0.1)
+    clock.advance(0.1 + late, passed.append)
+    assert seen == [(pytest.approx(seen_at), pytest.approx(seen_at))]
+    clock.advance(0.2 + 1e-9)
+    assert seen[1][0] == pytest.approx(0.2)  # no drift
+
+
+def test_what_happens_once_happens_when_it_is_due(clock):
+    seen = []
+    clock.after(0.1, lambda: seen.append(clock.now))
+    clock.advance(0.1005)
+    assert seen == [0.1]
