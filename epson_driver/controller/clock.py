@@ -78,8 +78,8 @@ class Clock:
     def advance(self, until: float, passes: Callable[[float], None] = _nothing) -> None:
         """Let the time be `until`, and what is due by then happen.
 
-        An action sees the moment it is due as now (`LATE` apart), and may set further timers. Before each, and at
-        the end, `passes` is called with the time that has passed since, s.
+        An action sees the moment it is due as now (`LATE` apart), and may set further timers.
+        Before each, and at the end, `passes` is called with the time that has passed since, s.
         """
         while (due := self.next_due) is not None and due <= until:
             late = self._timers[0][2].period is not None and until - due <= LATE
