@@ -326,6 +326,8 @@ class Driver:
     def _on_end(self, ticket: Ticket, outcome: Outcome) -> None:
         self._ticket = None
         ticket.outcome = outcome
+        if ticket.execution is not None and ticket.execution.broken_off:
+            self._disable(outcome.text)
         if ticket.preparation is not None:
             ticket.preparation.cancel()
         self._wake()
@@ -345,12 +347,15 @@ class Driver:
 
     def fault(self, why: str) -> None:
         """Close the arm gate and end what runs or waits; the arm stays still until enabled."""
-        if self.gate.close(why):
-            _log.warning('arm disabled: %s', why)
+        self._disable(why)
         self.end_waiting(why)
         if self._ticket is not None and self._ticket.execution is not None:
             execution = self._ticket.execution
             execution.fault(f'{why} ({execution.where})')
+
+    def _disable(self, why: str) -> None:
+        if self.gate.close(why):
+            _log.warning('arm disabled: %s', why)
 
     @property
     def busy(self) -> bool:

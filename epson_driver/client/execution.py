@@ -166,6 +166,8 @@ class Execution:
         self._refused_at = 0.0
         self.at_rest = False
         """The goal has ended and the arm stands: not after a fault."""
+        self.broken_off = False
+        """The controller did not answer in time, or refused what follows points it had taken."""
         self._left = False
         self._must_leave = _must_leave(goal)
         self.paused = False
@@ -299,16 +301,24 @@ class Execution:
 
     def _refuse(self, why: str, now: float) -> None:
         self._refusal, self._refused_at = why, now
+        self.broken_off = self.point > 0
         self._step(Event.REFUSAL)
         self._send_stop()
 
     def _look_for_cause(self, robot: RobotState, now: float) -> None:
         """End a refused goal with what the first status after the refusal says, if it comes."""
-        if robot.status is not None and robot.status_time > self._refused_at:
+        told = robot.status is not None and robot.status_time > self._refused_at
+        waited = now - self._refused_at
+        status = robot.status
+        if told and status and not status.error_code and robot.in_motion == TriState.TRUE:
+            # It brakes: what makes it do so may only show when it stands, as motors off do.
+            told = waited > self.settings.reply_timeout
+            waited = 0.0
+        if robot.status is not None and told:
             error = robot.status.error_code
             text = robot.errors.phrase(error)
             self.fault(f'controller error {text}' if error else 'it reports no error')
-        elif now - self._refused_at > self.settings.cause_time:
+        elif waited > self.settings.cause_time:
             self.fault('no status came that says why')
 
     def _send_stop(self) -> None:
@@ -393,6 +403,7 @@ class Execution:
                 ErrorCode.GOAL_TOLERANCE_VIOLATED,
             )
         elif self.state is State.STREAMING and waited > timeout + self._due:
+            self.broken_off = True
             self.fault(
                 f'no reply to {self._name(self.point)}: the arm has not moved for {waited:.3g} s'
             )
@@ -400,6 +411,7 @@ class Execution:
             self.state not in (State.PREPARING, State.STREAMING)
             and min(waited, now - self._begins_by) > timeout
         ):
+            self.broken_off = True
             self.fault(f'the controller did not confirm the standstill within {waited:.3g} s')
 
     def _keep_time(self, robot: RobotState, now: float) -> None:

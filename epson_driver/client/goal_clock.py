@@ -11,6 +11,8 @@ Rules:
 3. While the controller is paused, and once the goal is being stopped, it stands.
 """
 
+from array import array
+
 import numpy as np
 
 from epson_driver.client.speed_scaling import SpeedScaling
@@ -88,7 +90,7 @@ class GoalClock:
         self._scaling = scaling
         self._reference = Reference(trajectory, start)
         self._times = trajectory.times
-        self._factors: list[float] = []
+        self._factors = array('d')  # a list would take four times the memory
         self._now = now
 
     def sent(self, factor: float) -> None:

@@ -26,11 +26,11 @@ PATIENCE = 20.0
 """How long anything may take before a test fails, s; nothing waits for so long otherwise."""
 
 
-def run(coroutine):
-    """Run a test's coroutine; no task may be left when it ends."""
+def run(coroutine, patience=PATIENCE):
+    """Run a test's coroutine, `patience` s at most; no task may be left when it ends."""
 
     async def timed():
-        async with asyncio.timeout(PATIENCE):
+        async with asyncio.timeout(patience):
             await coroutine
         await asyncio.sleep(0)
         left = asyncio.all_tasks() - {asyncio.current_task()}
