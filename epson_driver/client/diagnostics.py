@@ -120,7 +120,7 @@ class Diagnostics:
         yield 'arm gate', 'open' if driver.gate.reason is None else 'closed'
         if driver.gate.reason is not None:
             yield 'arm gate reason', driver.gate.reason
-        yield 'goal running', driver.busy
+        yield 'goal running', driver.goals.busy
         if robot.sample is not None:
             yield 'age of joint state [ms]', f'{(now - robot.sample.time) * 1e3:.1f}'
             yield from self._intervals(now)

@@ -2,23 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One goal on its way through the controller, from the first point to its one outcome.
 
-Rules:
-1. Every change of a goal's state is a row of TRANSITIONS. The three final states have no row:
-   a goal ends once. Nothing is sent for a goal before it is prepared: its motion may have to be
-   planned first.
-2. One point is on its way at a time; its reply lets the next one go (streaming, REP-I0006).
-3. Success needs all replies positive, the arm at the goal within tolerance, and standing, as
-   measured after the last reply.
-4. Cancel, stop and replacement send STOP at once, never behind a pending reply, and end the goal
-   when the arm stands. A fault sends STOP and ends the goal at once: it cannot wait for an arm
-   that it may no longer see.
-5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIME at most: it
-   has the reason.
-6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
-   against the plan at that moment (goal_clock.py), until the plan's end.
-7. A controller that is paused (it said before that motion is possible, and now denies it, stands
-   and has no error) is waited for, however long: the clock stands and no patience runs out.
-8. While the speed scaling is 0 no point is sent; what was acknowledged runs on.
+The rules, and what may follow what, are in goal_states.py.
 
 The object has no clock and no I/O: it is told what happened and when, and it sends through the
 callable it was given.
@@ -27,87 +11,30 @@ callable it was given.
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 
 from epson_driver.client.goal import End, ErrorCode, Goal, Outcome
 from epson_driver.client.goal_clock import GoalClock
+from epson_driver.client.goal_states import FINAL, TRANSITIONS, Event, State
+from epson_driver.client.pause import PauseWatch
 from epson_driver.client.points import SHORTEST_DURATION, STOP
 from epson_driver.client.refusal import refusal
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.speed_scaling import SpeedScaling, scaled
+from epson_driver.client.standstill import Standstill
 from epson_driver.controllers.profile import StateProfile
 from epson_driver.motion import Array, Trajectory
 from epson_driver.simple_message import Message, Packet, TriState
 
-
-class State(Enum):
-    """Where a goal is."""
-
-    PREPARING = 'preparing'
-    STREAMING = 'streaming'
-    SETTLING = 'settling'
-    REFUSED = 'refused'
-    CANCELING = 'canceling'
-    STOPPING = 'stopping'
-    SUCCEEDED = 'succeeded'
-    CANCELED = 'canceled'
-    ABORTED = 'aborted'
-
-
-class Event(Enum):
-    """What happens to a goal."""
-
-    PREPARED = 'prepared'
-    LAST_REPLY = 'last reply'
-    REFUSAL = 'refusal'
-    AT_GOAL = 'at the goal'
-    CANCEL = 'cancel'
-    STOP = 'stop'
-    AT_REST = 'at rest'
-    FAULT = 'fault'
-
-
-TRANSITIONS: dict[tuple[State, Event], State] = {
-    (State.PREPARING, Event.PREPARED): State.STREAMING,
-    (State.PREPARING, Event.CANCEL): State.CANCELING,
-    (State.PREPARING, Event.STOP): State.STOPPING,
-    (State.PREPARING, Event.FAULT): State.ABORTED,
-    (State.STREAMING, Event.LAST_REPLY): State.SETTLING,
-    (State.STREAMING, Event.REFUSAL): State.REFUSED,
-    (State.STREAMING, Event.CANCEL): State.CANCELING,
-    (State.STREAMING, Event.STOP): State.STOPPING,
-    (State.STREAMING, Event.FAULT): State.ABORTED,
-    (State.REFUSED, Event.FAULT): State.ABORTED,
-    (State.SETTLING, Event.AT_GOAL): State.SUCCEEDED,
-    (State.SETTLING, Event.REFUSAL): State.REFUSED,
-    (State.SETTLING, Event.CANCEL): State.CANCELING,
-    (State.SETTLING, Event.STOP): State.STOPPING,
-    (State.SETTLING, Event.FAULT): State.ABORTED,
-    (State.CANCELING, Event.AT_REST): State.CANCELED,
-    (State.CANCELING, Event.FAULT): State.ABORTED,
-    (State.STOPPING, Event.CANCEL): State.CANCELING,
-    (State.STOPPING, Event.AT_REST): State.ABORTED,
-    (State.STOPPING, Event.FAULT): State.ABORTED,
-}
-
-FINAL = frozenset({State.SUCCEEDED, State.CANCELED, State.ABORTED})
-
-REST_TIME = 0.05
-"""How long the arm must stand before it counts as standing, s: more than the velocity window."""
-
 SETTLE_TIME = 1.0
 """How long an arm may stand beside the goal after the last reply before that is a failure, s."""
 
-CAUSE_TIME = 0.07
+CAUSE_TIME = 0.095
 """How long a refused goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
 
-CAUSE_MARGIN = 0.015
+CAUSE_MARGIN = 0.04
 """What it waits beyond the time between two of them, s."""
-
-MOVED = 1e-4
-"""A change of position that shows that the arm moves, rad: well above an encoder's step."""
 
 Send = Callable[[Message, Callable[[Packet, float], None]], object]
 """send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
@@ -158,26 +85,27 @@ class Execution:
         self._send = send
         self._on_end = on_end
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
-        self._alive = now
-        self._alive_at: Array | None = None
-        self._standing_since: float | None = None
-        self._settling_since: float | None = None
+        self._standstill = Standstill(now)
         self._refusal = ''
         self._refused_at = 0.0
         self.at_rest = False
         """The goal has ended and the arm stands: not after a fault."""
         self.broken_off = False
-        """The controller did not answer in time, or refused what follows points it had taken."""
+        """Nobody knows what the controller will do with the points it has taken."""
+        self.unanswered = False
+        """It broke off because no answer came in time: one may come later."""
         self._left = False
         self._must_leave = _must_leave(goal)
-        self.paused = False
-        """The controller is paused: the goal waits for it."""
-        self._interrupted = False
-        self._was_possible = False
+        self._pause = PauseWatch()
         self._scaling = scaling or SpeedScaling()
         self._clock: GoalClock | None = None
         self._due = 0.0
         self._delay = 0.0
+
+    @property
+    def paused(self) -> bool:
+        """True while the controller is paused: the goal waits for it."""
+        return self._pause.paused
 
     @property
     def desired(self) -> tuple[float, Array, Array] | None:
@@ -229,7 +157,7 @@ class Execution:
         self._must_leave = _must_leave(self.goal)
         self._points = points
         self._begins_by = now + begin_within
-        self.started = self._alive = now
+        self.started = self._standstill.alive = now
         start = trajectory.positions[0] if at is None else at
         self._clock = GoalClock(trajectory, start, self._scaling, self._begins_by)
         self._step(Event.PREPARED)
@@ -239,7 +167,7 @@ class Execution:
         """The controller answered point `index`."""
         if self.state is not State.STREAMING or index != self.point:
             return
-        self._alive = now
+        self._standstill.alive = now
         if (no := refusal(packet)) is not None:
             self._refuse(f'the controller refused {self._name(index)} ({no})', now)
             return
@@ -247,8 +175,7 @@ class Execution:
         if self.point < len(self._points):
             self._send_point(now)
         else:
-            self._settling_since = max(now, self._begins_by)
-            self._standing_since = None
+            self._standstill.expect(max(now, self._begins_by))
             self._step(Event.LAST_REPLY)
 
     def on_unsolicited_failure(self, now: float) -> None:
@@ -265,11 +192,11 @@ class Execution:
         self._keep_time(robot, now)
         distance = np.abs(sample.positions - self.goal.trajectory.positions[-1])
         self._left = self._left or float(distance.max()) >= self._must_leave
-        self._watch_rest(sample, robot, now)
+        self._standstill.see(sample, robot, self._stopped(), now)
         if self.state is State.REFUSED:
             self._look_for_cause(robot, now)
             return
-        if self._standing_since is not None and sample.time - self._standing_since >= REST_TIME:
+        if self._standstill.reached(sample.time):
             if self.state is State.SETTLING:
                 self._judge(distance, now)
             elif self.state in (State.CANCELING, State.STOPPING):
@@ -333,9 +260,8 @@ class Execution:
         self._step(event)
         if already:
             return
-        self._alive = now
-        self._settling_since = None
-        self._standing_since = None
+        self._standstill.alive = now
+        self._standstill.expect(None)
         try:
             self._send(STOP, self._on_stop_reply)
         except ConnectionError as error:
@@ -343,30 +269,16 @@ class Execution:
 
     def _on_stop_reply(self, packet: Packet, now: float) -> None:
         if (no := refusal(packet)) is None:
-            self._settling_since = now
+            self._standstill.expect(now)
         else:
             self.fault(f'the controller refused STOP ({no})')
 
-    def _watch_rest(self, sample: JointSample, robot: RobotState, now: float) -> None:
-        """Keep since when the arm stands, by what is measured and by what the controller says.
-
-        Only what came after the last reply counts: before it, the motion may not have begun.
-        """
-        if self._alive_at is None or np.abs(sample.positions - self._alive_at).max() > MOVED:
-            self._alive_at = sample.positions
-            self._alive = now
-        stopped = np.full(sample.velocities.shape, self.settings.stopped_velocity)
+    def _stopped(self) -> Array:
+        """Return the velocities below which the joints count as standing, rad/s, shape (n,)."""
+        stopped = np.full(len(self.goal.trajectory.joint_names), self.settings.stopped_velocity)
         if self.goal.goal_velocity is not None:
             stopped = np.minimum(stopped, self.goal.goal_velocity)
-        moving = bool(np.any(np.abs(sample.velocities) >= stopped))
-        if moving or robot.in_motion == TriState.TRUE or self._settling_since is None:
-            self._standing_since = None
-        elif (
-            self._standing_since is None
-            and sample.time > self._settling_since
-            and (robot.in_motion == TriState.UNKNOWN or robot.status_time > self._settling_since)
-        ):
-            self._standing_since = sample.time
+        return stopped
 
     def _judge(self, distance: Array, now: float) -> None:
         """All points are acknowledged and the arm stands: decide whether it is at the goal."""
@@ -376,7 +288,7 @@ class Execution:
         if self._left and np.all(distance <= tolerance):
             text = f'at the goal after {now - self.started:.2f} s'
             self._step(Event.AT_GOAL, Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
-        elif now - max(self._alive, self._begins_by) > SETTLE_TIME:
+        elif now - max(self._standstill.alive, self._begins_by) > SETTLE_TIME:
             joint = int(np.argmax(distance - tolerance))
             name = self.goal.trajectory.joint_names[joint]
             self.fault(
@@ -392,7 +304,7 @@ class Execution:
             return
         planned = self.goal.trajectory.duration
         took = 0.0 if self._clock is None else self._clock.time
-        waited = now - self._alive
+        waited = now - self._standstill.alive
         timeout = self.settings.reply_timeout
         if self.state in (State.STREAMING, State.SETTLING) and 0.0 < self.goal.goal_time < (
             took - planned
@@ -403,42 +315,32 @@ class Execution:
                 ErrorCode.GOAL_TOLERANCE_VIOLATED,
             )
         elif self.state is State.STREAMING and waited > timeout + self._due:
-            self.broken_off = True
-            self.fault(
+            self._break_off(
                 f'no reply to {self._name(self.point)}: the arm has not moved for {waited:.3g} s'
             )
         elif (
             self.state not in (State.PREPARING, State.STREAMING)
             and min(waited, now - self._begins_by) > timeout
         ):
-            self.broken_off = True
-            self.fault(f'the controller did not confirm the standstill within {waited:.3g} s')
+            self._break_off(f'the controller did not confirm the standstill within {waited:.3g} s')
+
+    def _break_off(self, why: str) -> None:
+        self.broken_off = self.unanswered = True
+        self.fault(why)
 
     def _keep_time(self, robot: RobotState, now: float) -> None:
-        """See whether the controller is paused, let the clock go on, and send what was held."""
-        if self._clock is None:
-            self._watch_pause(robot)
+        """Let the clock go on, see whether the controller is paused, and send what was held."""
+        clock, moves = self._clock, self.state in (State.STREAMING, State.SETTLING)
+        if clock is not None:
+            clock.advance(now, running=moves and not self._pause.interrupted)
+        if robot.status is not None:
+            self._pause.see(robot.status)
+        if clock is None:
             return
-        runs = self.state in (State.STREAMING, State.SETTLING) and not self._interrupted
-        self._clock.advance(now, running=runs)
-        self._watch_pause(robot)
-        if self._clock.held and self.state is State.STREAMING:
+        if clock.held and self.state is State.STREAMING:
             self._send_point(now)
-        if self.state in (State.STREAMING, State.SETTLING) and (self.paused or self._clock.held):
-            self._alive = now
-
-    def _watch_pause(self, robot: RobotState) -> None:
-        status = robot.status
-        if status is None:
-            return
-        self._was_possible |= status.motion_possible == TriState.TRUE
-        self._interrupted = (
-            self._was_possible
-            and status.motion_possible == TriState.FALSE
-            and status.in_error != TriState.TRUE
-            and not status.error_code
-        )
-        self.paused = self._interrupted and status.in_motion == TriState.FALSE
+        if moves and (self.paused or clock.held):
+            self._standstill.alive = now
 
     def _check_path(self, sample: JointSample, now: float) -> None:
         """Hold what was measured just now against where the plan is."""
@@ -447,7 +349,7 @@ class Execution:
             tolerance is None
             or clock is None
             or self.state not in (State.STREAMING, State.SETTLING)
-            or self._interrupted
+            or self._pause.interrupted
             or sample.time != now
             or clock.time >= self.goal.trajectory.duration
         ):

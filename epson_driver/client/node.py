@@ -31,9 +31,10 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from epson_driver.client import messages, parameters
+from epson_driver.client.configuration import Configuration
 from epson_driver.client.deliveries import delivery_rules
 from epson_driver.client.diagnostics import Diagnostics
-from epson_driver.client.driver import Configuration, Driver, Ticket
+from epson_driver.client.driver import Driver
 from epson_driver.client.execution import Execution, Settings, cause_time
 from epson_driver.client.goal import (
     End,
@@ -46,6 +47,7 @@ from epson_driver.client.goal import (
     trajectory_from_message,
     untimed,
 )
+from epson_driver.client.goals import Ticket
 from epson_driver.client.io_node import IoInterface
 from epson_driver.client.joint_mapping import joint_mapping
 from epson_driver.client.pace import Pace
@@ -164,8 +166,8 @@ class ClientNode:
         )
 
     def _apply_settings(self) -> None:
-        self.driver.execution_settings = self._settings()
-        self.driver.start_tolerance = self._parameters['start_tolerance']
+        self.driver.goals.settings = self._settings()
+        self.driver.goals.start_tolerance = self._parameters['start_tolerance']
         self.driver.io.timeout = self._parameters['io_timeout']
 
     def _make_publishers(self) -> None:
@@ -192,7 +194,7 @@ class ClientNode:
                 JointTrajectory, topic, self._on_trajectory, 10, callback_group=group
             )
         self._io = IoInterface(node, self.driver.io, self._in_loop, group)
-        self._speed = SpeedInterface(node, self.driver.scaling, self._in_loop, group)
+        self._speed = SpeedInterface(node, self.driver.goals.scaling, self._in_loop, group)
         self._action = ActionServer(
             node,
             FollowJointTrajectory,
@@ -256,9 +258,9 @@ class ClientNode:
             outcome = refusal.outcome
         else:
             self._tickets[key] = ticket
-            self._loop.call_soon_threadsafe(self.driver.submit, ticket)
+            self._loop.call_soon_threadsafe(self.driver.goals.submit, ticket)
             if goal_handle.is_cancel_requested:
-                self._loop.call_soon_threadsafe(self.driver.cancel, ticket)
+                self._loop.call_soon_threadsafe(self.driver.goals.cancel, ticket)
             outcome = await done
         self._log_outcome(outcome)
         if outcome.end is End.SUCCEEDED:
@@ -273,7 +275,7 @@ class ClientNode:
     def _cancel(self, goal_handle: Any) -> CancelResponse:
         ticket = self._tickets.get(bytes(goal_handle.goal_id.uuid))
         if ticket is not None:
-            self._loop.call_soon_threadsafe(self.driver.cancel, ticket)
+            self._loop.call_soon_threadsafe(self.driver.goals.cancel, ticket)
         return CancelResponse.ACCEPT
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
@@ -287,7 +289,7 @@ class ClientNode:
             self._log_outcome(refusal.outcome)
             return
         ticket = Ticket(goal, self._log_outcome, partial(self._on_feedback, None))
-        self._loop.call_soon_threadsafe(self.driver.submit, ticket)
+        self._loop.call_soon_threadsafe(self.driver.goals.submit, ticket)
 
     def _checked(self, request: FollowJointTrajectory.Goal) -> Goal:
         """Return the goal of a request. Raises GoalRefusedError."""

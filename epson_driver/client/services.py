@@ -31,9 +31,9 @@ class Services:
 
         Raises ServiceError if the controller cannot be reached, refuses, or does not answer.
         """
-        self._driver.end_waiting('stopped by ~/stop before it could start')
-        if self._driver.busy:
-            outcome = await self._driver.stop_running('stopped by ~/stop', ANSWER_TIMEOUT)
+        self._driver.goals.end_waiting('stopped by ~/stop before it could start')
+        if self._driver.goals.busy:
+            outcome = await self._driver.goals.stop('stopped by ~/stop', ANSWER_TIMEOUT)
             if outcome is None:
                 raise ServiceError(f'STOP was sent; no standstill within {ANSWER_TIMEOUT:g} s')
             return f'the running goal ended: {outcome.text}'
@@ -88,7 +88,7 @@ class Services:
     async def disable(self) -> str:
         """Stop, close the arm gate, and switch the motors off where the driver can."""
         self._driver.gate.close('disabled by ~/disable')
-        await self._driver.stop_running('stopped by ~/disable', ANSWER_TIMEOUT)
+        await self._driver.goals.stop('stopped by ~/disable', ANSWER_TIMEOUT)
         self._driver.fault('disabled by ~/disable')
         if not self._driver.configuration.remote_port:
             return 'the arm is disabled; remote_port is 0, so the motors were left as they are'
@@ -123,7 +123,7 @@ class Services:
         try:
             async with asyncio.timeout(ANSWER_TIMEOUT):
                 while self._driver.robot.status is None or not good(self._driver.robot.status):
-                    await self._driver.next_change()
+                    await self._driver.changes.next()
         except TimeoutError as error:
             raise ServiceError(f'{otherwise} (waited {ANSWER_TIMEOUT:g} s)') from error
         return self._driver.robot.status

@@ -95,6 +95,7 @@ class Link:
         self._writer: asyncio.StreamWriter | None = None
         self._framer = Framer(byte_order)
         self._attempt = 0
+        self._ended_because: str | None = None
         self._last_received = 0.0
 
     @property
@@ -163,6 +164,16 @@ class Link:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
         self._write(self._writer, encode(topic(message), self.dialect))
 
+    def reconnect(self, why: str) -> None:
+        """Close the connection, if there is one, after what was sent; then connect again.
+
+        Replies that were on their way are not received any more.
+        """
+        if self._writer is not None:
+            self._ended_because = why
+            self._writer.close()
+            self._writer = None
+
     @property
     def unsent(self) -> int:
         """Bytes that wait for the controller to read what was sent before."""
@@ -184,6 +195,7 @@ class Link:
         self.statistics.connections += 1
         self.statistics.connected_since = established
         self._framer = Framer(self._byte_order)
+        self._ended_because = None
         self._tell(WireEvent.OPENED)
         self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
         try:
@@ -218,6 +230,8 @@ class Link:
             if isinstance(error, ConnectionResetError):
                 self._tell(WireEvent.RESET)
             return str(error)
+        if self._ended_because is not None:
+            return self._ended_because
         self._tell(WireEvent.ENDED)
         return 'closed by the controller'
 

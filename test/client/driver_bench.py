@@ -8,9 +8,11 @@ import struct
 
 import numpy as np
 
-from epson_driver.client.driver import Configuration, Driver, Ticket
+from epson_driver.client.configuration import Configuration
+from epson_driver.client.driver import Driver
 from epson_driver.client.execution import Settings
 from epson_driver.client.goal import Goal
+from epson_driver.client.goals import Ticket
 from epson_driver.client.services import Services
 from epson_driver.controller.core import Controller
 from epson_driver.controller.network.servers import ControllerServers, Ports
@@ -159,7 +161,7 @@ class Bench:
             Trajectory(LIMITS.names, times, positions), np.full(JOINTS, tolerance), goal_time=0.0
         )
         submitted = Submitted(goal)
-        self.driver.submit(submitted.ticket)
+        self.driver.goals.submit(submitted.ticket)
         return submitted
 
     async def until_moving(self):

@@ -4,8 +4,9 @@
 
 import numpy as np
 
-from epson_driver.client.execution import FINAL, Execution, Settings
+from epson_driver.client.execution import Execution, Settings
 from epson_driver.client.goal import Goal
+from epson_driver.client.goal_states import FINAL
 from epson_driver.client.points import STOP
 from epson_driver.client.robot_state import RobotState
 from epson_driver.client.speed_scaling import SpeedScaling

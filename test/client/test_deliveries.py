@@ -27,8 +27,9 @@ from driver_bench import (
 
 from epson_driver.client.deliveries import delivery_rules
 from epson_driver.client.delivery import DeliveryRules
-from epson_driver.client.execution import Settings, State, cause_time
+from epson_driver.client.execution import Settings, cause_time
 from epson_driver.client.goal import End, ErrorCode, Goal
+from epson_driver.client.goal_states import State
 from epson_driver.client.joint_mapping import joint_mapping
 from epson_driver.client.parameters import profile_defaults
 from epson_driver.controller.states import Event
@@ -100,7 +101,7 @@ def plan(times, positions, velocities=None):
 
 def hand_in(bench, goal):
     submitted = Submitted(goal)
-    bench.driver.submit(submitted.ticket)
+    bench.driver.goals.submit(submitted.ticket)
     return submitted
 
 
@@ -259,7 +260,7 @@ def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
         async with cell_of('abb') as (bench, controller, received):
             goal = hand_in(bench, plan([0.0, 3.0], [HOME, pose(1.5)]))
             await bench.until_moving()
-            bench.driver.cancel(goal.ticket)
+            bench.driver.goals.cancel(goal.ticket)
             outcome = await goal.end()
             assert outcome.end is End.CANCELED
             assert (received[-1].comm_type, received[-1].message.sequence) == (
@@ -319,7 +320,7 @@ def test_inv7_a_long_download_never_fills_the_memory():
                 await asyncio.sleep(0)
             assert most < 32768
             assert [packet.message.sequence for packet in received[1:-1]] == [*range(1, count - 1)]
-            bench.driver.cancel(goal.ticket)
+            bench.driver.goals.cancel(goal.ticket)
             assert (await goal.end()).end is End.CANCELED
 
     run(check())
@@ -376,7 +377,7 @@ def test_a_busy_point_is_not_sent_again_after_stop():
         async with cell_of(small) as (bench, controller, received):
             goal = hand_in(bench, plan(np.arange(9) * 1.0, np.outer(np.arange(9.0), pose(0.2))))
             await bench.until_moving()
-            bench.driver.cancel(goal.ticket)
+            bench.driver.goals.cancel(goal.ticket)
             assert (await goal.end()).end is End.CANCELED
             stop = next(
                 index
@@ -435,7 +436,7 @@ def test_a_plan_that_begins_beside_the_arm_takes_it_there_slowly():
 def test_motomans_times_and_velocities_follow_the_speed_scaling(factor):
     async def check():
         async with cell_of('motoman') as (bench, _, received):
-            bench.driver.scaling.set(factor, now() - 1.0)
+            bench.driver.goals.scaling.set(factor, now() - 1.0)
             goal = plan([0.0, 0.1, 0.2], [HOME, pose(0.02), pose(0.04)])
             outcome = await hand_in(bench, goal).end()
             assert outcome.end is End.SUCCEEDED, outcome

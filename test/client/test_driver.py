@@ -36,12 +36,12 @@ def test_a_goal_is_executed():
     async def scenario():
         async with cell() as (bench, _):
             goal = bench.submit(pose(0.2, 0.1), pose(0.3, -0.1, 0.2))
-            assert bench.driver.busy
+            assert bench.driver.goals.busy
             outcome = await goal.end()
             assert outcome.end is End.SUCCEEDED
             assert outcome.code is ErrorCode.SUCCESSFUL
             assert np.abs(bench.at - pose(0.3, -0.1, 0.2)).max() < 1e-6
-            assert not bench.driver.busy
+            assert not bench.driver.goals.busy
             assert await bench.rests()
             targets = [target for target, _ in goal.feedback]
             assert targets == sorted(targets)
@@ -74,7 +74,7 @@ def test_inv2_a_goal_is_refused_while_the_arm_still_moves():
         async with cell() as (bench, _):
             lost = bench.submit(pose(0.8))
             await until(lambda: bench.driver.robot.sample.velocities[0] > 0.3)
-            bench.driver._ticket.execution.fault('lost for the test')
+            bench.driver.goals.execution.fault('lost for the test')
             early = bench.submit(start=bench.at)
             assert lost.outcome.end is End.ABORTED
             assert early.outcome.code is ErrorCode.INVALID_GOAL
@@ -121,7 +121,7 @@ def test_inv3_a_replaced_goal_ends_after_the_arm_rests():
 def test_a_replacement_that_fits_where_the_arm_stops_is_executed():
     async def scenario():
         async with cell() as (bench, _):
-            bench.driver.start_tolerance = 1.0
+            bench.driver.goals.start_tolerance = 1.0
             first = bench.submit(pose(1.0))
             await bench.until_moving()
             second = bench.submit(pose(0.2))
@@ -136,7 +136,7 @@ def test_a_replacement_that_fits_where_the_arm_stops_is_executed():
 def test_a_replacement_that_does_not_fit_is_refused_with_its_reason():
     async def scenario():
         async with cell() as (bench, _):
-            bench.driver.start_tolerance = 1e-4
+            bench.driver.goals.start_tolerance = 1e-4
             bench.submit(pose(1.0))
             await bench.until_moving()
             second = bench.submit(pose(0.2))
@@ -153,7 +153,7 @@ def test_a_replacement_that_does_not_fit_is_refused_with_its_reason():
 def test_the_newest_of_several_goals_is_executed():
     async def scenario():
         async with cell() as (bench, _):
-            bench.driver.start_tolerance = 1.0
+            bench.driver.goals.start_tolerance = 1.0
             first = bench.submit(pose(1.0))
             await bench.until_moving()
             second = bench.submit(pose(0.9))
@@ -187,19 +187,40 @@ def test_a_replacement_does_not_start_when_the_arm_was_not_brought_to_rest():
     run(scenario())
 
 
+def test_after_a_missing_reply_the_motion_link_starts_anew():
+    """Late replies without a number would be taken for the answers to whatever was asked last."""
+
+    async def scenario():
+        async with WaxController(lambda _: b'') as wax:
+            settings = Settings(reply_timeout=0.2)
+            async with Bench(wax.ports, settings=settings) as bench:
+                await bench.ready()
+                await bench.services.enable()
+                statistics = bench.driver.motion_link.statistics
+                assert statistics.connections == 1
+                outcome = await bench.submit(pose(0.5)).end()
+                assert 'no reply to point 0 of 2' in outcome.text
+                await until(lambda: statistics.connections == 2)
+                await until(lambda: bench.driver.motion_link.connected)
+                assert wax.received == [0, -4]  # STOP was sent before
+                assert 'no reply to point 0 of 2' in bench.gate
+
+    run(scenario())
+
+
 def test_cancel_brings_the_arm_to_rest():
     async def scenario():
         async with cell() as (bench, _):
             goal = bench.submit(pose(1.0), pose(1.5))
             await bench.until_moving()
-            bench.driver.cancel(goal.ticket)
+            bench.driver.goals.cancel(goal.ticket)
             assert not goal.outcomes
             outcome = await goal.end()
             assert outcome.end is End.CANCELED
             assert await bench.rests()
             assert bench.at[0] < 0.9
             assert bench.gate is None
-            bench.driver.cancel(goal.ticket)  # late: changes nothing
+            bench.driver.goals.cancel(goal.ticket)  # late: changes nothing
             assert (await bench.submit(pose(0.0)).end()).end is End.SUCCEEDED
 
     run(scenario())
@@ -211,7 +232,7 @@ def test_cancel_of_a_goal_that_waits_leaves_the_running_one_its_end():
             first = bench.submit(pose(1.0))
             await bench.until_moving()
             second = bench.submit(pose(0.5))
-            bench.driver.cancel(second.ticket)
+            bench.driver.goals.cancel(second.ticket)
             assert second.outcome.end is End.CANCELED
             assert second.outcome.text == 'canceled before it could start'
             assert (await first.end()).text.startswith('replaced by a new goal')

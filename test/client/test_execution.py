@@ -9,17 +9,10 @@ import numpy as np
 import pytest
 from execution_bench import CYCLE, DT, LINE, Bench
 
-from epson_driver.client.execution import (
-    CAUSE_TIME,
-    FINAL,
-    REST_TIME,
-    SETTLE_TIME,
-    TRANSITIONS,
-    Event,
-    Settings,
-    State,
-)
+from epson_driver.client.execution import CAUSE_TIME, SETTLE_TIME, Settings
 from epson_driver.client.goal import End, ErrorCode
+from epson_driver.client.goal_states import FINAL, TRANSITIONS, Event, State
+from epson_driver.client.standstill import REST_TIME
 from epson_driver.simple_message import TriState
 
 TABLE = """
@@ -276,6 +269,60 @@ def test_a_status_from_before_the_refusal_says_nothing_about_it():
     assert bench.outcome.end is End.ABORTED
     assert '1234' not in bench.outcome.text
     assert 'FAILURE' in bench.outcome.text
+
+
+def test_while_the_arm_brakes_after_a_refusal_the_reason_may_be_yet_to_come():
+    bench = Bench(in_motion=TriState.TRUE)
+    bench.go_and_answer()
+    bench.refuse()
+    bench.in_motion = TriState.TRUE
+    bench.pass_time(0.03)
+    bench.status(drives_powered=TriState.FALSE)
+    bench.see(1.0, status=False)
+    assert not bench.outcomes
+    bench.execution.fault('the motors are off')  # what the driver makes of such a status
+    assert 'FAILURE' in bench.outcome.text
+    assert 'the motors are off' in bench.outcome.text
+
+
+@pytest.mark.parametrize(('acknowledged', 'broken'), [(0, False), (1, True)])
+def test_a_refusal_after_points_that_were_taken_breaks_the_goal_off(acknowledged, broken):
+    bench = Bench()
+    for _ in range(acknowledged):
+        bench.go_and_answer()
+    bench.refuse()
+    bench.pass_time(0.03)
+    bench.status(error_code=4001)
+    assert bench.outcome.end is End.ABORTED
+    assert bench.execution.broken_off is broken
+    assert not bench.execution.unanswered
+
+
+def test_a_missing_reply_breaks_the_goal_off():
+    bench = Bench()
+    bench.see(Settings().reply_timeout + 2.0)
+    assert 'no reply' in bench.outcome.text
+    assert bench.execution.broken_off
+    assert bench.execution.unanswered
+
+
+def test_a_stop_that_is_not_answered_breaks_the_goal_off():
+    bench = Bench()
+    bench.go_and_answer()
+    bench.execution.cancel(bench.now)
+    bench.see(Settings().reply_timeout + 0.1)
+    assert 'standstill' in bench.outcome.text
+    assert bench.execution.broken_off
+    assert bench.execution.unanswered
+
+
+def test_a_goal_that_was_canceled_in_time_does_not_break_off():
+    bench = Bench()
+    bench.execution.cancel(bench.now)
+    bench.answer()
+    bench.see(0.2)
+    assert bench.outcome.end is End.CANCELED
+    assert not bench.execution.broken_off
 
 
 def test_a_refusal_ends_the_goal_within_a_tenth_of_a_second():

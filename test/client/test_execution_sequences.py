@@ -6,8 +6,9 @@ from execution_bench import CYCLE, LINE, Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from epson_driver.client.execution import FINAL, Settings
+from epson_driver.client.execution import Settings
 from epson_driver.client.goal import End
+from epson_driver.client.goal_states import FINAL
 from epson_driver.client.points import STOP
 from epson_driver.simple_message import TriState
 

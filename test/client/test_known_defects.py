@@ -160,7 +160,7 @@ def test_191_the_first_point_leaves_at_once():
             assert bench.driver.motion_link.statistics.frames_sent == sent + 1
             await until(lambda: controller.received)
             assert controller.received[0] == 0
-            bench.driver.cancel(goal.ticket)
+            bench.driver.goals.cancel(goal.ticket)
             await goal.end()
 
     run(scenario())

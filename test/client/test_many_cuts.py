@@ -160,10 +160,10 @@ class CutCell:
 
     def check_nothing_is_kept(self):
         driver = self.bench.driver
-        assert not driver.busy
-        assert driver._next is None
-        assert not driver._waiters
-        assert not driver._preparations
+        assert not driver.goals.busy
+        assert driver.goals._next is None
+        assert not driver.changes._waiters
+        assert not driver.goals._preparations
         gc.collect()
         assert [each for each in self.tickets if each() is not None] == []
 

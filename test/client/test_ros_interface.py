@@ -173,11 +173,11 @@ def may_end_moving(made):
 
 
 EFFECTS = {
-    'reply_timeout': (7.5, lambda made: made.driver.execution_settings.reply_timeout),
-    'start_tolerance': (0.4, lambda made: made.driver.start_tolerance),
+    'reply_timeout': (7.5, lambda made: made.driver.goals.settings.reply_timeout),
+    'start_tolerance': (0.4, lambda made: made.driver.goals.start_tolerance),
     'constraints.stopped_velocity_tolerance': (
         0.5,
-        lambda made: made.driver.execution_settings.stopped_velocity,
+        lambda made: made.driver.goals.settings.stopped_velocity,
     ),
     'constraints.joint_1.trajectory': (0.2, path_tolerance),
     'trace_size': (7.0, lambda made: made.driver.trace.largest / MEGABYTE),
@@ -209,9 +209,9 @@ def test_a_change_holds_for_the_goal_that_runs_too():
             await bench.ready()
             await bench.services.enable()
             goal = bench.submit(pose(0.3))
-            changed = bench.driver.execution_settings = Settings(reply_timeout=123.0)
+            changed = bench.driver.goals.settings = Settings(reply_timeout=123.0)
             assert goal.ticket.execution.settings is changed
-            bench.driver.cancel(goal.ticket)
+            bench.driver.goals.cancel(goal.ticket)
             await goal.end()
 
     run_scenario(scenario())

@@ -264,7 +264,7 @@ def test_stop_ends_a_goal_that_waits_too():
             assert 'stopped by ~/stop before it could start' in second.outcome.text
             assert first.outcome.end is End.ABORTED
             assert await bench.rests()
-            assert not bench.driver.busy
+            assert not bench.driver.goals.busy
 
     run(scenario())
 

@@ -21,7 +21,7 @@ RESAMPLE = Smoothing(0.1)
 
 
 def process_of(bench):
-    return bench.driver._smoother
+    return bench.driver.goals._smoother
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_a_goal_without_times_is_retimed_and_executed():
             positions = np.stack([bench.at, pose(0.2), pose(0.2, 0.3)])
             plan = untimed(Trajectory(LIMITS.names, np.zeros(3), positions), LIMITS)
             goal = Submitted(Goal(plan, np.full(JOINTS, 0.01), goal_time=0.0))
-            bench.driver.submit(goal.ticket)
+            bench.driver.goals.submit(goal.ticket)
             assert (await goal.end()).end is End.SUCCEEDED
             assert np.abs(bench.at - pose(0.2, 0.3)).max() < 1e-6
             assert len(goal.ticket.execution.goal.trajectory.times) == 3
@@ -88,7 +88,7 @@ def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
         async with cell(smoothing=RESAMPLE) as (bench, _):
             goal = bench.submit(pose(0.5))
             await until(lambda: slow)
-            bench.driver.cancel(goal.ticket)
+            bench.driver.goals.cancel(goal.ticket)
             outcome = await goal.end()
             assert (outcome.end, outcome.text) == (End.CANCELED, 'canceled; the arm stands')
             assert not bench.at.any()
@@ -243,7 +243,7 @@ def test_joint_states_go_on_while_a_long_plan_is_made():
             samples = len(bench.events.samples)
             await until(lambda: goal.ticket.execution.state.value != 'preparing')
             assert len(bench.events.samples) - samples > 20
-            bench.driver.cancel(goal.ticket)
+            bench.driver.goals.cancel(goal.ticket)
             assert (await goal.end()).end is End.CANCELED
 
     run(scenario())

@@ -415,6 +415,27 @@ def test_a_request_is_forgotten_when_the_link_is_lost():
     run(scenario())
 
 
+def test_a_link_that_is_asked_to_reconnect_sends_what_was_posted_and_starts_anew():
+    async def scenario():
+        async def talk(connection):
+            await connection.stay()
+
+        async with Peer(talk) as peer, Bench(peer.port) as bench:
+            await bench.connected()
+            answers = []
+            bench.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+            bench.link.reconnect('a reply is missing')
+            with pytest.raises(ConnectionError):
+                bench.link.post(JointTrajPt(1), lambda *a: answers.append(a))
+            await until(lambda: peer.connections == 2 and bench.link.connected)
+            assert bench.states[-3:] == ['backing_off', 'connecting', 'connected']
+            assert bench.reasons('backing_off') == [f'127.0.0.1:{peer.port}: a reply is missing']
+            assert len(peer.received) == 68  # the one point
+            assert not answers
+
+    run(scenario())
+
+
 def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_them():
     async def scenario():
         traced = {event: bytearray() for event in WireEvent}

@@ -1,0 +1,55 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Since when the arm stands, by what is measured and by what the controller says."""
+
+import numpy as np
+
+from epson_driver.client.robot_state import JointSample, RobotState
+from epson_driver.motion import Array
+from epson_driver.simple_message import TriState
+
+REST_TIME = 0.05
+"""How long the arm must stand before it counts as standing, s: more than the velocity window."""
+
+MOVED = 1e-4
+"""A change of position that shows that the arm moves, rad: well above an encoder's step."""
+
+
+class Standstill:
+    """Sees whether the arm moves. Times are monotonic, s.
+
+    `alive` is when the arm was last seen to move; whoever hears from the controller sets it, too.
+    """
+
+    def __init__(self, now: float) -> None:
+        self.alive = now
+        self._alive_at: Array | None = None
+        self._after: float | None = None
+        self._since: float | None = None
+
+    def expect(self, after: float | None) -> None:
+        """Only what comes after this time counts: before it, the motion may not have begun.
+
+        None: nothing counts yet.
+        """
+        self._after = after
+        self._since = None
+
+    def see(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
+        """Take a sample. `stopped`: rad/s, shape (n,), below which a joint counts as standing."""
+        if self._alive_at is None or np.abs(sample.positions - self._alive_at).max() > MOVED:
+            self._alive_at = sample.positions
+            self.alive = now
+        moving = bool(np.any(np.abs(sample.velocities) >= stopped))
+        if moving or robot.in_motion == TriState.TRUE or self._after is None:
+            self._since = None
+        elif (
+            self._since is None
+            and sample.time > self._after
+            and (robot.in_motion == TriState.UNKNOWN or robot.status_time > self._after)
+        ):
+            self._since = sample.time
+
+    def reached(self, now: float) -> bool:
+        """Return whether the arm has stood for REST_TIME."""
+        return self._since is not None and now - self._since >= REST_TIME
