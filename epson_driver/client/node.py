@@ -73,6 +73,10 @@ has no acknowledgement for the responses of services, which results are."""
 LATEST_START = 1.0
 """A trajectory stamped further ahead is refused: it would move when nobody expects it, s."""
 
+RESULT_KEPT = 60
+"""How long a goal and its result are kept for whoever asks late, s: rclpy's own 15 minutes would
+keep all points of all goals of that time."""
+
 BYTE_ORDERS = {'auto': None, 'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}
 
 
@@ -203,6 +207,7 @@ class ClientNode:
             goal_callback=lambda goal: GoalResponse.ACCEPT,  # refusals need a result to say why
             cancel_callback=self._cancel,
             callback_group=group,
+            result_timeout=RESULT_KEPT,
         )
         node.add_on_set_parameters_callback(self._on_set_parameters)
 
