@@ -82,6 +82,7 @@ def new_program(controller: 'Controller', arm: Executor, errors: ErrorRegister) 
         controller.send_reply,
         controller.clock,
         controller.trajectory_begins,
+        controller.dialect.real,
     )
 
 

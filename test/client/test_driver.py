@@ -27,7 +27,7 @@ from epson_driver.cli import processes
 from epson_driver.client.execution import Settings
 from epson_driver.client.goal import End, ErrorCode
 from epson_driver.controller.states import Event
-from epson_driver.simple_message import ByteOrder, Dialect, Status
+from epson_driver.simple_message import ByteOrder, Dialect, Real, Status
 
 # --- goals ------------------------------------------------------------------------------------
 
@@ -529,14 +529,17 @@ def test_every_state_message_is_one_event():
     run(scenario())
 
 
+@pytest.mark.parametrize('real', Real)
 @pytest.mark.parametrize('order', ByteOrder)
-def test_points_are_written_in_the_byte_order_of_the_state(order):
+def test_points_are_written_in_byte_order_and_real_width_of_the_state(order, real):
+    dialect = Dialect(order, real)
+
     async def scenario():
-        async with simulated(Dialect(order)) as (_, ports), Bench(ports) as bench:
+        async with simulated(dialect) as (_, ports), Bench(ports) as bench:
             await bench.ready()
             await bench.services.enable()
             assert (await bench.submit(pose(0.1)).end()).end is End.SUCCEEDED
-            assert bench.driver.motion_link.dialect == Dialect(order)
+            assert bench.driver.motion_link.dialect == dialect
 
     run(scenario())
 

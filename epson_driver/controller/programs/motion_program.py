@@ -62,6 +62,9 @@ from epson_driver.simple_message import (
 STOP = SpecialSequence.STOP_TRAJECTORY
 STREAMING = SpecialSequence.START_TRAJECTORY_STREAMING
 
+POINT_SIZE = {Real.FLOAT32: 52, Real.FLOAT64: 100}
+"""of a JOINT_TRAJ_PT's body, bytes"""
+
 
 def _nothing() -> None:
     pass
@@ -76,7 +79,7 @@ class MotionProgram:
 
     At most `pending_limit` points wait, or those of one download. `blocked` returns why the
     controller's condition forbids motion, or None; `send` takes the replies. `began` is called
-    before the arm takes the first point of a trajectory.
+    before the arm takes the first point of a trajectory. `real`: the width of its reals.
     """
 
     def __init__(
@@ -89,7 +92,9 @@ class MotionProgram:
         send: SendPacket,
         clock: Clock,
         began: Callable[[], None] = _nothing,
+        real: Real = Real.FLOAT32,
     ) -> None:
+        self._real = real
         self._limits = arm.limits
         self._profile = profile
         self._pending_limit = pending_limit
@@ -171,8 +176,9 @@ class MotionProgram:
 
     def _receive_point(self, packet: Packet) -> None:
         point = packet.message
-        if not isinstance(point, JointTrajPt) or packet.dialect.real is not Real.FLOAT32:
-            self._refuse(0, corrupt('JOINT_TRAJ_PT: the body must be 52 bytes'))
+        if not isinstance(point, JointTrajPt) or packet.dialect.real is not self._real:
+            size = POINT_SIZE[self._real]
+            self._refuse(0, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
         elif self._concerns_download(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)
         elif packet.comm_type is CommType.TOPIC and self._topics:
