@@ -21,12 +21,14 @@ from epson_driver.client.execution import Execution, Settings, State
 from epson_driver.client.goal import End, ErrorCode, Goal, GoalRefusedError, Outcome, check_start
 from epson_driver.client.io_driver import IoDriver
 from epson_driver.client.joint_mapping import JointMapping, unmapped
+from epson_driver.client.motors import MotorsKind
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.client.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.client.speed_scaling import SpeedScaling
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.link import Link, LinkState, Trace
+from epson_driver.link.log_pace import LogPace
 from epson_driver.link.trace import END_TIMEOUT
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.simple_message import (
@@ -67,7 +69,8 @@ class Configuration:
 
     `errors` says what its error numbers mean; None: they are EPSON's. `delivery` says how
     trajectories reach it, `mapping` how it counts joints; None: as ROS does. Where the
-    byte order is not given, `usual_byte_order` holds until its messages show it.
+    byte order is not given, `usual_byte_order` holds until its messages show it. `motors`: how
+    they are switched, and errors reset.
     """
 
     host: str
@@ -84,6 +87,7 @@ class Configuration:
     usual_byte_order: ByteOrder = ByteOrder.LITTLE
     io_port: int = 0
     io_timeout: float = 1.0
+    motors: MotorsKind = 'remote_ethernet'
 
 
 class Events(Protocol):
@@ -162,6 +166,7 @@ class Driver:
             configuration.delivery, self.motion_link, configuration.limits, mapping
         )
         self._has_feedback = False
+        self._dropped_pace = LogPace()
         self._link_state = LinkState.DISCONNECTED
         self._ticket: Ticket | None = None
         self._next: Ticket | None = None
@@ -238,6 +243,12 @@ class Driver:
             )
         if self.robot.sample is None:
             raise GoalRefusedError(ErrorCode.INVALID_GOAL, 'no joint state from the controller')
+        # a Motoman answers the first point so, and may want it in order to go on
+        if self.robot.paused and not self.configuration.delivery.motoman:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                'the controller is paused (it says that motion is not possible): continue there',
+            )
         return self.robot.sample
 
     def _standing_sample(self) -> JointSample:
@@ -412,7 +423,9 @@ class Driver:
             sample = self.robot.on_joints(positions, now, velocities)
         except ValueError as error:
             self.state_link.statistics.bad_frames['joints'] += 1
-            _log.warning('joint state dropped: %s', error)
+            line = self._dropped_pace.line(str(error), now)
+            if line is not None:
+                _log.warning('joint state dropped: %s', line)
             return
         self._events.on_joints(sample)
         if self._ticket is not None and self._ticket.execution is not None:

@@ -51,6 +51,7 @@ class RobotState:
         self.sample: JointSample | None = None
         self.status: Status | None = None
         self.status_time = 0.0
+        self._was_possible = False
         self.arrivals: deque[float] = deque(maxlen=KEPT_ARRIVALS)
         """When joints came, the newest last; only since the link was established."""
 
@@ -60,6 +61,7 @@ class RobotState:
         self.arrivals.clear()
         self.sample = None
         self.status = None
+        self._was_possible = False
 
     def on_joints(
         self, data: tuple[float, ...], now: float, velocities: tuple[float, ...] | None = None
@@ -89,6 +91,24 @@ class RobotState:
         """Take a STATUS message."""
         self.status = status
         self.status_time = now
+        self._was_possible |= status.motion_possible == TriState.TRUE
+
+    def enabled(self) -> None:
+        """Somebody enabled the arm: what the controller allowed before that says nothing now."""
+        status = self.status
+        self._was_possible = status is not None and status.motion_possible == TriState.TRUE
+
+    @property
+    def paused(self) -> bool:
+        """The controller denies motion, which it allowed since the arm was enabled; no error."""
+        status = self.status
+        return (
+            status is not None
+            and self._was_possible
+            and status.motion_possible == TriState.FALSE
+            and status.in_error != TriState.TRUE
+            and not status.error_code
+        )
 
     @property
     def in_motion(self) -> int:
