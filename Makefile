@@ -21,7 +21,7 @@ help:
 	@echo "             (other arguments: make demo ARGS='--trajectory FILE')"
 	@echo "make test    all tests"
 	@echo "make lint    ruff and mypy"
-	@echo "make bench          what a step of the smoother costs in streams of 10 to 100,000 points"
+	@echo "make bench          what a step of the smoother costs in streams of 10 to 100,000 points, and what a robot costs its driver"
 	@echo "make bench-motion   the smoother against stop-and-go, splines and optima; tables and pictures in benchmark/results"
 	@echo "             (a part of it: make bench-motion ARGS='--quick'; all of what can be chosen: ARGS=--help)"
 	@echo "make clean   remove what the others made"
@@ -41,6 +41,7 @@ lint: $(VENV)/.dev
 # one thread per process: the matrices are small, and two processes share the machine
 bench: $(VENV)/.run
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.cost
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.robots
 
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)

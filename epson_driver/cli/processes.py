@@ -3,13 +3,15 @@
 """Starting the executables as processes that disturb nobody: free ports, a free ROS domain."""
 
 import contextlib
+import dataclasses
+import json
 import os
 import random
 import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,6 +76,11 @@ class Process:
                 stderr=file,
                 env=environment,
             )
+
+    @property
+    def process_id(self) -> int:
+        """The system's number for it."""
+        return self._popen.pid
 
     @property
     def returncode(self) -> int | None:
@@ -152,6 +159,26 @@ def client(log: Path, ports: Ports, domain: int, **parameters: object) -> Proces
     arguments = ['--ros-args']
     for name, value in values.items():
         arguments += ['-p', f'{name}:={value}']
+    return Process('client', arguments, log, ros_environment(domain))
+
+
+def clients(log: Path, robots: Mapping[str, Ports], domain: int, **parameters: object) -> Process:
+    """Start one process that drives several controllers, each in its namespace.
+
+    Beside the log there is a parameter file for them. `parameters` hold for all: `__` for a dot.
+    """
+    common = {name.replace('__', '.'): value for name, value in parameters.items()}
+    file = log.with_suffix('.yaml')
+    content: dict[str, object] = {
+        f'/{name}/epson_driver': {
+            'ros__parameters': common
+            | {f'{port}_port': number for port, number in dataclasses.asdict(ports).items()}
+        }
+        for name, ports in robots.items()
+    }
+    file.write_text(json.dumps(content), encoding='utf-8')  # which is YAML as well
+    arguments = [word for name in robots for word in ('--namespace', name)]
+    arguments += ['--ros-args', '--params-file', str(file)]
     return Process('client', arguments, log, ros_environment(domain))
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from epson_driver.client.delivery import DeliveryRules
 from epson_driver.client.joint_mapping import JointMapping
+from epson_driver.client.motors import MotorsKind
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.motion import JointLimits
@@ -21,7 +22,8 @@ class Configuration:
 
     `errors` says what its error numbers mean; None: they are EPSON's. `delivery` says how
     trajectories reach it, `mapping` how it counts joints; None: as ROS does. Where the
-    byte order is not given, `usual_byte_order` holds until its messages show it.
+    byte order is not given, `usual_byte_order` holds until its messages show it. `motors`: how
+    they are switched, and errors reset.
     """
 
     host: str
@@ -38,3 +40,4 @@ class Configuration:
     usual_byte_order: ByteOrder = ByteOrder.LITTLE
     io_port: int = 0
     io_timeout: float = 1.0
+    motors: MotorsKind = 'remote_ethernet'

@@ -49,7 +49,12 @@ class Prepared:
 
 
 class Delivery(Protocol):
-    """A way to a controller."""
+    """A way to a controller.
+
+    `resumes`: its first point makes a controller go on that is paused, or says why not.
+    """
+
+    resumes: bool
 
     def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).

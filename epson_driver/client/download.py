@@ -46,6 +46,8 @@ TAKEN = reply(JointPosition(), ReplyCode.SUCCESS)
 class Download:
     """Points as topics. The controller keeps `buffer`, and spends `dead_time` s on each."""
 
+    resumes = False
+
     def __init__(
         self,
         link: Link,

@@ -22,6 +22,7 @@ from epson_driver.client.joint_mapping import unmapped
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.smoothing_process import SmoothingProcess
 from epson_driver.link import Link, LinkState, Trace
+from epson_driver.link.log_pace import LogPace
 from epson_driver.link.trace import END_TIMEOUT
 from epson_driver.simple_message import (
     CommType,
@@ -118,6 +119,7 @@ class Driver:
             _smoother(configuration),
         )
         self._has_feedback = False
+        self._dropped_pace = LogPace()
         self._link_state = LinkState.DISCONNECTED
         self._missed: set[str] = set()
 
@@ -179,7 +181,9 @@ class Driver:
             sample = self.robot.on_joints(positions, now, velocities)
         except ValueError as error:
             self.state_link.statistics.bad_frames['joints'] += 1
-            _log.warning('joint state dropped: %s', error)
+            line = self._dropped_pace.line(str(error), now)
+            if line is not None:
+                _log.warning('joint state dropped: %s', line)
             return
         self._events.on_joints(sample)
         self.goals.on_joints(sample, now)

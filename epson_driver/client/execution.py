@@ -101,6 +101,7 @@ class Execution:
         self._clock: GoalClock | None = None
         self._due = 0.0
         self._delay = 0.0
+        self._sent_until = 0.0
 
     @property
     def paused(self) -> bool:
@@ -156,7 +157,7 @@ class Execution:
         self.goal = replace(self.goal, trajectory=trajectory)
         self._must_leave = _must_leave(self.goal)
         self._points = points
-        self._begins_by = now + begin_within
+        self._begins_by = self._sent_until = now + begin_within
         self.started = self._standstill.alive = now
         start = trajectory.positions[0] if at is None else at
         self._clock = GoalClock(trajectory, start, self._scaling, self._begins_by)
@@ -377,11 +378,13 @@ class Execution:
             return
         before = float(self.goal.trajectory.times[index - 1]) if index else 0.0
         planned = max(float(self.goal.trajectory.times[index]) - before, SHORTEST_DURATION)
-        takes = self._scaling.time_for(planned, now)
+        begin = max(now, self._sent_until)  # it runs after what was sent before
+        takes = self._scaling.time_for(planned, begin)
         clock.held = takes is None
         if takes is None:
             return
         factor = planned / takes
+        self._sent_until = begin + takes
         self._delay += takes - planned
         message = scaled(self._points[index], factor, self._delay)
         self._due = max(takes, getattr(message, 'duration', 0.0))

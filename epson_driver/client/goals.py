@@ -188,6 +188,11 @@ class Goals:
             )
         if self._robot.sample is None:
             raise GoalRefusedError(ErrorCode.INVALID_GOAL, 'no joint state from the controller')
+        if self._robot.paused and not self._delivery.resumes:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                'the controller is paused (it says that motion is not possible): continue there',
+            )
         return self._robot.sample
 
     def _standing_sample(self) -> JointSample:

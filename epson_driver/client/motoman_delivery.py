@@ -34,6 +34,8 @@ BUSY_PAUSE = 0.01
 class MotomanDelivery(FullStreaming):
     """Points and STOP for a controller with MotoROS."""
 
+    resumes = True
+
     def __init__(self, link: Link, limits: JointLimits, mapping: JointMapping) -> None:
         super().__init__(link, limits, mapping)
         self._trajectory = 0

@@ -8,7 +8,6 @@ future the other way.
 """
 
 import asyncio
-import logging
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from functools import partial
@@ -51,7 +50,9 @@ from epson_driver.client.goals import Ticket
 from epson_driver.client.io_node import IoInterface
 from epson_driver.client.joint_mapping import joint_mapping
 from epson_driver.client.pace import Pace
+from epson_driver.client.point_streams import PointStreams
 from epson_driver.client.robot_state import JointSample
+from epson_driver.client.ros_log import context_of
 from epson_driver.client.services import ServiceError, Services
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.client.speed_node import SpeedInterface
@@ -89,14 +90,16 @@ class ClientNode:
     def __init__(self, node: Any) -> None:
         self._node = node
         self._loop = asyncio.get_running_loop()
+        self._context = context_of(node.get_logger())
         self._parameters = parameters.declare(node)
         self._profile = load_controller_profile(self._parameters['controller'])
         self.driver = Driver(self._configuration(), self, self._settings())
         self._apply_settings()
-        self._tracing = Tracing(self.driver.trace, self._parameters)
+        self._tracing = self._context.run(Tracing, self.driver.trace, self._parameters)
         self._services = Services(self.driver)
         self._tickets: dict[bytes, Ticket] = {}
         self._feedback_pace = Pace()
+        self._point_streams = PointStreams()
         self._limits = self.driver.configuration.limits
         self._joint_state = messages.JointStateWriter(self._limits.names)
         self._clock = node.get_clock()
@@ -108,8 +111,8 @@ class ClientNode:
     async def run(self) -> None:
         """Drive the controller until cancelled."""
         async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self.driver.run())
-            tasks.create_task(self._publish_diagnostics())
+            tasks.create_task(self.driver.run(), context=self._context)
+            tasks.create_task(self._publish_diagnostics(), context=self._context)
 
     async def shut_down(self) -> None:
         """Stop the arm, and let every goal's result leave before ROS is shut down.
@@ -117,7 +120,7 @@ class ClientNode:
         Raises TimeoutError if that takes longer than RESULTS_TIMEOUT.
         """
         busy = bool(self._tickets)
-        await self.driver.shut_down()
+        await self._loop.create_task(self.driver.shut_down(), context=self._context)
         executor = self._node.executor
         async with asyncio.timeout(RESULTS_TIMEOUT):
             waiting = busy
@@ -156,6 +159,7 @@ class ClientNode:
                 len(names), values['joint_signs'], values['joint_offsets'], values['j23_factor']
             ),
             usual_byte_order=self._profile.byte_order,
+            motors=self._profile.program.motors,
             smoothing=Smoothing(
                 values['resample_period'] if values['smoothing'] == 'resample' else None,
                 values['timing'] == 'time_optimal',
@@ -242,7 +246,7 @@ class ClientNode:
         def begin() -> None:
             self._loop.create_task(coroutine).add_done_callback(finish)
 
-        self._loop.call_soon_threadsafe(begin)
+        self._to_loop(begin)
         text, error = await done
         if error is not None:
             raise error
@@ -263,9 +267,9 @@ class ClientNode:
             outcome = refusal.outcome
         else:
             self._tickets[key] = ticket
-            self._loop.call_soon_threadsafe(self.driver.goals.submit, ticket)
+            self._to_loop(self.driver.goals.submit, ticket)
             if goal_handle.is_cancel_requested:
-                self._loop.call_soon_threadsafe(self.driver.goals.cancel, ticket)
+                self._to_loop(self.driver.goals.cancel, ticket)
             outcome = await done
         self._log_outcome(outcome)
         if outcome.end is End.SUCCEEDED:
@@ -280,21 +284,23 @@ class ClientNode:
     def _cancel(self, goal_handle: Any) -> CancelResponse:
         ticket = self._tickets.get(bytes(goal_handle.goal_id.uuid))
         if ticket is not None:
-            self._loop.call_soon_threadsafe(self.driver.goals.cancel, ticket)
+            self._to_loop(self.driver.goals.cancel, ticket)
         return CancelResponse.ACCEPT
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         """Execute a trajectory without an action client; one without points stops the arm."""
         if not message.points:
-            self._loop.call_soon_threadsafe(self._begin_stop)
+            self._to_loop(self._begin_stop)
             return
+        if what := self._point_streams.noticed(len(message.points), self._loop.time()):
+            self._node.get_logger().warning(what)
         try:
             goal = self._checked(FollowJointTrajectory.Goal(trajectory=message))
         except GoalRefusedError as refusal:
             self._log_outcome(refusal.outcome)
             return
         ticket = Ticket(goal, self._log_outcome, partial(self._on_feedback, None))
-        self._loop.call_soon_threadsafe(self.driver.goals.submit, ticket)
+        self._to_loop(self.driver.goals.submit, ticket)
 
     def _checked(self, request: FollowJointTrajectory.Goal) -> Goal:
         """Return the goal of a request. Raises GoalRefusedError."""
@@ -358,11 +364,11 @@ class ClientNode:
         if why := parameters.refusal(changes):
             return SetParametersResult(successful=False, reason=why)
         try:
-            self._tracing.change(values)
+            self._context.copy().run(self._tracing.change, values)  # the loop is in the first
         except TraceError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._parameters |= values
-        self._loop.call_soon_threadsafe(self._apply_settings)
+        self._to_loop(self._apply_settings)
         return SetParametersResult(successful=True)
 
     # --- from the driver: these run in the loop's thread ------------------------------------
@@ -411,6 +417,10 @@ class ClientNode:
 
     # --- both -------------------------------------------------------------------------------
 
+    def _to_loop(self, function: Callable[..., object], *arguments: object) -> None:
+        """Call a function in the loop's thread, soon, and in this node's context."""
+        self._loop.call_soon_threadsafe(function, *arguments, context=self._context)
+
     def _resolve(self, future: Future, value: object) -> None:
         """Give a result to a coroutine that waits in the executor's thread."""
         future.set_result(value)
@@ -422,23 +432,3 @@ class ClientNode:
             self._node.get_logger().info(text)
         else:
             self._node.get_logger().warning(text)
-
-
-class RosLogHandler(logging.Handler):
-    """Sends the records of Python's logging through the node's logger."""
-
-    def __init__(self, logger: Any) -> None:
-        super().__init__()
-        self._logger = logger
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write one record. One line per severity: rclpy allows each line of code just one."""
-        text = self.format(record)
-        if record.levelno >= logging.ERROR:
-            self._logger.error(text)
-        elif record.levelno >= logging.WARNING:
-            self._logger.warning(text)
-        elif record.levelno >= logging.INFO:
-            self._logger.info(text)
-        else:
-            self._logger.debug(text)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.client.joint_mapping import JointMapping, unmapped
+from epson_driver.client.pause import PauseWatch
 from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.motion import Array
 from epson_driver.simple_message import Status, TriState
@@ -51,6 +52,7 @@ class RobotState:
         self.sample: JointSample | None = None
         self.status: Status | None = None
         self.status_time = 0.0
+        self._pause = PauseWatch()
         self.arrivals: deque[float] = deque(maxlen=KEPT_ARRIVALS)
         """When joints came, the newest last; only since the link was established."""
 
@@ -60,6 +62,7 @@ class RobotState:
         self.arrivals.clear()
         self.sample = None
         self.status = None
+        self._pause = PauseWatch()
 
     def on_joints(
         self, data: tuple[float, ...], now: float, velocities: tuple[float, ...] | None = None
@@ -89,6 +92,18 @@ class RobotState:
         """Take a STATUS message."""
         self.status = status
         self.status_time = now
+        self._pause.see(status)
+
+    def enabled(self) -> None:
+        """Somebody enabled the arm: what the controller allowed before that says nothing now."""
+        self._pause = PauseWatch()
+        if self.status is not None:
+            self._pause.see(self.status)
+
+    @property
+    def paused(self) -> bool:
+        """The controller denies motion, which it allowed since the arm was enabled; no error."""
+        return self._pause.interrupted
 
     @property
     def in_motion(self) -> int:

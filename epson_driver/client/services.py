@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from epson_driver.client.arm_gate import what_forbids_motion
 from epson_driver.client.driver import Driver
+from epson_driver.client.motors import Action, MotorsError, motors
 from epson_driver.client.points import STOP
 from epson_driver.client.refusal import refusal
-from epson_driver.link.remote_ethernet import RemoteError, execute
 from epson_driver.simple_message import Packet, Status, TriState
 
 ANSWER_TIMEOUT = 2.0
@@ -25,6 +25,13 @@ class Services:
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
+        configuration = driver.configuration
+        self._motors = motors(
+            configuration.motors,
+            configuration.host,
+            configuration.remote_port,
+            driver.motion_link,
+        )
 
     async def stop(self) -> str:
         """Stop the arm; a running goal ends as aborted. Returns a sentence.
@@ -75,14 +82,16 @@ class Services:
                 'then ~/enable'
             )
         if status.drives_powered == TriState.FALSE:
-            await self._remote(['SetMotorsOn,1'], 'switch the motors on at the controller')
+            await self._act(Action.MOTORS_ON)
             status = await self._wait_for_status(
                 lambda status: status.drives_powered == TriState.TRUE, 'the motors stay off'
             )
         self._check_links()
         if (why := what_forbids_motion(status, errors)) is not None:
             raise ServiceError(why)
-        self._driver.gate.open()
+        if self._driver.gate.reason is not None:
+            self._driver.robot.enabled()
+            self._driver.gate.open()
         return 'the arm is enabled'
 
     async def disable(self) -> str:
@@ -90,14 +99,15 @@ class Services:
         self._driver.gate.close('disabled by ~/disable')
         await self._driver.goals.stop('stopped by ~/disable', ANSWER_TIMEOUT)
         self._driver.fault('disabled by ~/disable')
-        if not self._driver.configuration.remote_port:
-            return 'the arm is disabled; remote_port is 0, so the motors were left as they are'
-        await self._remote(['SetMotorsOff,1'], 'switch the motors off at the controller')
+        if self._motors.missing:
+            why = self._motors.missing
+            return f'the arm is disabled; {why}, so the motors were left as they are'
+        await self._act(Action.MOTORS_OFF)
         return 'the arm is disabled and the motors are off'
 
     async def reset_error(self) -> str:
         """Reset the controller's error. The arm stays disabled."""
-        await self._remote(['Reset'], 'reset the error at the controller')
+        await self._act(Action.RESET)
         return 'the controller was reset; call ~/enable to move again'
 
     def _check_links(self) -> None:
@@ -108,16 +118,12 @@ class Services:
                     'start the controller, or check robot_ip and the ports'
                 )
 
-    async def _remote(self, commands: list[str], by_hand: str) -> None:
-        """Run Remote Ethernet commands; where that is not possible, say what a person can do."""
-        port = self._driver.configuration.remote_port
-        if not port:
-            raise ServiceError(f'remote_port is 0, the driver cannot do it: {by_hand}')
+    async def _act(self, action: Action) -> None:
+        """Have the controller do something; where that is not possible, say what a person can."""
         try:
-            await execute(self._driver.configuration.host, port, commands, timeout=ANSWER_TIMEOUT)
-        except (RemoteError, OSError, TimeoutError) as error:
-            where = f'remote port {self._driver.configuration.host}:{port}'
-            raise ServiceError(f'{where}: {str(error) or "no answer"}: {by_hand}') from error
+            await self._motors.act(action, ANSWER_TIMEOUT)
+        except MotorsError as error:
+            raise ServiceError(str(error)) from error
 
     async def _wait_for_status(self, good: Callable[[Status], bool], otherwise: str) -> Status:
         try:

@@ -18,6 +18,8 @@ from epson_driver.simple_message import Message
 class Streaming:
     """Points as JOINT_TRAJ_PT requests."""
 
+    resumes = False
+
     def __init__(self, link: Link, limits: JointLimits, mapping: JointMapping) -> None:
         self._link = link
         self._limits = limits

@@ -116,6 +116,8 @@ class ProgramProfile:
     * `uses`: which of a point's velocity and duration count.
     * `corrupt`: a message with a wrong length or header is refused, or the servers quit.
     * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too.
+    * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
+      if it is given a port, or by Motoman's commands.
     """
 
     kind: Literal['points', 'motoman']
@@ -130,6 +132,7 @@ class ProgramProfile:
     uses: Literal['both', 'velocity', 'duration', 'nothing']
     corrupt: Literal['refuse', 'quit']
     late_failure: bool
+    motors: Literal['none', 'remote_ethernet', 'motoman']
     download: DownloadProfile
 
 

@@ -124,6 +124,7 @@ RULES: dict[str, Rule] = {
     'program.uses': _choice('both', 'velocity', 'duration', 'nothing'),
     'program.corrupt': _choice('refuse', 'quit'),
     'program.late_failure': _YES_OR_NO,
+    'program.motors': _choice('none', 'remote_ethernet', 'motoman'),
     'program.download.buffer': _count(1, 100_000),
     'program.download.overflow': _choice('refuse', 'drop'),
     'program.download.dead_time': _number(0.0, 10.0),

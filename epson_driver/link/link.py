@@ -9,6 +9,7 @@ import os
 import socket
 from collections.abc import Callable
 
+from epson_driver.link.log_pace import LogPace
 from epson_driver.link.pcap import Address
 from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
@@ -41,6 +42,10 @@ CONNECT_TIMEOUT = 1.0
 PROVEN_AFTER = 1.0
 """A connection that lasted this long, s, makes the next retry immediate. One that was closed
 sooner (a controller that has its one client already) leaves the back-off where it was."""
+
+FRAMES_A_TURN = 50
+"""Frames that are handled before others in the event loop have their turn: a controller that sends
+without a pause must not keep another robot of this process waiting."""
 
 MAX_UNSENT = 65536
 """A controller that leaves more bytes than this unread is disconnected (docs/invariants.md, 7)."""
@@ -91,6 +96,7 @@ class Link:
         self._receive_timeout = receive_timeout
         self.trace = trace
         self._quiet = quiet
+        self._log_pace = LogPace()
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
         self._framer = Framer(byte_order)
@@ -216,11 +222,15 @@ class Link:
             async with asyncio.timeout(self._receive_timeout) as silence:
                 while data := await reader.read(READ_SIZE):
                     self._received(data)
-                    if self._receive_timeout is not None:
-                        silence.reschedule(self._last_received + self._receive_timeout)
+                    self._be_patient(silence)
                     framer.receive_data(data)
+                    handled = 0
                     while (frame := framer.next_frame()) is not None:
                         self._dispatch(frame)
+                        handled += 1
+                        if handled % FRAMES_A_TURN == 0:
+                            await asyncio.sleep(0)
+                            self._be_patient(silence)
         except FrameError as error:
             self._bad_frame(error)
             return str(error)
@@ -234,6 +244,10 @@ class Link:
             return self._ended_because
         self._tell(WireEvent.ENDED)
         return 'closed by the controller'
+
+    def _be_patient(self, silence: asyncio.Timeout) -> None:
+        if self._receive_timeout is not None:
+            silence.reschedule(asyncio.get_running_loop().time() + self._receive_timeout)
 
     def _received(self, data: bytes) -> None:
         self._last_received = asyncio.get_running_loop().time()
@@ -293,7 +307,9 @@ class Link:
     def _bad_frame(self, error: SimpleMessageError) -> None:
         self.statistics.bad_frames[error.field] += 1
         level = logging.DEBUG if self._quiet else logging.WARNING
-        _log.log(level, '%s link: bad frame: %s', self.name, error)
+        line = self._log_pace.line(str(error), asyncio.get_running_loop().time())
+        if line is not None:
+            _log.log(level, '%s link: bad frame: %s', self.name, line)
 
     def _step(self, event: LinkEvent, why: str) -> None:
         self.state = TRANSITIONS[self.state, event]

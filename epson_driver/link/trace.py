@@ -13,6 +13,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextvars import copy_context
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -158,7 +159,10 @@ class _BackgroundFile:
         self._closing = threading.Event()
         self._why = ''
         self._error = ''
-        self._thread = threading.Thread(target=self._run, name='trace', daemon=True)
+        in_context = copy_context().run  # what it logs is about the same robot
+        self._thread = threading.Thread(
+            target=in_context, args=(self._run,), name='trace', daemon=True
+        )
         self._thread.start()
 
     def write(self, data: bytes, /) -> None:

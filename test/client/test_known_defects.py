@@ -35,8 +35,8 @@ KNOWN |= {
     f'#{number}'
     for number in (25, 27, 28, 32, 111, 114, 118, 124, 125, 131, 147, 154, 174, 175, 187, 191)
 }
-KNOWN |= {f'#{number}' for number in (210, 216, 218, 235, 238, 239, 260, 263, 265, 271, 282)}
-KNOWN |= {f'motoman#{number}' for number in (88, 174, 215, 228, 361, 591)}
+KNOWN |= {f'#{number}' for number in (83, 210, 216, 218, 235, 238, 239, 260, 263, 265, 271, 282)}
+KNOWN |= {f'motoman#{number}' for number in (41, 88, 174, 215, 228, 361, 591)}
 KNOWN |= {'fanuc_experimental#9', 'fanuc_experimental#17', 'staubli#12', 'staubli#26'}
 KNOWN |= {'packet-simplemessage#21'}
 """Every reported defect of the old client that concerns a client."""
@@ -177,6 +177,35 @@ def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
             goal = bench.submit(pose(0.1), start=HOME)
             assert 'no joint state' in (await goal.end()).text
             assert controller.received == []
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    ('status', 'words'),
+    [
+        ((1, 1, 0, 0, 0, 2, 0), 'E-stop'),
+        ((1, 0, 4031, 1, 0, 2, 0), 'in error 4031'),
+        ((0, 0, 0, 0, 0, 2, 0), 'motors are off'),
+    ],
+    ids=['E-stop', 'error', 'motors off'],
+)
+def test_271_a_status_alone_ends_the_goal_and_closes_the_gate(status, words):
+    """No reply, no lost link: nothing but the STATUS says it."""
+
+    async def scenario():
+        async with WaxController(lambda _: b'') as controller, Bench(controller.ports) as bench:
+            await bench.ready()
+            await bench.services.enable()
+            goal = bench.submit(pose(0.1))
+            await until(lambda: controller.received)
+            controller.status = status
+            assert words in (await goal.end()).text
+            assert words in bench.gate
+            controller.status = WaxController.STATUS
+            seen = len(bench.events.statuses)
+            await until(lambda: len(bench.events.statuses) > seen + 2)
+            assert words in bench.submit(pose(0.1)).outcome.text
 
     run(scenario())
 

@@ -320,8 +320,9 @@ def test_a_bad_frame_is_counted_by_its_field_and_the_connection_kept():
         ((2, 2, 0, b''), (2, 3, 2, b'')),
         ((1503, 2, 0, b'\x01\x02\x03'), (1503, 3, 2, b'')),
         ((13, 2, 0, b'\x00' * 28), (13, 3, 2, b'')),
+        ((10, 2, 0, b'\x00' * 44), (10, 3, 2, b'')),
     ],
-    ids=['PING', 'PING of the REP', 'GET_VERSION', 'vendor type', 'STATUS'],
+    ids=['PING', 'PING of the REP', 'GET_VERSION', 'vendor type', 'STATUS', 'JOINT_POSITION'],
 )
 def test_requests_to_the_client_are_answered(asked, answer, order):
     async def scenario():

@@ -1,0 +1,37 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Notices streams of single points, as for servoing and jogging: they are not what goals are for.
+
+A trajectory of one point is a goal like any other: it replaces the running one after the arm has
+come to rest. So a stream of them makes the arm twitch and stop, and the points run away from it
+until they start too far from it. Whoever sends one should be told so, once.
+"""
+
+STREAM_GAP = 0.3
+"""Points that follow one another within this time are a stream, s."""
+
+STREAM_LENGTH = 3
+"""So many of them are one."""
+
+SENTENCE = (
+    'single points come in a stream: each is a goal of its own, which replaces the one before '
+    'when the arm has come to rest, or is refused where it begins too far from the arm; this '
+    'driver does no servoing: send trajectories'
+)
+
+
+class PointStreams:
+    """Counts single points that follow one another. Times (`now`) are monotonic, s."""
+
+    def __init__(self) -> None:
+        self._last = float('-inf')
+        self._count = 0
+
+    def noticed(self, points: int, now: float) -> str | None:
+        """Take a trajectory with so many points; return the sentence, once for each stream."""
+        single = points == 1
+        follows = single and now - self._last < STREAM_GAP
+        self._count = self._count + 1 if follows else int(single)
+        if single:
+            self._last = now
+        return SENTENCE if self._count == STREAM_LENGTH else None

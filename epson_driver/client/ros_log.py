@@ -1,0 +1,41 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Python's logging through ROS's: each record under the name of the node that it is about.
+
+The driver below the node knows no ROS and logs with `logging`. Several of them may share a process
+and an event loop, so who speaks is in the context that their tasks and callbacks run in.
+"""
+
+import logging
+from contextvars import Context, ContextVar, copy_context
+from typing import Any
+
+_LOGGER: ContextVar[Any] = ContextVar('ros_logger')
+
+
+def context_of(logger: Any) -> Context:
+    """Return a context in which records go to this rclpy logger."""
+    context = copy_context()
+    context.run(_LOGGER.set, logger)
+    return context
+
+
+class RosLogHandler(logging.Handler):
+    """Sends records to the logger of the context, and to `logger` where there is none."""
+
+    def __init__(self, logger: Any) -> None:
+        super().__init__()
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record. One line per severity: rclpy allows each line of code just one."""
+        logger = _LOGGER.get(self._logger)
+        text = self.format(record)
+        if record.levelno >= logging.ERROR:
+            logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            logger.warning(text)
+        elif record.levelno >= logging.INFO:
+            logger.info(text)
+        else:
+            logger.debug(text)

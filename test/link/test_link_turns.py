@@ -1,0 +1,76 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A controller that sends without a pause: others in the event loop have their turn."""
+
+import asyncio
+import logging
+import time
+
+from link_bench import Bench, Peer, frame, joints, run, until
+
+from epson_driver.link.link import FRAMES_A_TURN
+from epson_driver.link.log_pace import PERIOD, LogPace
+
+MANY = 1000
+
+
+def sends(data):
+    async def talk(connection):
+        await connection.send(data)
+        await connection.stay()
+
+    return talk
+
+
+def test_others_have_their_turn_between_frames():
+    async def scenario():
+        async with Peer(sends(joints(1.0) * MANY)) as peer, Bench(peer.port) as bench:
+            most, seen = 0, 0
+            while seen < MANY:
+                await asyncio.sleep(0)
+                most, seen = max(most, len(bench.packets) - seen), len(bench.packets)
+            assert 0 < most <= FRAMES_A_TURN
+
+    run(scenario())
+
+
+def test_a_turn_of_others_is_no_silence():
+    """What was received may take longer to handle than the link waits for more."""
+
+    async def scenario():
+        async with (
+            Peer(sends(joints(1.0) * MANY)) as peer,
+            Bench(peer.port, receive_timeout=0.5) as bench,
+        ):
+            while len(bench.packets) < MANY:
+                if bench.packets:
+                    _be_busy()
+                await asyncio.sleep(0)
+            assert 'backing_off' not in bench.states
+
+    run(scenario())
+
+
+def _be_busy():
+    """Hold the loop, as other robots' work may: in all turns together longer than the timeout."""
+    time.sleep(0.04)
+
+
+def test_many_bad_frames_are_counted_and_the_log_has_a_line(caplog):
+    async def scenario():
+        bad = frame(10, 1, body=b'short')
+        async with Peer(sends(bad * MANY)) as peer, Bench(peer.port) as bench:
+            await until(lambda: bench.link.statistics.bad_frames['body'] == MANY)
+
+    with caplog.at_level(logging.WARNING):
+        run(scenario())
+    assert 1 <= len([text for text in caplog.messages if 'bad frame' in text]) < MANY / 10
+
+
+def test_a_line_in_a_period_and_the_next_one_counts():
+    pace = LogPace()
+    assert pace.line('first', 100.0) == 'first'
+    assert pace.line('second', 100.1) is None
+    assert pace.line('third', 100.0 + 0.9 * PERIOD) is None
+    assert pace.line('fourth', 100.0 + PERIOD) == 'fourth (and 2 like it before)'
+    assert pace.line('fifth', 100.0 + 3 * PERIOD) == 'fifth'

@@ -1,0 +1,66 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Several robot cells in one ROS domain, their drivers a process each or all in one."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ros_peer import RosPeer
+
+from epson_driver.cli import processes
+
+NAMES = ('left', 'middle', 'right')
+
+
+class Fleet:
+    """A controller and a peer for each name, and the drivers. The first joint tells them apart."""
+
+    def __init__(
+        self, folder: Path, *, together: bool, names: Sequence[str] = NAMES, **parameters: Any
+    ) -> None:
+        self._folder = folder
+        self.names = names
+        self.domain = processes.free_ros_domain()
+        self.start = {name: [0.1 * i, *[0.0] * 5] for i, name in enumerate(names, 1)}
+        self.controllers = {name: self._start_controller(name) for name in names}
+        self.ports = {name: each.ports() for name, each in self.controllers.items()}
+        self.clients = []
+        for group in [list(names)] if together else [[name] for name in names]:
+            ports = {name: self.ports[name] for name in group}
+            log = folder / f'client_{group[0]}.log'
+            self.clients.append(processes.clients(log, ports, self.domain, **parameters))
+        self.peers = {name: RosPeer(self.domain, prefix=f'/{name}') for name in names}
+
+    def _start_controller(self, name: str) -> processes.Process:
+        start = ','.join(map(str, self.start[name]))
+        log = self._folder / f'{name}.log'
+        return processes.sim_controller(log, '--motion=ptp', f'--start={start}')
+
+    def ready(self) -> 'Fleet':
+        for peer in self.peers.values():
+            peer.wait_until_ready()
+        return self
+
+    def enabled(self) -> 'Fleet':
+        for peer in self.ready().peers.values():
+            peer.enable()
+        return self
+
+    def pendant(self, name: str, *words: str) -> None:
+        """Do what a person does at one of the controllers."""
+        log = self._folder / 'pendant.log'
+        arguments = ['--port', str(self.ports[name].remote), *words]
+        pendant = processes.Process('pendant', arguments, log, dict(os.environ))
+        assert pendant.wait() == 0, pendant.log_text()
+
+    def log_text(self) -> str:
+        """Return what the drivers have logged so far."""
+        return ''.join(client.log_text() for client in self.clients)
+
+    def close(self) -> None:
+        for peer in self.peers.values():
+            peer.close()
+        for process in (*self.clients, *self.controllers.values()):
+            process.end()

@@ -1,0 +1,360 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Three robots in one ROS domain, each in its namespace: nothing of one reaches another.
+
+Both ways to run them: a driver's process for each, and one process for all.
+"""
+
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fleet import NAMES, Fleet
+from rclpy.action import get_action_server_names_and_types_by_node
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from ros_peer import RosPeer, trajectory
+
+from epson_driver.cli import processes
+from epson_driver.simple_message import Dialect, Opaque, encode, topic
+
+SHAPES = {'a process each': False, 'one process': True}
+ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events'}
+"""Shared by all nodes of a ROS system: the entries say whose they are."""
+
+
+@pytest.fixture(scope='module', params=SHAPES)
+def fleet(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    """Three enabled robots for the tests that leave them enabled, and standing."""
+    made = Fleet(tmp_path_factory.mktemp('fleet'), together=SHAPES[request.param])
+    try:
+        yield made.enabled()
+    finally:
+        made.close()
+
+
+@pytest.fixture
+def make_fleet(tmp_path: Path) -> Iterator[Callable[..., Fleet]]:
+    made: list[Fleet] = []
+
+    def make(**arguments: Any) -> Fleet:
+        made.append(Fleet(tmp_path, **arguments))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def move(peer: RosPeer, by: float, seconds: float = 0.5) -> Any:
+    """Send a goal that turns the first joint."""
+    here = peer.position().tolist()
+    return peer.goal(trajectory((0.0, here), (seconds, [here[0] + by, *here[1:]])))
+
+
+def more_joint_states(peer: RosPeer, count: int = 200) -> None:
+    """Check that joint states go on, and that no message says that the link is gone."""
+    seen = len(peer.joint_states)
+    peer.wait_for(lambda: len(peer.joint_states) >= seen + count, 'more joint states')
+    assert peer.link_states[-1] == 'connected'
+
+
+def names_of(peer: RosPeer, robot: str) -> set[tuple[str, str]]:
+    """Return kind and name of all that a robot's node offers or listens to."""
+    asks = {
+        'publisher': Node.get_publisher_names_and_types_by_node,
+        'subscriber': Node.get_subscriber_names_and_types_by_node,
+        'service': Node.get_service_names_and_types_by_node,
+        'action': get_action_server_names_and_types_by_node,
+    }
+    return {
+        (kind, name)
+        for kind, ask in asks.items()
+        for name, _ in ask(peer._node, 'epson_driver', f'/{robot}')
+    }
+
+
+def test_each_has_its_own_full_set_of_names(fleet: Fleet) -> None:
+    sets = []
+    for robot, peer in fleet.peers.items():
+        found = names_of(peer, robot)
+        assert {name for _, name in found if not name.startswith(f'/{robot}/')} <= ABSOLUTE
+        sets.append({(kind, name.removeprefix(f'/{robot}')) for kind, name in found})
+    assert sets[0] == sets[1] == sets[2]
+    assert {
+        ('publisher', '/joint_states'),
+        ('publisher', '/robot_status'),
+        ('publisher', '/epson_driver/link_state'),
+        ('publisher', '/epson_driver/io_states'),
+        ('publisher', '/diagnostics'),
+        ('subscriber', '/joint_path_command'),
+        ('service', '/epson_driver/enable'),
+        ('service', '/epson_driver/set_parameters'),
+        ('action', '/epson_driver/follow_joint_trajectory'),
+    } <= sets[0]
+
+
+def test_each_hears_its_own_controller(fleet: Fleet) -> None:
+    for peer in fleet.peers.values():
+        peer.position()
+    firsts = [peer.joint_states[0].position[0] for peer in fleet.peers.values()]
+    assert np.allclose(firsts, [0.1, 0.2, 0.3], atol=1e-6)
+
+
+def test_diagnostics_tell_them_apart(fleet: Fleet) -> None:
+    peer = fleet.peers['left']
+    wanted = {
+        f'{robot}/epson_driver: {part}'
+        for robot in NAMES
+        for part in ('state link', 'motion link', 'io link', 'arm')
+    }
+
+    def found() -> dict[str, Any]:
+        return {each.name: each for array in peer.diagnostics for each in array.status}
+
+    peer.wait_for(lambda: wanted <= set(found()), 'diagnostics of all')
+    assert set(found()) == wanted
+    for robot in NAMES:
+        link = found()[f'{robot}/epson_driver: state link']
+        assert link.hardware_id == f'127.0.0.1:{fleet.ports[robot].state}'
+
+
+def test_a_goal_moves_its_own_arm_only(fleet: Fleet) -> None:
+    left, middle, right = fleet.peers.values()
+    before = [peer.position()[0] for peer in fleet.peers.values()]
+    goals = [move(left, 0.2, seconds=0.5), move(right, -0.3, seconds=1.0)]
+    assert [goal.result()[0] for goal in goals] == ['succeeded', 'succeeded']
+    after = [peer.assert_still()[0] for peer in fleet.peers.values()]
+    assert np.allclose(np.array(after) - before, [0.2, 0.0, -0.3], atol=1e-5)
+    moved = [state.position[0] for state in middle.joint_states]
+    assert np.ptp(moved) == 0.0
+    assert not middle.controller_states
+
+
+def test_what_ends_one_goal_ends_no_other(fleet: Fleet) -> None:
+    left, middle, right = fleet.peers.values()
+    goals = [move(peer, 0.4, seconds=3.0) for peer in fleet.peers.values()]
+    for peer in fleet.peers.values():
+        peer.wait_for_motion()
+    assert left.call('stop')[0]
+    goals[1].cancel()
+    assert goals[0].result()[0] == 'aborted'
+    assert goals[1].result()[0] == 'canceled'
+    assert goals[2].result()[0] == 'succeeded'
+    assert not any(peer.joint_states[-1].velocity[0] > 0.1 for peer in (left, middle, right))
+
+
+def test_an_e_stop_leaves_the_others_enabled(fleet: Fleet) -> None:
+    left, middle, right = fleet.peers.values()
+    goals = [move(peer, -0.3, seconds=2.0) for peer in fleet.peers.values()]
+    middle.wait_for_motion()
+    fleet.pendant('middle', 'estop', 'press')
+    assert goals[1].result()[:2] == ('aborted', -4)
+    assert [goals[0].result()[0], goals[2].result()[0]] == ['succeeded', 'succeeded']
+    assert 'not enabled' in move(middle, 0.1).result()[2]
+    for peer in (left, right):
+        assert move(peer, 0.1).result()[0] == 'succeeded'
+        assert not any(status.e_stopped.val == 1 for status in peer.robot_status)
+    fleet.pendant('middle', 'estop', 'release')
+    assert middle.call('reset_error')[0]
+    middle.wait_for(lambda: middle.robot_status[-1].e_stopped.val == 0, 'a reset E-stop')
+    middle.enable()
+    assert move(middle, 0.1).result()[0] == 'succeeded'
+
+
+def test_parameters_are_apart(fleet: Fleet) -> None:
+    clients = {
+        name: AsyncParameterClient(peer._node, f'/{name}/epson_driver')
+        for name, peer in fleet.peers.items()
+    }
+
+    def value(name: str) -> float:
+        future = clients[name].get_parameters(['start_tolerance'])
+        answer: float = fleet.peers[name].complete(future).values[0].double_value
+        return answer
+
+    assert all(client.wait_for_services(30.0) for client in clients.values())
+    before = value('left')
+    change = Parameter('start_tolerance', value=0.5)
+    answer = fleet.peers['right'].complete(clients['right'].set_parameters([change]))
+    assert answer.results[0].successful
+    assert [value(name) for name in NAMES] == [before, before, 0.5]
+    change = Parameter('start_tolerance', value=before)
+    fleet.peers['right'].complete(clients['right'].set_parameters([change]))
+
+
+def test_speed_scaling_is_apart(fleet: Fleet) -> None:
+    left, middle, right = fleet.peers.values()
+    assert left.set_speed(0.5)[0]
+    left.wait_for(lambda: left.speed_scaling[-1] == 0.5, 'the factor')
+    assert move(right, 0.05).result()[0] == 'succeeded'
+    assert middle.speed_scaling == [1.0]
+    assert right.speed_scaling == [1.0]
+    assert left.set_speed(1.0)[0]
+
+
+def test_the_log_says_which_robot(fleet: Fleet) -> None:
+    for name in NAMES:
+        port = fleet.ports[name].motion
+        said = f'[{name}.epson_driver]: motion link connected: 127.0.0.1:{port}'
+        assert said in fleet.log_text()
+
+
+@pytest.mark.parametrize('together', SHAPES.values(), ids=SHAPES)
+def test_a_controller_that_dies_takes_nobody_along(
+    make_fleet: Callable[..., Fleet], together: bool
+) -> None:
+    fleet = make_fleet(together=together).enabled()
+    left, middle, right = fleet.peers.values()
+    goals = [move(peer, 0.5, seconds=2.0) for peer in fleet.peers.values()]
+    left.wait_for_motion()
+    fleet.controllers['left'].kill()
+    ended, code, text = goals[0].result()
+    assert (ended, code) == ('aborted', -4)
+    assert 'link was lost' in text
+    left.wait_for(lambda: 'backing_off' in left.link_states, 'backing_off')
+    assert [goal.result()[0] for goal in goals[1:]] == ['succeeded', 'succeeded']
+    for peer in (middle, right):
+        more_joint_states(peer)
+        assert not {'backing_off', 'disconnected'} & set(
+            peer.link_states[peer.link_states.index('connected') :]
+        )
+        assert move(peer, -0.1).result()[0] == 'succeeded'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_one_signal_stops_all_arms_and_ends_each_goal_once(
+    make_fleet: Callable[..., Fleet], number: int
+) -> None:
+    fleet = make_fleet(together=True).enabled()
+    goals = [move(peer, 1.0, seconds=4.0) for peer in fleet.peers.values()]
+    for peer in fleet.peers.values():
+        peer.wait_for_motion()
+    (client,) = fleet.clients
+    assert client.end(number) == 0
+    for goal in goals:
+        ended, _, text = goal.result()
+        assert ended == 'aborted'
+        assert 'shut down' in text
+    log = client.log_text()
+    assert 'Traceback' not in log
+    for name in NAMES:
+        assert log.count(f'[{name}.epson_driver]: goal aborted') == 1
+
+
+def test_a_controller_that_floods_its_driver_delays_nobody_for_long(tmp_path: Path) -> None:
+    """Bad frames without a pause: the other robot in the process goes on, and gets to its goal."""
+    bad = encode(topic(Opaque(10, b'too short')), Dialect()) * 500
+    flooding, flooded = threading.Event(), threading.Event()
+    with (
+        socket.create_server(('127.0.0.1', 0)) as server,
+        socket.create_server(('127.0.0.1', 0)) as silent,
+    ):
+        server.settimeout(0.2)
+
+        def flood() -> None:
+            while not flooding.is_set():
+                try:
+                    connection, _ = server.accept()
+                    with connection:
+                        while not flooding.is_set():
+                            connection.sendall(bad)
+                            flooded.set()
+                except OSError:  # nobody comes, or it is gone again
+                    continue
+
+        thread = threading.Thread(target=flood)
+        thread.start()
+        controller = processes.sim_controller(tmp_path / 'good.log', '--motion=ptp')
+        domain = processes.free_ros_domain()
+        with processes.ended_at_exit(controller):
+            good = controller.ports()
+            noisy = processes.Ports(silent.getsockname()[1], server.getsockname()[1], 0, 0)
+            client = processes.clients(
+                tmp_path / 'client.log', {'noisy': noisy, 'good': good}, domain
+            )
+            peer = RosPeer(domain, prefix='/good')
+            try:
+                peer.wait_until_ready()
+                assert flooded.wait(30.0)
+                more_joint_states(peer)
+                peer.enable()
+                assert move(peer, 0.2).result()[0] == 'succeeded'
+            finally:
+                flooding.set()
+                peer.close()
+                ended = client.end()
+                thread.join()
+    assert ended == 0
+    lines = [line for line in client.log_text().splitlines() if 'bad frame' in line]
+    assert lines
+    assert all('[noisy.epson_driver]' in line for line in lines)
+
+
+def run_clients(tmp_path: Path, *arguments: str, file: str = '') -> subprocess.CompletedProcess:
+    """Run drivers that are expected to end by themselves."""
+    parameters = tmp_path / 'robots.yaml'
+    parameters.write_text(file or '/**: {ros__parameters: {io_port: 0}}', encoding='utf-8')
+    return subprocess.run(
+        [
+            *(sys.executable, '-m', 'epson_driver.cli', 'client', *arguments),
+            *('--ros-args', '--params-file', str(parameters)),
+        ],
+        env=processes.ros_environment(processes.free_ros_domain()),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_a_robot_with_a_wrong_parameter_is_named(tmp_path: Path) -> None:
+    file = (
+        '/left/epson_driver: {ros__parameters: {byte_order: middle}}\n'
+        '/right/epson_driver: {ros__parameters: {robot_model: c9}}\n'
+    )
+    names = ('--namespace=left', '--namespace=middle', '--namespace=right')
+    run = run_clients(tmp_path, *names, file=file)
+    assert run.returncode == 1
+    assert 'Traceback' not in run.stderr
+    wrong = [line for line in run.stderr.splitlines() if 'FATAL' in line]
+    assert len(wrong) == 2
+    assert '/left/epson_driver: parameter byte_order' in wrong[0]
+    assert '/right/epson_driver: ' in wrong[1]
+    assert 'c9' in wrong[1]
+    assert 'connected' not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (('--namespace=left', '--namespace=left'), ('/left/epson_driver', 'two robots')),
+        (('--namespace=not-a-name',), ('--namespace not-a-name', 'nvalid')),
+        (
+            ('--namespace=left', '--namespace=right', '--ros-args', '-r', '__ns:=/cell', '--'),
+            ('/cell/epson_driver', 'two robots'),
+        ),
+    ],
+)
+def test_names_that_cannot_be_used_are_refused(
+    tmp_path: Path, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    run = run_clients(tmp_path, *arguments)
+    assert run.returncode == 1, run.stderr
+    assert 'Traceback' not in run.stderr
+    for word in words:
+        assert word in run.stderr
+
+
+def test_an_argument_that_is_not_known_is_refused(tmp_path: Path) -> None:
+    run = run_clients(tmp_path, '--robots=3')
+    assert run.returncode == 2
+    assert '--robots' in run.stderr
