@@ -41,7 +41,7 @@ def apply(bench, what, value):
     elif what == 'move':
         bench.see(0.1, moving=value)
     elif what == 'go':
-        if bench.state == 'streaming':
+        if bench.state == 'streaming' and bench.sent:  # at speed 0 no point is sent
             bench.go_and_answer()
     elif what == 'wait':
         bench.pass_time(value)
