@@ -247,11 +247,12 @@ class Driver:
         """
         sample = self._check_ready()
         fastest = int(np.argmax(np.abs(sample.velocities)))
+        limits = self.configuration.limits
         if abs(sample.velocities[fastest]) >= self.execution_settings.stopped_velocity:
             raise GoalRefusedError(
                 ErrorCode.INVALID_GOAL,
-                f'the arm moves ({self.configuration.limits.names[fastest]} at '
-                f'{sample.velocities[fastest]:.3g} rad/s): wait until it stands',
+                f'the arm moves ({limits.names[fastest]} at {sample.velocities[fastest]:.3g} '
+                f'{limits.units[fastest]}/s): wait until it stands',
             )
         return sample
 
