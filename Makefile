@@ -14,20 +14,23 @@ PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 # Fast DDS would multicast on every network otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench bench-motion clean help
+.PHONY: demo test lint bench bench-motion generate pictures clean help
 
 help:
 	@echo "make demo    a planned trajectory through ROS 2 to a simulated EPSON controller, and a report"
-	@echo "             (other arguments: make demo ARGS='--trajectory FILE')"
+	@echo "             (other arguments: make demo ARGS='--trajectory FILE'; ARGS=--plan: a pick and place, planned on the spot)"
 	@echo "make test    all tests"
 	@echo "make lint    ruff and mypy"
-	@echo "make bench          what a step of the smoother costs in streams of 10 to 100,000 points, and what a robot costs its driver"
+	@echo "make bench          what a step of the smoother costs in streams of 10 to 100,000 points, what a robot costs its"
+	@echo "                    driver, and a check for collision with collision meshes and with visual ones"
 	@echo "make bench-motion   the smoother against stop-and-go, splines and optima; tables and pictures in benchmark/results"
 	@echo "             (a part of it: make bench-motion ARGS='--quick'; all of what can be chosen: ARGS=--help)"
+	@echo "make generate       meshes, URDFs and MoveIt files, made again from config/robots"
+	@echo "make pictures       the pictures of the robots in docs"
 	@echo "make clean   remove what the others made"
 	@echo "PYTHON=...   the interpreter to use, 3.11 or newer (now: $(PYTHON))"
 
-demo: $(VENV)/.run
+demo: $(VENV)/.run $(if $(findstring --plan,$(ARGS)),$(VENV)/.planning)
 	$(BIN)/epson_driver demo $(ARGS)
 
 test: $(VENV)/.dev
@@ -39,12 +42,23 @@ lint: $(VENV)/.dev
 	$(BIN)/mypy
 
 # one thread per process: the matrices are small, and two processes share the machine
-bench: $(VENV)/.run
+bench: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.cost
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.collision
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.robots
 
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
+
+# in this order: each uses what the one before has made
+generate: $(VENV)/.dev
+	$(BIN)/python -m generate.meshes
+	$(BIN)/python -m generate.urdf
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.moveit
+
+# three minutes; not part of generate, as no test compares them
+pictures: $(VENV)/.dev
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.picture $(ARGS)
 
 clean:
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-report.png
@@ -74,9 +88,14 @@ $(VENV)/.run: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(INSTALL) --no-build-isolation --no-deps .
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.run requirements/dev.txt
+$(VENV)/.dev: $(VENV)/.run requirements/dev.txt requirements/planning.txt requirements/generate.txt
 	@echo "installing the test tools"
 	@$(INSTALL) -c requirements/constraints.txt -r requirements/dev.txt
+	@touch $@
+
+$(VENV)/.planning: $(VENV)/.run requirements/planning.txt
+	@echo "installing the planner"
+	@$(INSTALL) -c requirements/constraints.txt -r requirements/planning.txt
 	@touch $@
 
 $(VENV)/.bench: $(VENV)/.run requirements/bench.txt

@@ -3,7 +3,7 @@
 """Writes the tables that come from elsewhere.
 
 Parameters in ros_interface.md, from client/parameters.py; error numbers in troubleshooting.md,
-from config/errors/epson.yaml.
+from config/errors/epson.yaml; robot models in new_robot.md, from config/robots.
 
 Run it after a change there: `python docs/make_tables.py`. Tests compare them.
 """
@@ -13,6 +13,7 @@ from pathlib import Path
 
 from epson_driver.client.parameters import TABLE, Row, joint_rows
 from epson_driver.error_texts import NO_ERROR, load_error_texts
+from epson_driver.robots import load_robot_model, robot_models
 
 DOCS = Path(__file__).parent
 KINDS = {bool: 'bool', int: 'integer', float: 'double', str: 'string', list: 'array'}
@@ -39,6 +40,22 @@ def errors() -> Iterator[tuple[str, ...]]:
         if number != NO_ERROR:
             confirmed = 'yes' if text.confirmed else '**no**'
             yield str(number), text.meaning, text.remedy, confirmed
+
+
+def models() -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the robot models."""
+    marks = {'high': '', 'medium': 'medium', 'low': '**low**'}
+    quantities = ('position', 'velocity', 'acceleration', 'pulses_per_degree', 'chain')
+    yield 'model', 'kind', 'reach', 'payload', *(each.replace('_', ' ') for each in quantities)
+    for name in robot_models():
+        model = load_robot_model(name)
+        yield (
+            f'[{name}](../config/robots/{name}.yaml)',
+            model.kind,
+            f'{model.reach[0] * 1e3:.0f} mm',
+            '' if model.payload is None else f'{model.payload:g} kg',
+            *(marks[model.provenance[each].worst] for each in quantities),
+        )
 
 
 def page(name: str) -> str:
@@ -68,6 +85,7 @@ def _allowed(row: Row) -> str:
 
 
 TABLES: dict[str, tuple[str, Callable[[], Iterator[tuple[str, ...]]]]] = {
+    'new_robot.md': ('models', models),
     'ros_interface.md': ('parameters', parameters),
     'troubleshooting.md': ('errors', errors),
 }

@@ -56,12 +56,20 @@ ROOMS = {
     'error_texts': Room(0, frozenset({'share'}), frozenset({'yaml'})),
     'simple_message': Room(0, NOTHING),
     'motion': Room(0, NOTHING, frozenset({'numpy', 'ruckig'})),
-    'robots': Room(0, frozenset({'motion', 'share'}), frozenset({'numpy', 'yaml'})),
+    'robots': Room(
+        0,
+        frozenset({'motion', 'share'}),
+        frozenset({'numpy', 'py_opw_kinematics', 'scipy', 'yaml'}),
+    ),
     'controllers': Room(0, frozenset({'simple_message', 'share'}), frozenset({'yaml'})),
+    'bringup': Room(1, frozenset({'robots', 'share'}), frozenset({'xacro', 'yaml'})),
     'link': Room(1, GROUND, ANY),
     'controller': Room(1, GROUND, ANY),
+    'planning': Room(1, GROUND, ANY),
     'client': Room(2, GROUND | {'link'}, ANY, ros=True),
-    'cli': Room(3, GROUND | {'link', 'controller', 'client'}, ANY, ros=True, dynamic=True),
+    'cli': Room(
+        3, GROUND | {'link', 'controller', 'client', 'planning'}, ANY, ros=True, dynamic=True
+    ),
 }
 
 BESIDE = {
@@ -185,6 +193,7 @@ def test_the_table_itself_goes_down_only() -> None:
         ('robots/a.py', 'from epson_driver.motion import Array\nimport yaml, numpy', ''),
         ('robots/a.py', 'from epson_driver import share, link', 'robots imports link'),
         ('robots/a.py', 'import epson_driver', 'robots imports *'),
+        ('bringup/a.py', 'import launch', 'bringup imports launch'),
         ('link/a.py', 'from epson_driver.simple_message import Framer', ''),
         ('link/a.py', 'import epson_driver.controller.arm.servo', 'link imports controller'),
         ('link/a.py', 'import rclpy.node as n', 'link imports rclpy'),

@@ -11,6 +11,7 @@ EXECUTABLES = {
     'demo': 'both of them, and a planned trajectory executed, with a report',
     'smooth': 'a planned trajectory made smooth: a file, a report and a picture',
     'replay': 'the controller as a trace recorded it, for bug reports',
+    'robots': 'the robot models there are, with their numbers and where those come from',
     'pendant': 'what a person does at the controller: motors, E-stop, reset, status',
 }
 

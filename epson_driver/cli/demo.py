@@ -4,7 +4,8 @@
 
 Starts sim_controller and client as processes of their own, enables the arm, sends the trajectory
 as a FollowJointTrajectory goal, and reports what the joint states showed. With --compare twice: a
-controller that rests at every point, then one that smooths.
+controller that rests at every point, then one that smooths. With --plan the trajectory is planned
+on the spot (demo_plan.py).
 """
 
 import argparse
@@ -15,6 +16,7 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
 
@@ -39,6 +41,11 @@ from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
 PINGS = 50
 
+PLANNING = ('coal', 'ompl', 'pinocchio', 'py_opw_kinematics', 'scipy')
+"""The modules that --plan needs beyond the rest."""
+
+INSTALL = "pip install 'epson_driver[planning]' (in the source tree: make demo ARGS=--plan)"
+
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth'}
 
 
@@ -46,12 +53,24 @@ def main() -> int:
     """Run the demo. Returns 0 only if the arm did what was planned."""
     arguments = _arguments()
     console = Console()
+    if arguments.plan:
+        missing = [name for name in PLANNING if find_spec(name) is None]
+        if missing:
+            console.print(
+                f'--plan needs {", ".join(missing)}: {INSTALL}', highlight=False, markup=False
+            )
+            return 2
     for number in (
         signal.SIGINT,
         signal.SIGTERM,
     ):  # SIGINT too: a shell's `&` passes it on ignored
         signal.signal(number, _on_terminate)
     try:
+        if arguments.plan:
+            from epson_driver.cli import demo_plan  # needs what may be missing
+
+            seeds = range(arguments.seed, arguments.seed + arguments.seeds)
+            return demo_plan.run(seeds, arguments.picture, console)
         trajectory = read_trajectory(arguments.trajectory)
         motions = ('ptp', 'smooth') if arguments.compare else (arguments.motion,)
         runs = []
@@ -97,7 +116,36 @@ def _arguments() -> argparse.Namespace:
         default=Path('demo-report.png'),
         help='where to draw positions and velocities (default: %(default)s)',
     )
-    return parser.parse_args()
+    parser.add_argument(
+        '--plan',
+        action='store_true',
+        help='plan a pick and place around obstacles, execute it, and check it for collisions',
+    )
+    parser.add_argument(
+        '--seed',
+        type=_positive,
+        default=1,
+        metavar='N',
+        help='what --plan draws its task from (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--seeds',
+        type=_positive,
+        default=1,
+        metavar='COUNT',
+        help='so many tasks, one seed after the other (default: %(default)s)',
+    )
+    arguments = parser.parse_args()
+    if arguments.plan and (arguments.compare or arguments.motion != 'smooth'):
+        parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
+    return arguments
+
+
+def _positive(text: str) -> int:
+    value = int(text) if text.isdecimal() else 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f'{text}: must be a whole number from 1 on')
+    return value
 
 
 def _on_terminate(_number: int, _frame: object) -> NoReturn:
@@ -154,11 +202,11 @@ def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) ->
                 highlight=False,
             )
             os.environ.update(processes.ros_environment(domain))
-            user = RosUser(trajectory, lambda: _check_alive(client))
+            user = RosUser(trajectory.joint_names, client.check_alive)
             try:
                 user.enable()
                 console.print(f'robot ready after {time.monotonic() - began:.1f} s')
-                text, succeeded = user.execute(console)
+                text, succeeded = user.execute(trajectory, console)
                 if not succeeded:
                     raise RunError(f'the goal was not reached: {text}')
                 latencies = user.reply_latencies()
@@ -182,11 +230,6 @@ def _report(
         return 1
     console.print('[bold green]the arm did what was planned[/]')
     return 0
-
-
-def _check_alive(process: processes.Process) -> None:
-    if process.returncode is not None:
-        raise RunError(f'{process.name} ended with {process.returncode}:\n{process.log_text()}')
 
 
 def _ping(ports: processes.Ports) -> list[float]:

@@ -127,6 +127,11 @@ class Process:
         words = dict(word.split('=') for word in line.split()[1:])
         return Ports(**{key: int(value) for key, value in words.items()})
 
+    def check_alive(self) -> None:
+        """Raise RunError with its log if it has ended."""
+        if self.returncode is not None:
+            raise RunError(f'{self.name} ended with {self.returncode}:\n{self.log_text()}')
+
     def log_text(self) -> str:
         """Return what it has logged so far."""
         return self.log.read_text(encoding='utf-8', errors='replace')

@@ -12,6 +12,8 @@ from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
 from diagnostic_msgs.msg import DiagnosticArray
+from epson_msgs.msg import IoPoint
+from epson_msgs.srv import WriteIo
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -32,11 +34,14 @@ READY_TIMEOUT = 30.0
 
 
 class RosUser:
-    """A node beside the driver. `check` is called while waiting, and raises if that is in vain."""
+    """A node beside the driver, for joints in the order of `joint_names`.
 
-    def __init__(self, trajectory: Trajectory, check: Callable[[], None]) -> None:
+    `check` is called while waiting, and raises if that is in vain.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...], check: Callable[[], None]) -> None:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._trajectory = trajectory
+        self._joint_names = joint_names
         self._check = check
         self._node = rclpy.create_node('demo')
         self._executor = SingleThreadedExecutor()
@@ -46,6 +51,7 @@ class RosUser:
         self._link_state = ''
         self._recording = False
         self._enable = self._node.create_client(Trigger, 'epson_driver/enable')
+        self._write_io = self._node.create_client(WriteIo, 'epson_driver/write_io')
         self._action = ActionClient(
             self._node, FollowJointTrajectory, 'epson_driver/follow_joint_trajectory'
         )
@@ -74,10 +80,9 @@ class RosUser:
             raise RunError(f'~/enable: {answer.message}')
         self._states.clear()
 
-    def execute(self, console: Console) -> tuple[str, bool]:
+    def execute(self, trajectory: Trajectory, console: Console) -> tuple[str, bool]:
         """Send the goal, show progress, and return the result's text and whether it succeeded."""
-        goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(self._trajectory))
-        total = len(self._trajectory.times)
+        total = len(trajectory.times)
         columns = (
             TextColumn('{task.description}'),
             BarColumn(),
@@ -86,20 +91,41 @@ class RosUser:
         )
         with Progress(*columns, console=console) as progress:
             bar = progress.add_task('waypoints', total=total)
-            times = self._trajectory.times
-
-            def on_feedback(message: Any) -> None:
-                passed = message.feedback.desired.time_from_start
-                reached = np.searchsorted(times, passed.sec + passed.nanosec * 1e-9 - 1e-6)
-                progress.update(bar, completed=int(reached))
-
-            handle = self._complete(self._action.send_goal_async(goal, on_feedback))
-            answer = self._complete(handle.get_result_async(), timeout=None)
-            succeeded = answer.status == GoalStatus.STATUS_SUCCEEDED
+            text, succeeded = self.follow(
+                trajectory, lambda reached: progress.update(bar, completed=reached)
+            )
             if succeeded:
                 progress.update(bar, completed=total)
+        return text, succeeded
+
+    def follow(
+        self, trajectory: Trajectory, on_progress: Callable[[int], object]
+    ) -> tuple[str, bool]:
+        """Send the goal; return the result's text and whether it succeeded.
+
+        `on_progress` hears how many of the points are behind the arm. The recording begins anew.
+        """
+        goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
+        self._states.clear()
+        self._recording = True
+
+        def on_feedback(message: Any) -> None:
+            passed = message.feedback.desired.time_from_start
+            seconds = passed.sec + passed.nanosec * 1e-9
+            on_progress(int(np.searchsorted(trajectory.times, seconds - 1e-6)))
+
+        handle = self._complete(self._action.send_goal_async(goal, on_feedback))
+        answer = self._complete(handle.get_result_async(), timeout=None)
         self._recording = False
-        return answer.result.error_string, succeeded
+        return answer.result.error_string, answer.status == GoalStatus.STATUS_SUCCEEDED
+
+    def write_output(self, index: int, value: int) -> None:
+        """Set a digital output of the controller. Raises RunError that says why it cannot be."""
+        self._wait(self._write_io.service_is_ready, 'no ~/write_io service')
+        point = IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=index, value=value)
+        answer = self._complete(self._write_io.call_async(WriteIo.Request(points=[point])))
+        if not answer.success:
+            raise RunError(f'~/write_io: {answer.message}')
 
     def reply_latencies(self) -> dict[str, str]:
         """Return what the driver's diagnostics say about the replies on the motion link."""
@@ -109,10 +135,10 @@ class RosUser:
         return {value.key: value.value for value in link.values}
 
     def recording(self) -> Recording:
-        """Return the joint states that came while the goal ran, joints in the plan's order."""
+        """Return the joint states that came while the last goal ran, joints in the given order."""
         if not self._states:
             raise RunError('no joint states came while the goal ran')
-        columns = [self._states[0].name.index(name) for name in self._trajectory.joint_names]
+        columns = [self._states[0].name.index(name) for name in self._joint_names]
         return Recording(
             np.array([s.header.stamp.sec + s.header.stamp.nanosec * 1e-9 for s in self._states]),
             np.array([s.position for s in self._states])[:, columns],

@@ -118,7 +118,8 @@ def _start(text: str, limits: JointLimits) -> Array:
     try:
         start = np.array([float(part) for part in text.split(',')])
     except ValueError as cause:
-        raise _StartError(f'--start {text}: must be numbers separated by commas, rad') from cause
+        rule = 'must be numbers separated by commas, rad or m'
+        raise _StartError(f'--start {text}: {rule}') from cause
     if start.shape != (len(limits.names),):
         raise _StartError(f'--start {text}: {start.size} angles for {len(limits.names)} joints')
     refusal = angles_refusal(start, limits)
@@ -224,6 +225,6 @@ def _parser() -> argparse.ArgumentParser:
         '--seed', type=int, default=0, help='of what is random in faults (%(default)s)'
     )
     parser.add_argument(
-        '--start', metavar='Q1,…,Q6', help='initial joint angles, rad, as in -1.0,0.2,0,0,0,0'
+        '--start', metavar='Q1,…,Qn', help='initial joints, rad (m), as in -1.0,0.2,0,0,0,0'
     )
     return parser

@@ -150,6 +150,7 @@ def _every(trajectory: Trajectory, parts: int) -> Trajectory:
 def _table(study: Study, planner: _CountingPlanner, look_ahead: float) -> Table:
     ours, stop_and_go = study.columns[-1].figures, study.columns[0].figures
     error = study.columns[-1].waypoint_error
+    units = ' or '.join(dict.fromkeys(study.limits.units))
     known = 'all points known' if np.isinf(look_ahead) else f'{look_ahead:g} s known ahead'
     duration = f'{ours.duration:.3f} s ({known})'
     commanded = 'the plan has no times'
@@ -172,7 +173,7 @@ def _table(study: Study, planner: _CountingPlanner, look_ahead: float) -> Table:
         ('highest jerk', f'{ours.jerk:.3f} of the limit'),
         (
             'worst waypoint error',
-            f'{error:.1e} rad (points closer than {MERGE_TOLERANCE:g} rad count as one)',
+            f'{error:.1e} {units} (points closer than {MERGE_TOLERANCE:g} {units} count as one)',
         ),
         (
             'plans',

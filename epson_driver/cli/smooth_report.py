@@ -154,7 +154,8 @@ def draw(path: Path, study: Study) -> None:
         grid[3, place].set_xlabel('time [s]' if together else 'time [s], a scale of its own')
     for row, limit in enumerate(_shown(study), start=1):
         grid[row, 0].set_ylim(-limit, limit)
-    names = ('position [rad]', 'velocity / limit', 'acceleration / limit', 'jerk / limit')
+    units = ', '.join(dict.fromkeys(study.limits.units))
+    names = (f'position [{units}]', 'velocity / limit', 'acceleration / limit', 'jerk / limit')
     for row, name in enumerate(names):
         grid[row, 0].set_ylabel(name)
     handles, labels = grid[0, 0].get_legend_handles_labels()

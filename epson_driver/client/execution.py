@@ -291,10 +291,10 @@ class Execution:
             self._step(Event.AT_GOAL, Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
         elif now - max(self._standstill.alive, self._begins_by) > SETTLE_TIME:
             joint = int(np.argmax(distance - tolerance))
-            name = self.goal.trajectory.joint_names[joint]
+            name, unit = self.goal.trajectory.joint_names[joint], self.goal.unit(joint)
             self.fault(
-                f'the arm stands, and {name} is {distance[joint]:.6g} rad from the goal: '
-                f'the tolerance is {tolerance[joint]:.6g} rad'
+                f'the arm stands, and {name} is {distance[joint]:.6g} {unit} from the goal: '
+                f'the tolerance is {tolerance[joint]:.6g} {unit}'
                 if self._left
                 else 'the controller acknowledged all points, but the arm did not move',
                 ErrorCode.GOAL_TOLERANCE_VIOLATED,
@@ -360,6 +360,7 @@ class Execution:
             self.goal.trajectory.joint_names,
             positions - sample.positions,
             velocities - sample.velocities,
+            self.goal.unit,
         )
         if violation is None:
             return

@@ -68,6 +68,7 @@ class Goal:
     end within which the arm must be there; 0 means no limit. goal_velocity: shape (n,), rad/s,
     below which each joint counts as standing at the end, if that is less than what holds for all;
     None: no such. path_tolerance: on the way, against the plan at that moment; None: not checked.
+    units: 'rad' or 'm', one per joint; all rad where nothing is said.
     """
 
     trajectory: Trajectory
@@ -75,6 +76,11 @@ class Goal:
     goal_time: float
     goal_velocity: Array | None = None
     path_tolerance: 'Tolerances | None' = None
+    units: tuple[str, ...] = ()
+
+    def unit(self, joint: int) -> str:
+        """Return the unit of a joint's position, by its index."""
+        return self.units[joint] if self.units else 'rad'
 
 
 def trajectory_from_message(message: Any, joint_names: Sequence[str]) -> Trajectory:
@@ -142,7 +148,7 @@ def check_limits(
     """Raise GoalRefusedError INVALID_GOAL that names point, joint, value and limit."""
     found = list(problems(trajectory, limits))
     if not found and not may_end_moving:
-        found = list(_end_velocities(trajectory))
+        found = list(_end_velocities(trajectory, limits))
     if found:
         raise GoalRefusedError(ErrorCode.INVALID_GOAL, _listed(found))
 
@@ -159,14 +165,16 @@ def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     return Trajectory(trajectory.joint_names, times, trajectory.positions)
 
 
-def _end_velocities(trajectory: Trajectory) -> Iterable[str]:
+def _end_velocities(trajectory: Trajectory, limits: JointLimits) -> Iterable[str]:
     if trajectory.velocities is None:
         return
     last = len(trajectory.times) - 1
-    for name, velocity in zip(trajectory.joint_names, trajectory.velocities[-1], strict=True):
+    for name, unit, velocity in zip(
+        trajectory.joint_names, limits.units, trajectory.velocities[-1], strict=True
+    ):
         if abs(velocity) > 1e-4:
             yield (
-                f'point {last}, {name}: the last velocity, {velocity:.6g} rad/s, must be 0 '
+                f'point {last}, {name}: the last velocity, {velocity:.6g} {unit}/s, must be 0 '
                 f'(or set allow_nonzero_velocity_at_trajectory_end)'
             )
 
@@ -182,15 +190,17 @@ def check_start(
     offset = np.abs(trajectory.positions[0] - actual)
     time = float(trajectory.times[0])
     found = [
-        f'{name}: the trajectory starts at {start:.6g} rad, the joint is at {value:.6g} rad: '
+        f'{name}: the trajectory starts at {start:.6g} {unit}, '
+        f'the joint is at {value:.6g} {unit}: '
         + (
-            f'{difference:.6g} rad apart, the limit is {tolerance:g} rad'
+            f'{difference:.6g} {unit} apart, the limit is {tolerance:g} {unit}'
             if time == 0.0
-            else f'to be there after {time:g} s it would need {difference / time:.6g} rad/s, '
-            f'the velocity limit is {velocity:.6g} rad/s'
+            else f'to be there after {time:g} s it would need {difference / time:.6g} {unit}/s, '
+            f'the velocity limit is {velocity:.6g} {unit}/s'
         )
-        for name, start, value, difference, velocity in zip(
+        for name, unit, start, value, difference, velocity in zip(
             trajectory.joint_names,
+            limits.units,
             trajectory.positions[0],
             actual,
             offset,

@@ -206,7 +206,8 @@ class Goals:
             raise GoalRefusedError(
                 ErrorCode.INVALID_GOAL,
                 f'the arm moves ({self._limits.names[fastest]} at '
-                f'{sample.velocities[fastest]:.3g} rad/s): wait until it stands',
+                f'{sample.velocities[fastest]:.3g} {self._limits.units[fastest]}/s): '
+                'wait until it stands',
             )
         return sample
 

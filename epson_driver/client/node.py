@@ -335,6 +335,7 @@ class ClientNode:
             max(goal_time, 0.0) if goal_time != 0.0 else values['constraints.goal_time'],
             goal_velocity=goal.velocity,
             path_tolerance=path if path.checked else None,
+            units=self._limits.units,
         )
 
     def _check_stamp(self, stamp: Any, duration: float) -> None:

@@ -9,10 +9,13 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from epson_driver.controllers import ControllerProfile, load_controller_profile
+from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import MAX_JOINTS
 
 POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
 """What carries a point, per kind of program in a profile."""
+
+GOAL_TOLERANCE = {'rad': 0.01, 'm': 0.001}
 
 JOINTS = [f'joint_{i}' for i in range(1, 7)]
 
@@ -56,6 +59,10 @@ CONTROLLER = Row(
     'are not set, it says which ports, which interface and which messages are used.',
 )
 
+ROBOT_MODEL = Row(
+    'robot_model', 'c3_a601s', 'Robot model: a file of config/robots, or a path to one.'
+)
+
 TABLE = (
     CONTROLLER,
     Row('robot_ip', '127.0.0.1', 'Address of the robot controller.'),
@@ -70,14 +77,18 @@ TABLE = (
         0,
         65535,
     ),
-    Row('joint_names', JOINTS, "Names of the joints in the controller's order."),
+    Row(
+        'joint_names',
+        JOINTS,
+        "Names of the joints in the controller's order. By default those of `robot_model`.",
+    ),
     Row(
         'joint_signs',
         [1],
         'A joint is this, 1 or -1, times that of the controller, plus its offset: one number for '
         'all joints, or one for each.',
     ),
-    Row('joint_offsets', [0.0], 'Offsets of the joints: one for all, or one for each [rad].'),
+    Row('joint_offsets', [0.0], 'Offsets of the joints: one for all, or one for each [rad, m].'),
     Row(
         'j23_factor',
         0,
@@ -86,7 +97,7 @@ TABLE = (
         -1,
         1,
     ),
-    Row('robot_model', 'c3_a601s', 'Robot model: a file of config/robots, or a path to one.'),
+    ROBOT_MODEL,
     Row(
         'error_texts',
         'epson',
@@ -161,7 +172,7 @@ TABLE = (
     Row(
         'start_tolerance',
         0.02,
-        'How far from the measured position a trajectory may start, each joint [rad].',
+        'How far from the measured position a trajectory may start, each joint [rad, m].',
         0.0,
         1.0,
         now=True,
@@ -198,7 +209,7 @@ TABLE = (
     Row(
         'constraints.stopped_velocity_tolerance',
         0.01,
-        'Velocity below which a joint counts as standing [rad/s].',
+        'Velocity below which a joint counts as standing [rad/s, m/s].',
         1e-6,
         10.0,
         now=True,
@@ -214,12 +225,12 @@ TABLE = (
 )
 
 
-def joint_rows(joint: str) -> Iterator[Row]:
+def joint_rows(joint: str, unit: str = 'rad') -> Iterator[Row]:
     """Yield the parameters of one joint, named as joint_trajectory_controller names them."""
     yield Row(
         f'constraints.{joint}.goal',
-        0.01,
-        f'How far {joint} may be from the end of the trajectory for success; 0: any [rad].',
+        GOAL_TOLERANCE[unit],
+        f'How far {joint} may be from the end of the trajectory for success; 0: any [{unit}].',
         0.0,
         10.0,
         now=True,
@@ -227,7 +238,7 @@ def joint_rows(joint: str) -> Iterator[Row]:
     yield Row(
         f'constraints.{joint}.trajectory',
         0.0,
-        f'How far {joint} may be from the plan at any moment on the way; 0: not checked [rad].',
+        f'How far {joint} may be from the plan at any moment on the way; 0: not checked [{unit}].',
         0.0,
         10.0,
         now=True,
@@ -253,17 +264,21 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
 def declare(node: Any) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
-    Where the controller's profile has a value, it is the default. Raises ValueError that names the
-    parameter, its value and what is allowed, FileNotFoundError that lists the profiles.
+    Where the controller's profile has a value, it is the default; so are the robot model's joint
+    names. Raises ValueError that names the parameter, its value and what is allowed,
+    FileNotFoundError that lists the profiles or the models.
     """
     values = _declare_rows(node, (CONTROLLER,))
     given = profile_defaults(load_controller_profile(values['controller']))
+    values |= _declare_rows(node, (ROBOT_MODEL,))
+    model = load_robot_model(values['robot_model'])
+    given['joint_names'] = list(model.joint_names)
     values |= _declare_rows(
         node,
         (
             replace(row, default=given.get(row.name, row.default))
             for row in TABLE
-            if row is not CONTROLLER
+            if row not in (CONTROLLER, ROBOT_MODEL)
         ),
     )
     names = values['joint_names']
@@ -273,8 +288,9 @@ def declare(node: Any) -> dict[str, Any]:
         raise ValueError(
             f'parameter joint_names has {len(names)} names: a message carries {MAX_JOINTS} joints'
         )
+    units = dict(zip(names, model.limits.units, strict=False))
     for joint in names:
-        values |= _declare_rows(node, joint_rows(joint))
+        values |= _declare_rows(node, joint_rows(joint, units.get(joint, 'rad')))
     return values
 
 

@@ -6,7 +6,7 @@ Names and meaning are joint_trajectory_controller's: 0 takes the default, negati
 check off. The controllers report no accelerations, so a goal that limits their error is refused.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,19 +32,27 @@ class Tolerances:
         return bool(np.isfinite(self.position).any() or np.isfinite(self.velocity).any())
 
     def violation(
-        self, names: Sequence[str], position_error: Array, velocity_error: Array
+        self,
+        names: Sequence[str],
+        position_error: Array,
+        velocity_error: Array,
+        unit: Callable[[int], str] = lambda _: 'rad',
     ) -> str | None:
-        """Return a clause with joint, error and limit for the worst violation; None if none."""
-        for quantity, errors, limits, unit in (
-            ('position', position_error, self.position, 'rad'),
-            ('velocity', velocity_error, self.velocity, 'rad/s'),
+        """Return a clause with joint, error and limit for the worst violation; None if none.
+
+        `unit` tells that of a joint, by its index.
+        """
+        for quantity, errors, limits, per in (
+            ('position', position_error, self.position, ''),
+            ('velocity', velocity_error, self.velocity, '/s'),
         ):
             excess = np.abs(errors) - limits
             worst = int(np.argmax(excess))
             if excess[worst] > 0.0:
                 return (
-                    f'{names[worst]}: the {quantity} error is {abs(errors[worst]):.6g} {unit}, '
-                    f'the tolerance is {limits[worst]:.6g} {unit}'
+                    f'{names[worst]}: the {quantity} error is '
+                    f'{abs(errors[worst]):.6g} {unit(worst)}{per}, '
+                    f'the tolerance is {limits[worst]:.6g} {unit(worst)}{per}'
                 )
         return None
 

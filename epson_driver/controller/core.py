@@ -61,8 +61,8 @@ _NO_PLANNER = Refusal(
     ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
 )
 
-SMALL_PUSH = np.radians(1.0)
-"""What the servo of a joint pushes back; more is a position error, rad."""
+SMALL_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
+"""What the servo of a joint pushes back; more is a position error. By the joint's unit."""
 
 
 class Controller:
@@ -102,7 +102,7 @@ class Controller:
         self._errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
-        self.servo = Servo(start, model.pulses_per_degree, servo.lag, servo.encoder)
+        self.servo = Servo(start, model.pulses_per_unit, servo.lag, servo.encoder)
         self._mechanism = new_mechanism(self, start, planner)
         self.reply: Send | None = None  # where replies of the motion program go
         self.program = new_program(self, self._mechanism.arm, self._errors)
@@ -167,25 +167,27 @@ class Controller:
         self.lines.boot(seconds)
         self.apply(Event.BOOT)
 
-    def disturb(self, joint: int, angle: float) -> None:
-        """Push one joint (index from 0) by an angle, rad, as somebody who leans on the arm.
+    def disturb(self, joint: int, push: float) -> None:
+        """Push one joint (index from 0) by some rad or m, as somebody who leans on the arm.
 
         Without power the arm stays where it is pushed to. With power its servo pushes back; more
         than `SMALL_PUSH` does not get through, but is a position error. Raises RefusedError for a
         push out of the limits or while an arm without power still brakes.
         """
         pushed = self.servo.actual.copy()
-        pushed[joint] += angle
-        refusal = angles_refusal(pushed, self.model.limits)
+        pushed[joint] += push
+        limits = self.model.limits
+        refusal = angles_refusal(pushed, limits)
         if refusal is not None:
             raise RefusedError(refusal.sentence)
         powered = self.condition.powered
-        if powered and abs(pushed - self._mechanism.commanded)[joint] > SMALL_PUSH:
+        small = SMALL_PUSH[limits.units[joint]]
+        if powered and abs(pushed - self._mechanism.commanded)[joint] > small:
             self.raise_error(ErrorNumber.SERVO_ERROR)
             return
         if not powered and self.in_motion:
             raise RefusedError('the arm still brakes: try again when it stands')
-        self._mechanism.push(clipped(pushed, self.model.limits), powered)
+        self._mechanism.push(clipped(pushed, limits), powered)
         self._settle()
 
     def freeze(self, joint: int | None) -> None:

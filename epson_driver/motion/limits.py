@@ -14,8 +14,9 @@ Array = npt.NDArray[np.float64]
 class JointLimits:
     """Limits of n joints: arrays of shape (n,), in rad, rad/s, rad/s², rad/s³ (or m …).
 
-    Raises ValueError that names the joint, the quantity and the value if the lengths differ, a
-    number is not finite, a range is empty, or a limit is not positive.
+    units: 'rad' or 'm', one per joint; all rad where nothing is said. Raises ValueError that names
+    the joint, the quantity and the value if the lengths differ, a number is not finite, a range is
+    empty, or a limit is not positive.
     """
 
     names: tuple[str, ...]
@@ -24,10 +25,15 @@ class JointLimits:
     velocity: Array
     acceleration: Array
     jerk: Array
+    units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.names or len(set(self.names)) != len(self.names):
             raise ValueError(f'joint names must be there and differ: {self.names}')
+        units = self.units or ('rad',) * len(self.names)
+        if len(units) != len(self.names) or not set(units) <= {'rad', 'm'}:
+            raise ValueError(f'units must be rad or m, one per joint: {units}')
+        object.__setattr__(self, 'units', units)
         for quantity in ('position_min', 'position_max', 'velocity', 'acceleration', 'jerk'):
             values = np.array(getattr(self, quantity), dtype=float)
             if values.shape != (len(self.names),):

@@ -140,9 +140,10 @@ def check_target(target: Array, limits: JointLimits) -> None:
     outside = (target < limits.position_min) | (target > limits.position_max)
     if outside.any():
         joint = int(np.argmax(outside))
+        low, high = limits.position_min[joint], limits.position_max[joint]
         raise ValueError(
             f'{limits.names[joint]}: target {target[joint]:.6g} is outside the limits '
-            f'{limits.position_min[joint]:.6g} … {limits.position_max[joint]:.6g} rad'
+            f'{low:.6g} … {high:.6g} {limits.units[joint]}'
         )
 
 

@@ -12,15 +12,16 @@ from epson_driver.motion.limits import Array, JointLimits
 LIMIT_TOLERANCE = 1e-6
 """Relative excess of a limit that is taken for rounding: plans are often made at the limit."""
 
-_QUANTITIES = (('positions', 'rad'), ('velocities', 'rad/s'), ('accelerations', 'rad/s²'))
+_PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
+"""What follows the joint's unit, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """n points of m joints; times in s from the start, non-negative and strictly increasing.
 
-    positions: shape (n, m), rad. velocities, accelerations: the same shape, or None if the plan
-    has none. times: shape (n,), s.
+    positions: shape (n, m), rad, of prismatic joints m. velocities, accelerations: the same shape,
+    or None if the plan has none. times: shape (n,), s.
     """
 
     joint_names: tuple[str, ...]
@@ -56,30 +57,30 @@ def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     if not len(trajectory.times):
         yield 'the trajectory has no points'
         return
-    not_finite = list(_not_finite(trajectory))
+    not_finite = list(_not_finite(trajectory, limits))
     yield from not_finite
     if not_finite:
         return
     yield from _times(trajectory)
     yield from _beyond(
-        trajectory.positions, limits.position_min, limits.position_max, 'position', 'rad', limits
+        trajectory.positions, limits.position_min, limits.position_max, 'position', '', limits
     )
     if trajectory.velocities is not None:
         yield from _beyond(
-            trajectory.velocities, -limits.velocity, limits.velocity, 'velocity', 'rad/s', limits
+            trajectory.velocities, -limits.velocity, limits.velocity, 'velocity', '/s', limits
         )
     yield from _too_fast(trajectory, limits)
 
 
-def _not_finite(trajectory: Trajectory) -> Iterator[str]:
+def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     for index in np.flatnonzero(~np.isfinite(trajectory.times)):
         yield f'point {index}: time_from_start = {trajectory.times[index]} is not finite'
-    for quantity, unit in _QUANTITIES:
+    for quantity, per in _PER.items():
         values = getattr(trajectory, quantity)
         if values is not None:
             for point, joint in np.argwhere(~np.isfinite(values)):
                 name = trajectory.joint_names[joint]
-                value = f'{values[point, joint]} {unit}'
+                value = f'{values[point, joint]} {limits.units[joint]}{per}'
                 yield f'point {point}, {name}: {quantity} = {value} is not finite'
 
 
@@ -95,10 +96,11 @@ def _times(trajectory: Trajectory) -> Iterator[str]:
 
 
 def _beyond(
-    values: Array, low: Array, high: Array, quantity: str, unit: str, limits: JointLimits
+    values: Array, low: Array, high: Array, quantity: str, per: str, limits: JointLimits
 ) -> Iterator[str]:
     slack = LIMIT_TOLERANCE * (high - low)
     for point, joint in np.argwhere((values < low - slack) | (values > high + slack)):
+        unit = limits.units[joint] + per
         value = f'{values[point, joint]:.6g} {unit}'
         allowed = f'{low[joint]:.6g} … {high[joint]:.6g} {unit}'
         where = f'point {point}, {limits.names[joint]}'
@@ -113,6 +115,6 @@ def _too_fast(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     for segment, joint in np.argwhere(speeds > limits.velocity * (1.0 + LIMIT_TOLERANCE)):
         yield (
             f'points {segment} to {segment + 1}, {limits.names[joint]}: '
-            f'{speeds[segment, joint]:.6g} rad/s would be needed, the velocity limit is '
-            f'{limits.velocity[joint]:.6g} rad/s'
+            f'{speeds[segment, joint]:.6g} {limits.units[joint]}/s would be needed, '
+            f'the velocity limit is {limits.velocity[joint]:.6g} {limits.units[joint]}/s'
         )

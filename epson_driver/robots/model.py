@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot model read from config/robots/NAME.yaml, validated."""
 
-import sys
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,42 +11,81 @@ import numpy as np
 import yaml
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.share import share_file
+from epson_driver.robots.chain import JOINT_TYPES, SHOWN_UNITS, UNITS, Chain, Frame, reach
+from epson_driver.robots.reader import CONFIDENCES, Provenance, Reader, RobotModelError
+from epson_driver.share import share_file, share_folder
 
-CONFIDENCES = ('high', 'medium', 'low')
+UNIT_TOLERANCE = 1e-9
+"""How far from 1 the length of an axis may be."""
 
-
-class RobotModelError(ValueError):
-    """A model file that cannot be used. The text names the file, the key and the value."""
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Where a quantity's numbers come from, and how far each joint's can be trusted."""
-
-    source: str
-    confidence: tuple[str, ...]
+_KINDS = {
+    ('revolute',) * 6: 'six-axis',
+    ('revolute', 'revolute', 'prismatic', 'revolute'): 'SCARA',
+}
 
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """Data of one robot model. `pulses_per_degree` and `reach` have shape (n,).
+    """Data of one robot model; of its joints in the controller's order.
 
-    `reach` is the largest distance of Tool 0 from each joint's axis, m. `provenance` maps
-    position, velocity, acceleration, jerk, pulses_per_degree and reach to their source.
+    pulses_per_degree: shape (n,), encoder pulses per degree, per mm for a prismatic joint.
+    joint_types: 'revolute' or 'prismatic'. chain: the joints, in base_link. tool0: the
+    controller's Tool 0 in the last link's frame. base: EPSON's world in base_link. payload,
+    mass: the heaviest load and the arm itself, kg, None where nobody tells. provenance: what maps
+    each quantity to its source, by its name in the file (those of `limits` without that word).
     """
 
     name: str
     description: str
     limits: JointLimits
     pulses_per_degree: Array
-    reach: Array
+    joint_types: tuple[str, ...]
+    chain: Chain
+    tool0: Frame
+    base: Frame
+    payload: float | None
+    mass: float | None
     provenance: dict[str, Provenance]
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """The joints in the controller's order."""
         return self.limits.names
+
+    @property
+    def kind(self) -> str:
+        """What kind of arm the joints make, in words."""
+        return _KINDS.get(self.joint_types, f'{len(self.joint_types)} joints')
+
+    @property
+    def confidence(self) -> str:
+        """The lowest confidence of all quantities."""
+        return max((each.worst for each in self.provenance.values()), key=CONFIDENCES.index)
+
+    @cached_property
+    def reach(self) -> Array:
+        """How far Tool 0 moves at most per unit of each joint, shape (n,), from the chain.
+
+        For a revolute joint: Tool 0's largest distance from its axis, m; for a prismatic one 1.
+        """
+        limits = self.limits
+        strokes = np.maximum(np.abs(limits.position_min), np.abs(limits.position_max))
+        return reach(self.chain, self.joint_types, strokes, self.tool0.xyz)
+
+    @cached_property
+    def shown_per_unit(self) -> Array:
+        """How many of what EPSON shows (degrees, mm) the SI unit has, shape (n,)."""
+        return np.array([SHOWN_UNITS[unit][1] for unit in self.limits.units])
+
+    @cached_property
+    def pulses_per_unit(self) -> Array:
+        """Encoder pulses per rad, per m for a prismatic joint, shape (n,)."""
+        return self.pulses_per_degree * self.shown_per_unit
+
+
+def robot_models() -> tuple[str, ...]:
+    """Return the names of all models in config/robots/, sorted."""
+    return tuple(sorted(path.stem for path in share_folder('config', 'robots').glob('*.yaml')))
 
 
 def load_robot_model(name: str) -> RobotModel:
@@ -64,8 +103,42 @@ def load_robot_model(name: str) -> RobotModel:
 
 
 def _parse(data: Any, path: Path) -> RobotModel:
-    reader = _Reader(path)
+    reader = Reader(path)
     names = reader.names(data, 'joint_names')
+    types = reader.choices(data, 'joint_types', JOINT_TYPES, len(names))
+    columns, provenance = _limits(reader, data, len(names))
+    pulses = reader.get(data, 'pulses_per_degree', dict)
+    pulses_per_degree = reader.numbers(pulses, 'value', 'pulses_per_degree', len(names))
+    if np.any(pulses_per_degree == 0.0):
+        raise reader.error('pulses_per_degree.value', pulses_per_degree.tolist(), 'must not be 0')
+    provenance['pulses_per_degree'] = reader.provenance(pulses, 'pulses_per_degree', len(names))
+    chain = _chain(reader, data, len(names), provenance)
+    tool0 = _frame(reader, data, 'tool0', provenance)
+    base = _frame(reader, data, 'base', provenance, turned_only=True)
+    payload = _weight(reader, data, 'payload', provenance)
+    mass = _weight(reader, data, 'mass', provenance)
+    try:
+        limits = JointLimits(names, **columns, units=tuple(UNITS[kind] for kind in types))
+    except ValueError as cause:
+        raise RobotModelError(f'{path}: {cause}') from cause
+    return RobotModel(
+        name=reader.get(data, 'name', str),
+        description=reader.get(data, 'description', str),
+        limits=limits,
+        pulses_per_degree=pulses_per_degree,
+        joint_types=types,
+        chain=chain,
+        tool0=tool0,
+        base=base,
+        payload=payload,
+        mass=mass,
+        provenance=provenance,
+    )
+
+
+def _limits(
+    reader: Reader, data: Any, count: int
+) -> tuple[dict[str, Array], dict[str, Provenance]]:
     limits = reader.get(data, 'limits', dict)
     columns: dict[str, Array] = {}
     provenance: dict[str, Provenance] = {}
@@ -73,74 +146,45 @@ def _parse(data: Any, path: Path) -> RobotModel:
         where = f'limits.{quantity}'
         block = reader.get(limits, quantity, dict, 'limits.')
         if quantity == 'position':
-            columns['position_min'] = reader.numbers(block, 'min', where, len(names))
-            columns['position_max'] = reader.numbers(block, 'max', where, len(names))
+            columns['position_min'] = reader.numbers(block, 'min', where, count)
+            columns['position_max'] = reader.numbers(block, 'max', where, count)
         else:
-            columns[quantity] = reader.numbers(block, 'max', where, len(names))
-        provenance[quantity] = reader.provenance(block, where, len(names))
-    pulses = reader.get(data, 'pulses_per_degree', dict)
-    pulses_per_degree = reader.numbers(pulses, 'value', 'pulses_per_degree', len(names))
-    if np.any(pulses_per_degree == 0.0):
-        raise reader.error('pulses_per_degree.value', pulses_per_degree.tolist(), 'must not be 0')
-    provenance['pulses_per_degree'] = reader.provenance(pulses, 'pulses_per_degree', len(names))
-    reaches = reader.get(data, 'reach', dict)
-    reach = reader.numbers(reaches, 'value', 'reach', len(names))
-    if np.any(reach < 0.0):
-        raise reader.error('reach.value', reach.tolist(), 'must not be negative')
-    provenance['reach'] = reader.provenance(reaches, 'reach', len(names))
-    try:
-        joint_limits = JointLimits(names, **columns)
-    except ValueError as cause:
-        raise RobotModelError(f'{path}: {cause}') from cause
-    return RobotModel(
-        name=reader.get(data, 'name', str),
-        description=reader.get(data, 'description', str),
-        limits=joint_limits,
-        pulses_per_degree=pulses_per_degree,
-        reach=reach,
-        provenance=provenance,
-    )
+            columns[quantity] = reader.numbers(block, 'max', where, count)
+        provenance[quantity] = reader.provenance(block, where, count)
+    return columns, provenance
 
 
-class _Reader:
-    """Typed access to the keys of one file, with errors that name file, key and value."""
+def _chain(reader: Reader, data: Any, count: int, provenance: dict[str, Provenance]) -> Chain:
+    block = reader.get(data, 'chain', dict)
+    origins = reader.vectors(block, 'origins', 'chain', count)
+    axes = reader.vectors(block, 'axes', 'chain', count)
+    for axis in axes:
+        if abs(np.linalg.norm(axis) - 1.0) > UNIT_TOLERANCE:
+            raise reader.error('chain.axes', axis.tolist(), 'must have length 1')
+    provenance['chain'] = reader.provenance(block, 'chain')
+    return Chain(origins, axes)
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
 
-    def error(self, key: str, value: object, rule: str) -> RobotModelError:
-        return RobotModelError(f'{self._path}: {key} = {value!r}: {rule}')
+def _frame(
+    reader: Reader,
+    data: Any,
+    key: str,
+    provenance: dict[str, Provenance],
+    *,
+    turned_only: bool = False,
+) -> Frame:
+    block = reader.get(data, key, dict)
+    xyz = np.zeros(3) if turned_only else reader.numbers(block, 'xyz', key, 3, 'x, y and z')
+    rpy = reader.numbers(block, 'rpy', key, 3, 'roll, pitch and yaw')
+    provenance[key] = reader.provenance(block, key)
+    return Frame(xyz, rpy)
 
-    def get(self, block: Any, key: str, kind: type, where: str = '') -> Any:
-        if not isinstance(block, dict):
-            raise self.error(where.rstrip('.') or 'the file', block, 'must be a mapping')
-        if key not in block:
-            raise RobotModelError(f'{self._path}: {where}{key} is missing')
-        if not isinstance(block[key], kind):
-            raise self.error(where + key, block[key], f'must be a {kind.__name__}')
-        return block[key]
 
-    def names(self, block: Any, key: str) -> tuple[str, ...]:
-        names = self.get(block, key, list)
-        if not names or not all(isinstance(name, str) for name in names):
-            raise self.error(key, names, 'must be a list of names')
-        return tuple(names)
-
-    def numbers(self, block: Any, key: str, where: str, count: int) -> Array:
-        values = self.get(block, key, list, where + '.')
-        if len(values) != count:
-            raise self.error(f'{where}.{key}', values, f'must have {count} numbers, one per joint')
-        for value in values:
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise self.error(f'{where}.{key}', value, 'must be a number')
-            if not abs(value) <= sys.float_info.max:
-                raise self.error(f'{where}.{key}', value, 'must be finite')
-        return np.array(values, dtype=float)
-
-    def provenance(self, block: Any, where: str, count: int) -> Provenance:
-        confidence = block.get('confidence')
-        entries = confidence if isinstance(confidence, list) else [confidence] * count
-        if len(entries) != count or any(entry not in CONFIDENCES for entry in entries):
-            rule = f'must be one of {", ".join(CONFIDENCES)}, or a list of one per joint'
-            raise self.error(f'{where}.confidence', confidence, rule)
-        return Provenance(self.get(block, 'source', str, where + '.'), tuple(entries))
+def _weight(
+    reader: Reader, data: Any, key: str, provenance: dict[str, Provenance]
+) -> float | None:
+    if key not in data:
+        return None
+    block = reader.get(data, key, dict)
+    provenance[key] = reader.provenance(block, key)
+    return reader.positive(block, 'value', key)

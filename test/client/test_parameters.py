@@ -74,6 +74,34 @@ def test_defaults(node):
         assert values[f'constraints.{joint}.trajectory'] == 0.0
 
 
+def test_a_scara_has_four_joints_and_the_third_is_in_metres(node):
+    made = node(robot_model='gx4_c251s')
+    values = declare(made)
+    assert values['joint_names'] == JOINTS[:4]
+    assert 'constraints.joint_5.goal' not in values
+    assert [values[f'constraints.{joint}.goal'] for joint in JOINTS[:4]] == [
+        0.01,
+        0.01,
+        0.001,
+        0.01,
+    ]
+    for joint, unit in zip(JOINTS[:4], ('[rad]', '[rad]', '[m]', '[rad]'), strict=True):
+        for name in (f'constraints.{joint}.goal', f'constraints.{joint}.trajectory'):
+            assert made.describe_parameter(name).description.endswith(f'{unit}.')
+
+
+def test_names_of_ones_own_have_the_units_of_the_model(node):
+    values = declare(node(robot_model='gx4_c251s', joint_names='[a, b, lift, spin]'))
+    assert values['joint_names'] == ['a', 'b', 'lift', 'spin']
+    assert values['constraints.lift.goal'] == 0.001
+    assert values['constraints.spin.goal'] == 0.01
+
+
+def test_an_unknown_robot_model_is_answered_with_those_there_are(node):
+    with pytest.raises(FileNotFoundError, match=r'no c9\.yaml in .*c3_a601s, c4_a601s'):
+        declare(node(robot_model='c9'))
+
+
 def test_every_parameter_has_a_description_a_type_and_bounds(node):
     made = node()
     for name, value in declare(made).items():
@@ -83,7 +111,7 @@ def test_every_parameter_has_a_description_a_type_and_bounds(node):
         if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
             assert descriptor.floating_point_range or descriptor.integer_range, name
         if isinstance(value, float):
-            assert re.search(r'\[(rad|s|Hz|MB)\b', descriptor.description), name
+            assert re.search(r'\[(rad|m|s|Hz|MB)\b', descriptor.description), name
 
 
 @pytest.mark.parametrize('row', WITH_RANGE, ids=lambda row: row.name)

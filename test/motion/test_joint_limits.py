@@ -23,6 +23,11 @@ def limits(**changed: Any) -> JointLimits:
     return JointLimits(**(values | changed))
 
 
+def test_joints_are_in_rad_unless_said_otherwise() -> None:
+    assert limits().units == ('rad', 'rad')
+    assert limits(units=('rad', 'm')).units == ('rad', 'm')
+
+
 def test_limits_are_arrays_that_cannot_be_changed() -> None:
     given = np.array([3.0, 4.0])
     made = limits(velocity=given)
@@ -38,6 +43,8 @@ def test_limits_are_arrays_that_cannot_be_changed() -> None:
     [
         ({'names': ()}, 'joint names must be there and differ: ()'),
         ({'names': ('a', 'a')}, "joint names must be there and differ: ('a', 'a')"),
+        ({'units': ('rad',)}, "units must be rad or m, one per joint: ('rad',)"),
+        ({'units': ('rad', 'mm')}, "units must be rad or m, one per joint: ('rad', 'mm')"),
         ({'velocity': [3.0]}, 'velocity: 1 values for 2 joints'),
         ({'position_max': [1.0, 2.0, 3.0]}, 'position_max: 3 values for 2 joints'),
         ({'jerk': [[7.0, 8.0]]}, 'jerk: 2 values for 2 joints'),

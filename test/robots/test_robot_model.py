@@ -6,15 +6,12 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import yaml
 
-from epson_driver.motion import Array
-from epson_driver.robots import RobotModelError, load_robot_model
-from epson_driver.share import share_file
+from epson_driver.robots import RobotModelError, load_robot_model, robot_models
 
 C3_FILE = Path(__file__).parents[2] / 'config' / 'robots' / 'c3_a601s.yaml'
 
@@ -61,46 +58,45 @@ def test_the_pulses_of_the_c3_fit_its_ranges() -> None:
     np.testing.assert_allclose(gears, [80, 80, 70, 2400 / 37, 2400 / 37, 50], rtol=1e-5)
 
 
-def test_the_reach_of_the_c3_is_what_its_urdf_allows_and_no_less() -> None:
-    root = ElementTree.parse(share_file('urdf', 'c3_a601s.urdf')).getroot()
-    joints = {joint.get('name'): joint for joint in root.findall('joint')}
-    reach = load_robot_model('c3_a601s').reach
-    random = np.random.default_rng(0)
-    bends = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi])
-    most = np.zeros(6)
-    for number in range(3000):  # every second pose has right angles only, where the extremes are
-        angles = random.uniform(-np.pi, np.pi, 6) if number % 2 else random.choice(bends, 6)
-        rotation, place = np.eye(3), np.zeros(3)
-        axes = []
-        for index in range(6):
-            joint = joints[f'joint_{index + 1}']
-            place = place + rotation @ numbers(joint.find('origin').get('xyz'))
-            axis = numbers(joint.find('axis').get('xyz'))
-            axes.append((place, rotation @ axis))
-            cross = np.cross(np.eye(3), axis)
-            turn = np.eye(3) + np.sin(angles[index]) * cross
-            rotation = rotation @ (turn + (1.0 - np.cos(angles[index])) * cross @ cross)
-        tool = place + rotation @ numbers(joints['link_6-tool0'].find('origin').get('xyz'))
-        away = [float(np.linalg.norm(np.cross(axis, tool - at))) for at, axis in axes]
-        most = np.maximum(most, away)
-    assert np.all(most <= reach + 1e-12)
-    np.testing.assert_allclose(most, reach, atol=0.002)
-
-
-def numbers(text: str | None) -> Array:
-    return np.array([float(word) for word in (text or '0 0 0').split()])
-
-
 def test_every_number_of_the_c3_has_a_source_and_a_confidence_per_joint() -> None:
     model = load_robot_model('c3_a601s')
-    quantities = ['position', 'velocity', 'acceleration', 'jerk', 'pulses_per_degree', 'reach']
-    assert list(model.provenance) == quantities
-    for origin in model.provenance.values():
+    per_joint = ['position', 'velocity', 'acceleration', 'jerk', 'pulses_per_degree']
+    assert list(model.provenance) == [*per_joint, 'chain', 'tool0', 'base', 'payload', 'mass']
+    for quantity, origin in model.provenance.items():
         assert origin.source
-        assert len(origin.confidence) == 6
+        assert len(origin.confidence) == (6 if quantity in per_joint else 1)
     assert model.provenance['position'].confidence == ('high',) * 6
     assert model.provenance['velocity'].confidence[3:5] == ('medium', 'medium')
+    assert model.provenance['velocity'].worst == 'medium'
     assert set(model.provenance['acceleration'].confidence) == {'low'}
+    assert model.confidence == 'low'
+
+
+def test_the_chain_of_the_c3_is_that_of_the_documents() -> None:
+    model = load_robot_model('c3_a601s')
+    assert model.kind == 'six-axis'
+    assert model.joint_types == ('revolute',) * 6
+    assert model.limits.units == ('rad',) * 6
+    assert model.chain.origins.sum(axis=0).tolist() == pytest.approx([0.41, 0.0, 0.57])
+    assert model.chain.origins[:2, 2].sum() == pytest.approx(0.32)  # height of joint 2
+    assert model.tool0.xyz.tolist() == [0.005, 0.0, 0.0]
+    x, y, z = np.round(model.tool0.matrix[:3, :3].T, 12)
+    assert [x.tolist(), y.tolist(), z.tolist()] == [[0, 0, 1], [0, -1, 0], [1, 0, 0]]
+    # X_epson = -y, Y_epson = x
+    np.testing.assert_allclose(model.base.matrix[:3, :3].T @ (0, -1, 0), (1, 0, 0), atol=1e-15)
+    np.testing.assert_allclose(model.base.matrix[:3, :3].T @ (1, 0, 0), (0, 1, 0), atol=1e-15)
+
+
+def test_pulses_and_reach_follow_the_unit_of_the_joint() -> None:
+    model = load_robot_model('gx4_c251s')
+    assert model.kind == 'SCARA'
+    assert model.limits.units == ('rad', 'rad', 'm', 'rad')
+    assert model.shown_per_unit.tolist() == pytest.approx([57.29577951] * 2 + [1e3, 57.29577951])
+    # EPSON's pulse ranges: 280 degrees of joint 1, 150 mm of joint 3, 360 degrees of joint 4
+    ranges = model.pulses_per_unit * [np.radians(280.0), 1.0, 0.15, 2.0 * np.pi]
+    assert ranges[[0, 2, 3]].tolist() == pytest.approx([8155592, 1706667, 1494221], rel=1e-5)
+    # arms 124 and 126 mm; joint 3 moves the tool by 1 m per m, joint 4 turns it on the spot
+    assert model.reach.tolist() == pytest.approx([0.25, 0.126, 1.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize('name', ['c5_a901s', 'C3_A601S', ''])
@@ -132,7 +128,14 @@ def data() -> dict[str, Any]:
             'jerk': {'max': [100.0, 200.0], 'source': 's', 'confidence': 'low'},
         },
         'pulses_per_degree': {'value': [100.0, -200.0], 'source': 's', 'confidence': 'medium'},
-        'reach': {'value': [0.5, 0], 'source': 's', 'confidence': 'medium'},
+        'chain': {
+            'origins': [[0, 0, 0.1], [0.3, 0.4, 0]],
+            'axes': [[0, 0, 1], [0, 0.6, 0.8]],
+            'source': 's',
+            'confidence': 'medium',
+        },
+        'tool0': {'xyz': [0, 0, 0.2], 'rpy': [0, 0, 0], 'source': 's', 'confidence': 'low'},
+        'base': {'rpy': [0, 0, 1.5], 'source': 's', 'confidence': 'high'},
     }
 
 
@@ -147,7 +150,15 @@ def test_a_model_is_read_from_any_file(data: dict[str, Any], tmp_path: Path) -> 
     assert model.joint_names == ('a', 'b')
     assert model.limits.position_min.tolist() == [-1.0, -2.5]
     assert model.pulses_per_degree.tolist() == [100.0, -200.0]
-    assert model.reach.tolist() == [0.5, 0.0]
+    # joint 2's axis leaves 0.12 m of the tool's 0.2 m across it, the rest is as on joint 1's link
+    along = 0.8 * 0.2
+    assert model.reach.tolist() == pytest.approx(
+        [float(np.hypot(0.3, 0.4 + 0.6 * along)) + 0.12, 0.12]
+    )
+    assert model.kind == '2 joints'
+    assert model.base.xyz.tolist() == [0.0, 0.0, 0.0]
+    assert model.payload is None
+    assert 'payload' not in model.provenance
     assert model.provenance['velocity'].confidence == ('low', 'high')
     assert model.provenance['jerk'].confidence == ('low', 'low')
 
@@ -160,9 +171,17 @@ MISSING = [
     ('pulses_per_degree',),
     ('pulses_per_degree', 'value'),
     ('pulses_per_degree', 'source'),
-    ('reach',),
-    ('reach', 'value'),
-    ('reach', 'source'),
+    ('chain',),
+    ('chain', 'origins'),
+    ('chain', 'axes'),
+    ('chain', 'source'),
+    ('tool0',),
+    ('tool0', 'xyz'),
+    ('tool0', 'rpy'),
+    ('tool0', 'source'),
+    ('base',),
+    ('base', 'rpy'),
+    ('base', 'source'),
     ('limits', 'position'),
     ('limits', 'velocity'),
     ('limits', 'acceleration'),
@@ -189,7 +208,10 @@ def test_a_missing_key_is_named(
 
 
 NAN = float('nan')
-CONFIDENCE = 'must be one of high, medium, low, or a list of one per joint'
+ONE = 'must be one of high, medium, low'
+CONFIDENCE = f'{ONE}, or a list of one per joint'
+TYPES = 'must be a list of one per joint, each of revolute, prismatic'
+LOAD = {'source': 's', 'confidence': 'low'}
 
 
 @pytest.mark.parametrize(
@@ -232,11 +254,41 @@ CONFIDENCE = 'must be one of high, medium, low, or a list of one per joint'
             [1.0, 0],
             'pulses_per_degree.value = [1.0, 0.0]: must not be 0',
         ),
-        ('reach', 0.5, 'reach = 0.5: must be a dict'),
-        ('reach.value', [1.0], 'reach.value = [1.0]: must have 2 numbers, one per joint'),
-        ('reach.value', [1.0, -0.1], 'reach.value = [1.0, -0.1]: must not be negative'),
-        ('reach.value', [1.0, NAN], 'reach.value = nan: must be finite'),
-        ('reach.confidence', 'sure', f"reach.confidence = 'sure': {CONFIDENCE}"),
+        ('joint_types', 'revolute', "joint_types = 'revolute': must be a list"),
+        ('joint_types', ['revolute'], f"joint_types = ['revolute']: {TYPES}"),
+        ('joint_types', ['revolute', 'ball'], f"joint_types = ['revolute', 'ball']: {TYPES}"),
+        ('joint_types', ['revolute', None], f"joint_types = ['revolute', None]: {TYPES}"),
+        ('chain', 0.5, 'chain = 0.5: must be a dict'),
+        (
+            'chain.origins',
+            [[0, 0, 1]],
+            'chain.origins = [[0, 0, 1]]: must have 2 vectors, one per joint',
+        ),
+        (
+            'chain.origins',
+            [[0, 0, 1], [0, 1]],
+            'chain.origins = [0, 1]: must have 3 numbers, x, y and z',
+        ),
+        ('chain.origins', [[0, 0, 1], 3], 'chain.origins = 3: must have 3 numbers, x, y and z'),
+        ('chain.origins', [[0, 0, 1], [0, NAN, 0]], 'chain.origins = nan: must be finite'),
+        ('chain.axes', [[0, 0, 1], [0, 'y', 0]], "chain.axes = 'y': must be a number"),
+        ('chain.axes', [[0, 0, 1], [0, 0, 0]], 'chain.axes = [0.0, 0.0, 0.0]: must have length 1'),
+        (
+            'chain.axes',
+            [[0, 0, 1], [0, 1, 0.001]],
+            'chain.axes = [0.0, 1.0, 0.001]: must have length 1',
+        ),
+        ('chain.confidence', ['low', 'low'], f"chain.confidence = ['low', 'low']: {ONE}"),
+        ('tool0.xyz', [0, 0], 'tool0.xyz = [0, 0]: must have 3 numbers, x, y and z'),
+        ('tool0.rpy', [0, 0], 'tool0.rpy = [0, 0]: must have 3 numbers, roll, pitch and yaw'),
+        ('tool0.rpy', [0, 0, NAN], 'tool0.rpy = nan: must be finite'),
+        ('tool0.confidence', 'sure', f"tool0.confidence = 'sure': {ONE}"),
+        ('base.rpy', [True, 0, 0], 'base.rpy = True: must be a number'),
+        ('payload', 4, 'payload = 4: must be a dict'),
+        ('mass', LOAD | {'value': -1}, 'mass.value = -1.0: must be positive'),
+        ('payload', {'value': 4}, f'payload.confidence = None: {ONE}'),
+        ('payload', LOAD | {'value': 0}, 'payload.value = 0.0: must be positive'),
+        ('payload', LOAD | {'value': '4 kg'}, "payload.value = '4 kg': must be a number"),
         ('limits.acceleration.max', [1.0, -2.0], 'b: acceleration = -2.0 must be positive'),
         ('limits.position.max', [-1, 2.5], 'a: position range -1.0 … -1.0 is empty'),
         (
@@ -295,4 +347,26 @@ def test_a_file_that_is_no_mapping_or_no_yaml_is_named(
 def test_every_robot_file_is_a_model_of_its_own_name() -> None:
     paths = sorted(C3_FILE.parent.glob('*.yaml'))
     assert C3_FILE in paths
+    assert robot_models() == tuple(path.stem for path in paths)
     assert [load_robot_model(path.stem).name for path in paths] == [path.stem for path in paths]
+
+
+@pytest.mark.parametrize('name', robot_models())
+def test_a_model_can_stand_at_zero_and_its_figures_fit_its_name(name: str) -> None:
+    model = load_robot_model(name)
+    limits = model.limits
+    assert np.all(limits.position_min <= 0.0)
+    assert np.all(limits.position_max >= 0.0)
+    of_epson = re.fullmatch(r'([a-z]+)(\d+)_[ac](\d+)s', name)
+    if of_epson is None:  # somebody's own
+        return
+    _, payload, size = of_epson.groups()
+    np.testing.assert_allclose(limits.jerk, 10.0 * limits.acceleration, rtol=1e-9)
+    assert name.replace('_', '-').upper() in model.description
+    assert model.payload == int(payload)
+    # the class, in dm for six axes up to the wrist and in cm for a SCARA's arms
+    if model.kind == 'SCARA':
+        assert model.reach[0] == pytest.approx(int(size[:-1]) / 100.0)
+    else:
+        wrist = model.reach[0] - model.reach[4]
+        assert wrist == pytest.approx(int(size[:-2]) / 10.0, abs=0.11)

@@ -14,7 +14,7 @@ import pytest
 from epson_driver.cli import processes
 
 ROOT = Path(__file__).parents[2]
-EXECUTABLES = ('client', 'demo', 'pendant', 'replay', 'sim_controller', 'smooth')
+EXECUTABLES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth')
 
 
 @pytest.fixture(scope='module')
@@ -80,6 +80,28 @@ def test_colcon_build_makes_a_ros_package(colcon_install: Path) -> None:
         assert os.access(lib / name, os.X_OK)
     check_executables(lib, colcon_install.parent)
     check_executables(lib, None)  # also in a shell that has not sourced the workspace
+
+
+def test_launch_files_work_where_colcon_installs_them(colcon_install: Path) -> None:
+    share = colcon_install / 'share' / 'epson_driver'
+    (packages,) = colcon_install.glob('lib/python3*/site-packages')
+    code = (
+        'import sys; from pathlib import Path; from launch_stand_in import launched\n'
+        'context = launched(Path(sys.argv[1]))\n'
+        'print(*[word for each in context.started for word in each.command])'
+    )
+    path = share / 'launch' / 'moveit_planning_execution.launch.py'
+    folders = [str(packages), str(ROOT / 'test' / 'launch')]
+    run = subprocess.run(
+        [sys.executable, '-c', code, str(path)],
+        cwd=colcon_install,
+        env=os.environ | {'PYTHONPATH': os.pathsep.join(folders)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert str(share / 'config' / 'rviz' / 'moveit.rviz') in run.stdout.split()
 
 
 def test_colcon_finds_the_packages_that_the_readme_names() -> None:

@@ -3,12 +3,12 @@
 """What SPEL+'s Power Low does to a motion: slow, and the tool slower than a hand can step back.
 
 The tool's speed is bounded without the kinematics: a joint moves the tool by no more than its
-angular velocity times its reach, the largest distance of the tool from its axis; the sum over the
-joints is never less than the tool's speed.
+velocity times its reach, the largest distance of the tool from its axis (a prismatic joint: by its
+velocity, its reach is 1); the sum over the joints is never less than the tool's speed.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from epson_driver.motion import Array, JointLimits
 class LowPower:
     """The caps of Power Low.
 
-    fraction: of the robot's limits, (0, 1]; tool_speed: m/s; reach: shape (n,), m, of each joint.
-    Raises ValueError for other values.
+    fraction: of the robot's limits, (0, 1]; tool_speed: m/s; reach: shape (n,), m, of
+    each joint, 1 of a prismatic one. Raises ValueError for other values.
     """
 
     fraction: float
@@ -50,13 +50,11 @@ class LowPower:
         tool = float(velocity @ self.reach)
         if tool > self.tool_speed:  # a joint that does not move the tool need not be slower
             velocity = np.where(self.reach > 0.0, velocity * (self.tool_speed / tool), velocity)
-        return JointLimits(
-            limits.names,
-            limits.position_min,
-            limits.position_max,
-            velocity,
-            self.fraction * limits.acceleration,
-            self.fraction * limits.jerk,
+        return replace(
+            limits,
+            velocity=velocity,
+            acceleration=self.fraction * limits.acceleration,
+            jerk=self.fraction * limits.jerk,
         )
 
     def speed(self, limits: JointLimits, direction: Array) -> float:

@@ -27,16 +27,16 @@ class Servo:
     """The servos of n joints, which stand at `start`, shape (n,), rad, at first.
 
     `lag` ≥ 0: how many s the joints are behind the command; 0 is not at all. `encoder`: whether
-    reported positions are whole pulses, by `pulses_per_degree`, shape (n,). Raises ValueError for
-    other numbers.
+    reported positions are whole pulses, by `pulses`, shape (n,), per rad (or m). Raises
+    ValueError for other numbers.
     """
 
-    def __init__(self, start: Array, pulses_per_degree: Array, lag: float, encoder: bool) -> None:
+    def __init__(self, start: Array, pulses: Array, lag: float, encoder: bool) -> None:
         if not 0.0 <= lag < math.inf:
             raise ValueError(f'lag = {lag}: must be finite and not negative')
-        if start.shape != pulses_per_degree.shape or start.ndim != 1:
-            raise ValueError(f'{pulses_per_degree.size} pulses_per_degree for {start.size} joints')
-        self._pulses = np.rad2deg(pulses_per_degree) if encoder else None  # per rad
+        if start.shape != pulses.shape or start.ndim != 1:
+            raise ValueError(f'{pulses.size} pulses per unit for {start.size} joints')
+        self._pulses = pulses if encoder else None
         self._lag = lag
         self._frozen: dict[int, float] = {}
         self._rest = np.zeros_like(start)

@@ -67,9 +67,10 @@ def start_wrong(point: JointTrajPtFull, position: Array, limits: JointLimits) ->
     off = np.abs(np.array(point.positions[: len(position)]) - position)
     joint = int(np.argmax(off))
     if off[joint] > START_TOLERANCE:
+        unit = limits.units[joint]
         sentence = (
-            f'{limits.names[joint]} = {point.positions[joint]:.7g} rad, but it stands at '
-            f'{position[joint]:.7g} rad, more than {START_TOLERANCE:g} rad away'
+            f'{limits.names[joint]} = {point.positions[joint]:.7g} {unit}, but it stands at '
+            f'{position[joint]:.7g} {unit}, more than {START_TOLERANCE:g} {unit} away'
         )
         return Wrong(Invalid.DATA_START_POS, sentence)
     return _speed_wrong(point, limits)
@@ -93,8 +94,9 @@ def _speed_wrong(point: JointTrajPtFull, limits: JointLimits) -> Wrong | None:
     if not above.any():
         return None
     joint = int(np.argmax(above))
+    unit = limits.units[joint]
     sentence = (
-        f'{limits.names[joint]}: {point.velocities[joint]:.7g} rad/s is above the limit, '
-        f'{limits.velocity[joint]:.7g} rad/s'
+        f'{limits.names[joint]}: {point.velocities[joint]:.7g} {unit}/s is above the limit, '
+        f'{limits.velocity[joint]:.7g} {unit}/s'
     )
     return Wrong(Invalid.DATA_SPEED, sentence)

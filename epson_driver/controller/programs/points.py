@@ -100,8 +100,8 @@ def angles_refusal(angles: Array, limits: JointLimits) -> Refusal | None:
         return None
     joint = int(np.argmin(inside))
     sentence = (
-        f'{limits.names[joint]} = {angles[joint]:.7g} rad is outside the limits '
-        f'{low[joint]:.7g} … {high[joint]:.7g} rad'
+        f'{limits.names[joint]} = {angles[joint]:.7g} {limits.units[joint]} is outside the limits '
+        f'{low[joint]:.7g} … {high[joint]:.7g} {limits.units[joint]}'
     )
     return Refusal(ErrorNumber.OUT_OF_RANGE, sentence)
 

@@ -8,8 +8,6 @@ An answer with several parts has `;` between them, and within a part `=` after i
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from epson_driver.controller.faults.fault_kinds import FaultError
 from epson_driver.controller.faults.fault_text import parse
 from epson_driver.controller.io.io_points import IoError
@@ -38,7 +36,7 @@ _ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
 
 _LAST_INDEX = 65_535
 _LARGEST = 2**31 - 1
-_FARTHEST = 360.0  # degrees
+_FARTHEST = 360.0  # degrees, or mm
 
 TASK_TYPES = {
     TaskType.NORMAL: 'Normal',
@@ -125,8 +123,8 @@ def _points(controller: 'Controller', name: str) -> str:
 def _disturb(controller: 'Controller', parameters: list[str]) -> None:
     expect(parameters, 2)
     joint = whole('joint', parameters[0], 1, len(controller.model.joint_names))
-    degrees = real('degrees', parameters[1], -_FARTHEST, _FARTHEST)
-    controller.disturb(joint - 1, float(np.radians(degrees)))
+    push = real('degrees', parameters[1], -_FARTHEST, _FARTHEST)
+    controller.disturb(joint - 1, push / float(controller.model.shown_per_unit[joint - 1]))
 
 
 def _fault(controller: 'Controller', parameters: list[str]) -> str | None:

@@ -11,8 +11,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from epson_driver.controller.errors import TEXTS, ErrorNumber
 from epson_driver.controller.io.io_points import BYTE, WORD, IoError
 from epson_driver.controller.remote import spel_settings, status_words
@@ -119,13 +117,18 @@ def error_text(number: int) -> str:
 
 def _degrees(controller: 'Controller', arguments: Sequence[str]) -> str:
     joint = _joint(controller, arguments)
-    return f'{np.degrees(controller.joint_position().joints[joint]):.3f}'
+    return f'{_shown(controller, joint):.3f}'
 
 
 def _pulses(controller: 'Controller', arguments: Sequence[str]) -> str:
     joint = _joint(controller, arguments)
-    degrees = np.degrees(controller.joint_position().joints[joint])
-    return str(round(degrees * float(controller.model.pulses_per_degree[joint])))
+    return str(round(_shown(controller, joint) * controller.model.pulses_per_degree[joint]))
+
+
+def _shown(controller: 'Controller', joint: int) -> float:
+    """Return where a joint is, in degrees, or mm."""
+    position = controller.joint_position().joints[joint]
+    return float(position * controller.model.shown_per_unit[joint])
 
 
 def _joint(controller: 'Controller', arguments: Sequence[str]) -> int:
@@ -179,7 +182,7 @@ FUNCTIONS: dict[str, Function] = {
     'Motor': Function(0, 0, 'motors on', _one(status_words.motors_on)),
     'Power': Function(0, 0, 'power high', _one(status_words.power_high)),
     'Robot': Function(0, 0, 'number of the robot', lambda _controller, _arguments: '1'),
-    'Agl': Function(1, 1, 'angle of a joint, degrees', _degrees),
+    'Agl': Function(1, 1, 'position of a joint, degrees (or mm)', _degrees),
     'Pls': Function(1, 1, 'encoder of a joint, pulses', _pulses),
     **{
         name: Function(0, 1, f'what is set, {setting.unit}', partial(_setting, name))

@@ -133,9 +133,8 @@ def _home_set(controller: 'Controller', text: str) -> None:
     parameters, model = _list(text), controller.model
     expect(parameters, len(model.joint_names))
     pulses = [whole('pulses', each, -_LAST_PULSE, _LAST_PULSE) for each in parameters]
-    per_degree = model.pulses_per_degree
     ends = [
-        np.degrees(limit) * per_degree
+        limit * model.pulses_per_unit
         for limit in (model.limits.position_min, model.limits.position_max)
     ]
     low, high = np.minimum(*ends) - _HALF_PULSE, np.maximum(*ends) + _HALF_PULSE

@@ -285,13 +285,13 @@ def test_points_that_come_in_a_pause_wait_for_continue():
 
 def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
     bench = Bench(profile=RC620)
-    bench.controller.disturb(2, 0.9 * SMALL_PUSH)
+    bench.controller.disturb(2, 0.9 * SMALL_PUSH['rad'])
     assert bench.controller.in_motion
-    assert bench.joints[2] == pytest.approx(0.9 * SMALL_PUSH, abs=1e-6)
+    assert bench.joints[2] == pytest.approx(0.9 * SMALL_PUSH['rad'], abs=1e-6)
     bench.rest()
     assert bench.joints[2] == 0.0
     assert bench.error == 0
-    bench.controller.disturb(2, 1.1 * SMALL_PUSH)
+    bench.controller.disturb(2, 1.1 * SMALL_PUSH['rad'])
     assert bench.error == 5042
     assert bench.condition.motors is Motors.OFF
 
@@ -299,7 +299,7 @@ def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
 def test_pushes_with_power_add_up_to_an_error():
     bench = Bench(profile=RC620)
     for _ in range(2):
-        bench.controller.disturb(2, 0.9 * SMALL_PUSH)
+        bench.controller.disturb(2, 0.9 * SMALL_PUSH['rad'])
     assert bench.error == 5042
 
 

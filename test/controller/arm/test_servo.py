@@ -19,7 +19,7 @@ DT = 0.004
 
 
 def servo(lag=0.008, encoder=False, start=START):
-    return Servo(start, MODEL.pulses_per_degree, lag, encoder)
+    return Servo(start, MODEL.pulses_per_unit, lag, encoder)
 
 
 def follow(one, motion, dt=DT, most=2.0):
@@ -35,7 +35,7 @@ def follow(one, motion, dt=DT, most=2.0):
 
 
 def in_pulses(position):
-    per_rad = np.rad2deg(MODEL.pulses_per_degree)
+    per_rad = MODEL.pulses_per_unit
     return np.rint(position * per_rad) / per_rad
 
 
@@ -98,7 +98,7 @@ def test_the_size_of_the_steps_does_not_matter_for_a_linear_command():
 def test_the_encoders_report_whole_pulses():
     one = servo(encoder=True)
     _, positions, _ = follow(one, go(LIMITS, START, TARGET))
-    pulses = positions * np.rad2deg(MODEL.pulses_per_degree)
+    pulses = positions * MODEL.pulses_per_unit
     np.testing.assert_allclose(pulses, np.rint(pulses), atol=1e-6)
     assert len(np.unique(pulses[:, 0])) > 50
 
@@ -229,5 +229,5 @@ def test_a_wrong_lag_is_refused_and_named(value):
 
 
 def test_another_number_of_joints_is_refused():
-    with pytest.raises(ValueError, match=r'^6 pulses_per_degree for 5 joints$'):
+    with pytest.raises(ValueError, match=r'^6 pulses per unit for 5 joints$'):
         servo(start=START[:5])

@@ -1,0 +1,118 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The launch files' arguments as one table: name, default, description, choices."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from epson_driver.bringup.description import described_models
+
+SWITCH = ('true', 'false')
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of launch files. An empty default: the node's own default holds."""
+
+    name: str
+    default: str
+    description: str
+    choices: tuple[str, ...] = ()
+
+
+TABLE = (
+    Argument(
+        'robot_ip',
+        '',
+        'Address of the robot controller. Empty: as params_file says, or 127.0.0.1.',
+    ),
+    Argument(
+        'robot_model',
+        'c3_a601s',
+        'Robot model: a file of config/robots, without .yaml.',
+    ),
+    Argument(
+        'controller',
+        '',
+        'Kind of controller: a file of config/controllers. Empty: as params_file says, or rc620.',
+    ),
+    Argument(
+        'interface',
+        'streaming',
+        'How trajectories reach the controller: point by point, or all before the arm moves.',
+        ('streaming', 'download'),
+    ),
+    Argument(
+        'namespace',
+        '',
+        'Namespace of the nodes of this robot: its topics, services and its action.',
+    ),
+    Argument(
+        'tf_prefix',
+        '',
+        'Put before the names of all joints and links, such as left_ for left_joint_1.',
+    ),
+    Argument(
+        'motion_port', '', "TCP port of the motion server. Empty: the controller's usual one."
+    ),
+    Argument('state_port', '', "TCP port of the state server. Empty: the controller's usual one."),
+    Argument('io_port', '', "TCP port of the I/O server. Empty: the controller's usual one."),
+    Argument(
+        'remote_port',
+        '',
+        'TCP port of Remote Ethernet, which switches the motors; 0: not used. Empty: the '
+        "controller's usual one; with use_sim_controller 5000.",
+    ),
+    Argument(
+        'params_file',
+        '',
+        'YAML file of parameters for the client; what is given as an argument wins over it. '
+        'Empty: none.',
+    ),
+    Argument(
+        'use_sim_controller',
+        'false',
+        'Start a simulated controller as well, on robot_ip, which must be of this machine.',
+        SWITCH,
+    ),
+    Argument(
+        'sim_motion',
+        'smooth',
+        'How the simulated controller moves: through the points, or with a rest at each.',
+        ('smooth', 'ptp'),
+    ),
+    Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
+    Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
+    Argument('namespaces', 'left,right', 'One namespace per robot, with commas between them.'),
+    Argument(
+        'robot_ips',
+        '127.0.0.1,127.0.0.2',
+        'One address per robot, in the order of namespaces, with commas between them.',
+    ),
+)
+
+_ROWS = {row.name: row for row in TABLE}
+
+
+def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
+    """Return the keywords of DeclareLaunchArgument, one mapping per name, in this order.
+
+    Where a file has a default of its own, `defaults` has it by the argument's name.
+    """
+    return [_keywords(_ROWS[name], defaults.get(name)) for name in names]
+
+
+def model_argument() -> dict[str, Any]:
+    """Return robot_model's keywords for files that need a URDF: only models that have one."""
+    return _keywords(_ROWS['robot_model']) | {'choices': list(described_models())}
+
+
+def _keywords(row: Argument, default: str | None = None) -> dict[str, Any]:
+    keywords: dict[str, Any] = {
+        'name': row.name,
+        'default_value': row.default if default is None else default,
+        'description': row.description,
+    }
+    if row.choices:  # launch refuses an empty list
+        keywords['choices'] = list(row.choices)
+    return keywords

@@ -1,0 +1,73 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""From launch arguments to the client's parameters and the simulated controller's command line."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from epson_driver.robots import load_robot_model
+
+INTERFACE = (
+    'robot_ip',
+    'robot_model',
+    'controller',
+    'namespace',
+    'tf_prefix',
+    'motion_port',
+    'state_port',
+    'io_port',
+    'remote_port',
+    'params_file',
+    'use_sim_controller',
+    'sim_motion',
+)
+"""The arguments of every launch file that starts a client."""
+
+PORTS = ('motion_port', 'state_port', 'io_port', 'remote_port')
+SIM_REMOTE_PORT = '5000'
+"""Where the simulated controller listens for Remote Ethernet, also as an RC620, which has none."""
+
+
+def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
+    """Return the client's parameters that follow from launch arguments; empty ones set nothing.
+
+    Raises FileNotFoundError or RobotModelError for a model that cannot be read, ValueError for a
+    port that is not a number.
+    """
+    prefix = values['tf_prefix']
+    joints = load_robot_model(values['robot_model']).joint_names
+    parameters: dict[str, Any] = {
+        'robot_model': values['robot_model'],
+        'interface': values['interface'],
+    }
+    if prefix:  # without one they are the model's anyway
+        parameters['joint_names'] = [prefix + name for name in joints]
+    parameters |= {name: values[name] for name in ('robot_ip', 'controller') if values[name]}
+    ports = _ports(values)
+    return parameters | {name: _port(name, ports[name]) for name in PORTS if ports[name]}
+
+
+def controller_arguments(values: Mapping[str, str]) -> list[str]:
+    """Return the command line of the simulated controller that this client meets."""
+    words = ['--robot', values['robot_model'], '--motion', values['sim_motion']]
+    if values['robot_ip']:
+        words += ['--host', values['robot_ip']]
+    if values['controller']:
+        words += ['--controller', values['controller']]
+    for name, port in _ports(values).items():
+        if port:
+            words += ['--' + name.replace('_', '-'), str(_port(name, port))]
+    return words
+
+
+def _ports(values: Mapping[str, str]) -> dict[str, str]:
+    ports = {name: values[name] for name in PORTS}
+    if values['use_sim_controller'] == 'true' and not ports['remote_port']:
+        ports['remote_port'] = SIM_REMOTE_PORT
+    return ports
+
+
+def _port(name: str, text: str) -> int:
+    if not text.isdecimal():
+        raise ValueError(f'launch argument {name} = {text!r}: must be a number')
+    return int(text)

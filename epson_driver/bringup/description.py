@@ -1,0 +1,56 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""URDF and SRDF of a model, with a prefix before the names of its joints and links."""
+
+from xml.etree import ElementTree
+
+from epson_driver.share import share_file, share_folder
+
+WORLD = 'world'
+"""The frame in which the arm stands; it belongs to no robot and gets no prefix."""
+
+_NAMES = {
+    'virtual_joint': ('name', 'child_link'),
+    'chain': ('base_link', 'tip_link'),
+    'joint': ('name',),
+    'disable_collisions': ('link1', 'link2'),
+}
+"""Which attributes of an SRDF's elements are names of the robot's joints and links."""
+
+
+class BringupError(RuntimeError):
+    """What a launch file was asked for cannot be started; the text says why."""
+
+
+def described_models() -> tuple[str, ...]:
+    """Return the models that have a URDF and a MoveIt configuration, sorted."""
+    return tuple(
+        sorted(path.parent.name for path in share_folder('config', 'moveit').glob('*/*.srdf'))
+    )
+
+
+def robot_description(model: str, prefix: str = '') -> str:
+    """Return the URDF of a model as text, made by xacro from urdf/epson_robot.urdf.xacro.
+
+    Raises BringupError if xacro is not installed.
+    """
+    try:
+        import xacro
+    except ImportError as cause:
+        raise BringupError(
+            'xacro is missing: sudo apt install ros-jazzy-xacro, or pip install xacro'
+        ) from cause
+    path = share_file('urdf', 'epson_robot.urdf.xacro')
+    mappings = {'robot_model': model, 'prefix': prefix}
+    text: str = xacro.process_file(str(path), mappings=mappings).toxml()
+    return text
+
+
+def semantic_description(model: str, prefix: str = '') -> str:
+    """Return the SRDF of a model as text. The group's name stays `manipulator`."""
+    path = share_file('config', 'moveit', model, f'{model}.srdf')
+    root = ElementTree.fromstring(path.read_text(encoding='utf-8'))  # noqa: S314 - our own file
+    for element in root.iter():
+        for attribute in _NAMES.get(element.tag, ()):
+            element.set(attribute, prefix + element.attrib[attribute])
+    return ElementTree.tostring(root, encoding='unicode')

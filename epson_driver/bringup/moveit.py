@@ -1,0 +1,43 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What move_group and MoveIt's panel in RViz are told: config/moveit/ as ROS parameters."""
+
+from typing import Any
+
+import yaml
+
+from epson_driver.share import share_file
+
+
+def move_group_parameters(model: str, prefix: str = '') -> dict[str, Any]:
+    """Return move_group's parameters, all but the two descriptions of the robot."""
+    controllers = _load('moveit_controllers.yaml')
+    manager = controllers['moveit_simple_controller_manager']
+    for name in manager['controller_names']:
+        manager[name]['joints'] = [prefix + joint for joint in manager[name]['joints']]
+    return {
+        **rviz_parameters(model, prefix),
+        **controllers,
+        **_load('planning_scene_monitor.yaml'),
+    }
+
+
+def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
+    """Return the parameters of MoveIt's panel in RViz: kinematics, limits, and planners."""
+    limits = _load(model, 'joint_limits.yaml')
+    limits['joint_limits'] = {
+        prefix + joint: values for joint, values in limits['joint_limits'].items()
+    }
+    pipelines = _load('planning_pipelines.yaml')
+    return {
+        'robot_description_kinematics': _load('kinematics.yaml'),
+        'robot_description_planning': {**limits, **_load('pilz_cartesian_limits.yaml')},
+        **pipelines,
+        **{name: _load(f'{name}_planning.yaml') for name in pipelines['planning_pipelines']},
+    }
+
+
+def _load(*parts: str) -> dict[str, Any]:
+    path = share_file('config', 'moveit', *parts)
+    values: dict[str, Any] = yaml.safe_load(path.read_text(encoding='utf-8'))
+    return values

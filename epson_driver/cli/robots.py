@@ -1,0 +1,176 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver robots [NAME]`: the robot models there are, or all numbers of one of them."""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from epson_driver.motion import Array
+from epson_driver.robots import RobotModel, RobotModelError, load_robot_model, robot_models
+from epson_driver.robots.chain import SHOWN_UNITS
+from epson_driver.robots.opw import KinematicsError, opw_parameters
+
+COLOURS = {'high': 'green', 'medium': 'yellow', 'low': 'red'}
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table of words. Words that are a confidence get its colour on a terminal."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def main() -> int:
+    """List the models, or show one. Returns 0; ends with 2 and a sentence for no such model."""
+    parser = _parser()
+    arguments = parser.parse_args()
+    try:
+        sheets = _shown(load_robot_model(arguments.name)) if arguments.name else _listed()
+    except (OSError, RobotModelError) as error:
+        parser.error(str(error))
+    console = Console(highlight=False)
+    plain = arguments.plain or not console.is_terminal
+    try:
+        _print(sheets, console, plain)
+    except BrokenPipeError:  # `| head` has seen enough; nothing more may be flushed into it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='epson_driver robots',
+        description='The robot models there are; with NAME, all numbers of one and their sources.',
+        epilog="confidence: high (two independent sources, or EPSON's own for this model), medium "
+        '(one source, or from a sister model), low (a proxy or a guess). What is not high should '
+        'be checked against the manipulator manual.',
+    )
+    parser.add_argument('name', nargs='?', metavar='NAME', help='a model, or a .yaml file of one')
+    parser.add_argument(
+        '--plain', action='store_true', help='tabs instead of tables, as into a pipe'
+    )
+    return parser
+
+
+def _print(sheets: Iterable[Sheet], console: Console, plain: bool) -> None:
+    for number, sheet in enumerate(sheets):
+        if plain:
+            lines = [sheet.head, *sheet.rows]
+            title = [f'# {sheet.title}'] if sheet.title else []
+            blank = [''] if number else []
+            print(*blank, *title, *('\t'.join(line) for line in lines), sep='\n', flush=True)
+            continue
+        table = Table()
+        for name in sheet.head:
+            table.add_column(Text(name), overflow='fold')
+        for row in sheet.rows:
+            table.add_row(*(Text(word, style=COLOURS.get(word, '')) for word in row))
+        console.print(*[Text(sheet.title, style='bold')] * bool(sheet.title), table, sep='\n')
+
+
+def _listed() -> list[Sheet]:
+    models = [load_robot_model(name) for name in robot_models()]
+    head = ('name', 'kind', 'axes', 'reach [mm]', 'payload [kg]', 'confidence', 'low')
+    return [Sheet('', head, tuple(_line(model) for model in models))]
+
+
+def _line(model: RobotModel) -> tuple[str, ...]:
+    low = [name for name, origin in model.provenance.items() if origin.worst == 'low']
+    return (
+        model.name,
+        model.kind,
+        str(len(model.joint_names)),
+        f'{model.reach[0] * 1e3:.0f}',
+        '' if model.payload is None else f'{model.payload:g}',
+        model.confidence,
+        ', '.join(low),
+    )
+
+
+def _shown(model: RobotModel) -> list[Sheet]:
+    return [
+        Sheet(
+            f'{model.name}: {model.description}',
+            ('what', 'value'),
+            (
+                ('kind', model.kind),
+                ('payload', _kilograms(model.payload)),
+                ('mass', _kilograms(model.mass)),
+                ('confidence', model.confidence),
+            ),
+        ),
+        Sheet(
+            'Joints',
+            ('quantity', *model.joint_names),
+            tuple((name, *_words(values)) for name, values in _quantities(model)),
+        ),
+        Sheet('Chain, in base_link, m', ('frame', 'origin', 'axis or rpy'), tuple(_frames(model))),
+        Sheet('OPW lengths, m', ('length', 'value'), tuple(_lengths(model))),
+        Sheet(
+            'Sources',
+            ('quantity', 'confidence', 'source'),
+            tuple(
+                (name, ' '.join(dict.fromkeys(origin.confidence)), origin.source)
+                for name, origin in model.provenance.items()
+            ),
+        ),
+    ]
+
+
+def _quantities(model: RobotModel) -> Iterator[tuple[str, Array]]:
+    """Yield each quantity of the joints twice: as EPSON has it, and in SI units."""
+    limits = model.limits
+    units = list(dict.fromkeys(limits.units))
+    shown, si = ' or '.join(SHOWN_UNITS[unit][0] for unit in units), ' or '.join(units)
+    for name, values, per in (
+        ('position min', limits.position_min, ''),
+        ('position max', limits.position_max, ''),
+        ('velocity', limits.velocity, '/s'),
+        ('acceleration', limits.acceleration, '/s²'),
+        ('jerk', limits.jerk, '/s³'),
+    ):
+        yield f'{name} [{_per(shown, per)}]', values * model.shown_per_unit
+        yield f'{name} [{_per(si, per)}]', values
+    yield f'pulses per {shown.replace("degrees", "degree")}', model.pulses_per_degree
+    yield f'reach [{"m" if units == ["rad"] else "m or 1"}]', model.reach
+
+
+def _kilograms(value: float | None) -> str:
+    return 'not known' if value is None else f'{value:g} kg'
+
+
+def _per(units: str, per: str) -> str:
+    return ' or '.join(unit + per for unit in units.split(' or '))
+
+
+def _words(values: Array) -> list[str]:
+    return [f'{value:.7g}' for value in np.where(np.abs(values) < 1e-12, 0.0, values)]
+
+
+def _frames(model: RobotModel) -> Iterator[tuple[str, ...]]:
+    chain = model.chain
+    rows = zip(model.joint_names, model.joint_types, chain.origins, chain.axes, strict=True)
+    for name, kind, origin, axis in rows:
+        yield f'{name}, {kind}', ' '.join(_words(origin)), ' '.join(_words(axis))
+    for name, frame in (('tool0, in the last link', model.tool0), ('base', model.base)):
+        yield name, ' '.join(_words(frame.xyz)), ' '.join(_words(frame.rpy))
+
+
+def _lengths(model: RobotModel) -> Iterator[tuple[str, ...]]:
+    try:
+        lengths = opw_parameters(model).lengths
+    except KinematicsError as error:
+        yield 'none', str(error)
+        return
+    for name, value in lengths.items():
+        yield name, *_words(np.array([value]))

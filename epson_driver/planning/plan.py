@@ -1,0 +1,235 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A whole pick and place: three motions from rest to rest, with the gripper's work between them.
+
+Every motion is judged as the controller will execute it: the points that are sent go through the
+smoother as they will there, and each sample of what comes out must keep its distance.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+
+from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.smoothed import smoothed
+from epson_driver.motion.smoother import Mode
+from epson_driver.planning.path import dense, line, rounded, thinned
+from epson_driver.planning.planner import find_way
+from epson_driver.planning.scene import MARGIN, SELF_MARGIN, Check, Scene
+from epson_driver.planning.task import APPROACH, HOME, Task, quarter_turns, raised
+from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import Kinematics
+
+SPEED = 0.6
+"""The share of the joints' limits of velocity, acceleration and jerk that a plan uses."""
+
+INSIDE = 0.02
+"""So far from the ends of their ranges the joints stay, rad."""
+
+STRAIGHT_STEP = 0.004
+"""Straight down and up is followed in steps of so much, m."""
+
+JUMP = 0.2
+"""Joints that change more than this within such a step, rad, have jumped to another solution."""
+
+SPACING = 0.12
+"""Points for the smoother are so far apart, rad (over all joints, Euclidean)."""
+
+KEPT = 0.005
+"""The motion itself keeps so much away from obstacles, m, and its SELF_MARGIN from itself."""
+
+PERIODS = (0.1, 0.06, 0.03)
+"""Points that are sent are so far apart in time, s; the later ones if the motion through the
+first ones comes too near to something.
+"""
+
+LOOK_AHEAD = 1.0
+"""What the simulated controller knows ahead of the arm, s (its profile's motion.look_ahead)."""
+
+TRIES = 5
+"""So many ways are searched for one motion."""
+
+GOALS = 3
+"""So many of the joint positions for a pose are tried, the nearest first."""
+
+
+class PlanningError(RuntimeError):
+    """No plan was found. The text says which part of it failed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion from rest to rest: what is sent, and how the arm will move because of it.
+
+    `standing`: where the part stands meanwhile, as the pose of tool0 that grips it; None: it is
+    held. `reaches`: the pose that tool0 has at the end, None for home.
+    """
+
+    name: str
+    sent: Trajectory
+    expected: Trajectory
+    standing: Array | None
+    reaches: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The motions of a task: the part is gripped after the first and let go after the second."""
+
+    task: Task
+    scene: Scene
+    motions: tuple[Motion, ...]
+
+    @property
+    def duration(self) -> float:
+        """How long the arm moves, s."""
+        return sum(motion.sent.duration for motion in self.motions)
+
+
+def plan_task(task: Task, model: RobotModel, tell: Callable[[str], object] = str) -> Plan:
+    """Return a plan, the same for the same task. Raises PlanningError if there is none.
+
+    `tell` hears what is being worked on.
+    """
+    return _Planner(task, model, tell).plan()
+
+
+class _Planner:
+    """Finds the ways of one task, from straight pieces and searches between them."""
+
+    def __init__(self, task: Task, model: RobotModel, tell: Callable[[str], object]) -> None:
+        self._task, self._tell = task, tell
+        self._limits = model.limits
+        self._inside = replace(
+            model.limits,
+            position_min=model.limits.position_min + INSIDE,
+            position_max=model.limits.position_max - INSIDE,
+        )
+        self._gentle = replace(
+            self._inside,
+            velocity=SPEED * model.limits.velocity,
+            acceleration=SPEED * model.limits.acceleration,
+            jerk=SPEED * model.limits.jerk,
+        )
+        self._arm = Kinematics(model)
+        self._scene = Scene(model.name, task.obstacles, task.part, task.supports)
+        self._searches = 0
+
+    def plan(self) -> Plan:
+        pick, place = self._task.pick, self._task.place
+        home = np.array([HOME])
+        if not self._check(pick).valid(home[0]):
+            raise PlanningError('the arm would collide where it begins')
+        failed = 'the part is out of reach'
+        for down in self._descents(pick, home[0]):
+            there = self._motion('to the part', home, down, standing=pick, reaches=pick)
+            failed = 'no way to the part'
+            if there is None:
+                continue
+            failed = 'the place is out of reach'
+            for lower in self._descents(place, down[0]):
+                carried = self._motion(
+                    'to its place', down[::-1], lower, standing=None, reaches=place
+                )
+                failed = 'no way from the part to its place'
+                if carried is None:
+                    continue
+                back = self._motion('home', lower[::-1], home, standing=place, reaches=None)
+                failed = 'no way home'
+                if back is not None:
+                    return Plan(self._task, self._scene, (there, carried, back))
+        raise PlanningError(failed)
+
+    def _check(self, standing: Array | None, *, touching: bool = True) -> Check:
+        return self._scene.check(
+            standing, margin=MARGIN, self_margin=SELF_MARGIN, touching=touching
+        )
+
+    def _descents(self, pose: Array, near: Array) -> Iterator[Array]:
+        """Yield straight ways down to a pose of tool0, shape (k, n), the nearest first.
+
+        The arm may go each of them with the part in its hand and with the part standing there.
+        """
+        checks = self._check(None), self._check(pose)
+        above = [
+            (joints, turned)
+            for turned in quarter_turns(pose)
+            for joints in self._arm.inverse(raised(turned, APPROACH), near)
+        ]
+        above.sort(key=lambda each: float(np.abs(each[0] - near).max()))
+        found = 0
+        for joints, turned in above:
+            way = self._straight(joints, turned)
+            if way is not None and all(check.way_valid(way) for check in checks):
+                yield way
+                found += 1
+                if found == GOALS:
+                    return
+
+    def _straight(self, joints: Array, pose: Array) -> Array | None:
+        """Return joint positions straight down to a pose, or None if the arm cannot go there."""
+        way = [joints]
+        for height in np.linspace(APPROACH, 0.0, ceil(APPROACH / STRAIGHT_STEP) + 1)[1:]:
+            solutions = self._arm.inverse(raised(pose, float(height)), way[-1])
+            if not len(solutions) or np.abs(solutions[0] - way[-1]).max() > JUMP:
+                return None
+            way.append(solutions[0])
+        inside = (way > self._inside.position_min) & (way < self._inside.position_max)
+        return np.array(way) if inside.all() else None
+
+    def _motion(
+        self,
+        name: str,
+        begin: Array,
+        end: Array,
+        *,
+        standing: Array | None,
+        reaches: Array | None,
+    ) -> Motion | None:
+        """Return the motion along `begin`, some way, and `end`, each of shape (k, n), or None."""
+        free = self._check(standing, touching=False)
+        near = self._check(standing)
+        for _ in range(TRIES):
+            self._searches += 1
+            self._tell(f'{name}: search {self._searches}')
+            seed = 1000 * self._task.seed + self._searches
+            corners = find_way(begin[-1], end[0], self._inside, free.valid, seed)
+            if corners is None:
+                continue
+            pieces = [piece for piece in (begin,) if len(piece) > 1]
+            pieces += [line(one, other) for one, other in pairwise(corners)]
+            pieces += [piece for piece in (end,) if len(piece) > 1]
+            path = rounded(pieces, near.way_valid)
+            knots = thinned(path, SPACING)
+            times = np.arange(len(knots), dtype=float)  # these do not count
+            fast = smoothed(
+                Trajectory(self._limits.names, times, knots), self._gentle, Mode.TIME_OPTIMAL
+            )
+            for period in PERIODS:
+                sent = _every(fast, period)
+                expected = smoothed(sent, self._limits, Mode.TIME_PRESERVING, LOOK_AHEAD)
+                if self._keeps_away(expected, standing):
+                    return Motion(name, sent, expected, standing, reaches)
+        return None
+
+    def _keeps_away(self, motion: Trajectory, standing: Array | None) -> bool:
+        check = self._scene.check(standing, margin=KEPT, self_margin=SELF_MARGIN / 2)
+        inside = (motion.positions >= self._limits.position_min) & (
+            motion.positions <= self._limits.position_max
+        )
+        return bool(inside.all()) and check.way_valid(dense(motion.positions))
+
+
+def _every(motion: Trajectory, period: float) -> Trajectory:
+    """Return points of a motion about `period` s apart, and its end."""
+    count = max(round(motion.duration / period), 1)
+    chosen = np.linspace(0, len(motion.times) - 1, count + 1).round().astype(int)
+    assert motion.velocities is not None  # noqa: S101 - for the type checker
+    velocities = motion.velocities[chosen]
+    velocities[-1] = 0.0  # at rest but for rounding
+    return Trajectory(
+        motion.joint_names, motion.times[chosen], motion.positions[chosen], velocities
+    )

@@ -1,0 +1,237 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The collision model: the arm with its gripper, what stands around it, and the part it carries.
+
+Geometry from urdf/NAME.urdf, distances from pinocchio and coal. Pairs of links that never touch
+come from the SRDF if there is one; without it, links with at most one between them and what
+touches at the zero pose are left out. Meshes count as their convex hulls.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from epson_driver.motion import Array
+from epson_driver.planning.shapes import Box, Shape
+from epson_driver.share import share_file, share_folder
+
+GRIPPER_LENGTH, GRIPPER_RADIUS = 0.08, 0.018
+"""A suction cup on tool0, along its z, m: no product, just something that grips from above."""
+
+TABLE = Box('table', (1.3, 1.4, 0.03), (0.15, 0.0, -0.015))
+"""Its top is the plane that the robot stands on."""
+
+MARGIN = 0.010
+"""What a plan keeps away from obstacles, m."""
+
+SELF_MARGIN = 0.002
+"""What two links keep from each other in a plan, m: their meshes are a little larger already."""
+
+CONTACT = 0.001
+"""Where the part and what it stands on or hangs on touch, they may overlap so much, m."""
+
+PART, GRIPPER = 'part', 'gripper'
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Smallest distances, m: of arm and part to what is around them, and of links to each other.
+
+    Below zero: a collision, `pair` names one. Contact that is meant (the part on its support)
+    counts only as a collision if it is deeper than CONTACT.
+    """
+
+    obstacles: float
+    links: float
+    pair: tuple[str, str]
+
+    @property
+    def collides(self) -> bool:
+        """Whether anything overlaps."""
+        return min(self.obstacles, self.links) < 0.0
+
+
+class Scene:
+    """An arm among obstacles. `check` gives what judges joint positions, for a part held or not.
+
+    `part` is the size of the part, m; `supports` the names of what it may stand on.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        obstacles: Sequence[Shape],
+        part: tuple[float, float, float],
+        supports: Iterable[str],
+    ) -> None:
+        self.obstacles = (TABLE, *obstacles)
+        self.part = part
+        self.supports = frozenset(supports)
+        urdf = share_file('urdf', f'{robot}.urdf').read_text(encoding='utf-8')
+        self.urdf = urdf = urdf.replace('package://epson_driver/', f'{share_folder()}/')
+        self.model = pin.buildModelFromXML(urdf)
+        self._arm = pin.buildGeomFromUrdfString(self.model, urdf, pin.GeometryType.COLLISION)
+        for link in self._arm.geometryObjects:
+            if isinstance(link.geometry, coal.BVHModelBase):
+                link.geometry.buildConvexHull(True, 'Qt')
+                link.geometry = link.geometry.convex
+        srdf = share_folder('config', 'moveit', robot) / f'{robot}.srdf'
+        self._arm.addAllCollisionPairs()
+        if srdf.is_file():
+            pin.removeCollisionPairs(self.model, self._arm, str(srdf), False)
+        else:
+            self._leave_out_what_touches()
+        self._tool = self.model.getFrameId('tool0')
+
+    def _leave_out_what_touches(self) -> None:
+        parents = [link.parentJoint for link in self._arm.geometryObjects]
+        data = pin.GeometryData(self._arm)
+        pin.computeCollisions(
+            self.model, self.model.createData(), self._arm, data, pin.neutral(self.model), False
+        )
+        touching = [result.isCollision() for result in data.collisionResults]
+        pairs = [(pair.first, pair.second) for pair in self._arm.collisionPairs]
+        for (first, second), touches in zip(pairs, touching, strict=True):
+            if touches or abs(parents[first] - parents[second]) <= 2:
+                self._arm.removeCollisionPair(pin.CollisionPair(first, second))
+
+    def tool_pose(self, joints: Array) -> Array:
+        """Return the pose of tool0 in base_link, shape (4, 4)."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, joints)
+        return np.asarray(data.oMf[self._tool].homogeneous)
+
+    def check(
+        self,
+        standing: Array | None,
+        *,
+        margin: float = 0.0,
+        self_margin: float = 0.0,
+        touching: bool = True,
+    ) -> 'Check':
+        """Return what judges joint positions.
+
+        `standing`: the pose of tool0 that would grip the part where it stands, shape (4, 4); None
+        while it is held. `touching`: the part may touch what it stands on or hangs on.
+        """
+        geometry = pin.GeometryModel(self._arm)
+        links = [link.name for link in geometry.geometryObjects]
+        hand = pin.GeometryObject(
+            GRIPPER,
+            self.model.frames[self._tool].parentJoint,
+            self._tool,
+            self.model.frames[self._tool].placement * _along_z(GRIPPER_LENGTH / 2),
+            coal.Cylinder(GRIPPER_RADIUS, GRIPPER_LENGTH),
+        )
+        moving = [*links, GRIPPER]
+        geometry.addGeometryObject(hand)
+        in_hand = _along_z(GRIPPER_LENGTH + self.part[2] / 2)
+        if standing is None:
+            held = pin.GeometryObject(
+                PART,
+                hand.parentJoint,
+                self._tool,
+                self.model.frames[self._tool].placement * in_hand,
+                coal.Box(*self.part),
+            )
+            moving.append(PART)
+            still = []
+        else:
+            held = pin.GeometryObject(PART, 0, pin.SE3(standing) * in_hand, coal.Box(*self.part))
+            still = [PART]
+        geometry.addGeometryObject(held)
+        for obstacle in self.obstacles:
+            geometry.addGeometryObject(
+                pin.GeometryObject(obstacle.name, 0, _placement(obstacle), _geometry(obstacle))
+            )
+            still.append(obstacle.name)
+        own = len(geometry.collisionPairs)
+        for pair in self._pairs(geometry, moving, still):
+            geometry.addCollisionPair(
+                pin.CollisionPair(*(geometry.getGeometryId(n) for n in pair))
+            )
+        return Check(self, geometry, own, margin, self_margin, touching)
+
+    def _pairs(
+        self, geometry: Any, moving: Sequence[str], still: Sequence[str]
+    ) -> Iterable[tuple[str, str]]:
+        """Yield the names of what must not touch, without the pairs of links."""
+        level = {link.name: link.parentJoint for link in geometry.geometryObjects}
+        for first, second in combinations(moving, 2):
+            # what the hand holds never turns against the last link, nor moves along its axis
+            if second in (GRIPPER, PART) and level[first] < self.model.njoints - 2:
+                yield first, second
+        for first, second in product(moving, still):
+            if level[first] > 0:  # what stands still cannot come nearer
+                yield first, second
+
+
+class Check:
+    """Judges joint positions, shape (n,), for one place of the part."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        geometry: Any,
+        own: int,
+        margin: float,
+        self_margin: float,
+        touching: bool,
+    ) -> None:
+        self._model, self._geometry = scene.model, geometry
+        self._data, self._results = scene.model.createData(), pin.GeometryData(geometry)
+        names = [o.name for o in geometry.geometryObjects]
+        self._pairs = [(names[p.first], names[p.second]) for p in geometry.collisionPairs]
+        contacts = {frozenset((PART, name)) for name in (GRIPPER, *scene.supports)}
+        self._contact = np.array([frozenset(pair) in contacts for pair in self._pairs])
+        self._own = np.array([index < own for index in range(len(self._pairs))])
+        # the gripper and the part against links are the arm against itself, too
+        moving = {o.name for o in geometry.geometryObjects if o.parentJoint > 0}
+        self._own |= np.array([set(pair) <= moving for pair in self._pairs])
+        for index, request in enumerate(self._results.collisionRequests):
+            if touching and self._contact[index]:
+                request.security_margin = -CONTACT
+            else:
+                request.security_margin = self_margin if self._own[index] else margin
+
+    def valid(self, joints: Array) -> bool:
+        """Return whether everything keeps its margin."""
+        return not pin.computeCollisions(
+            self._model, self._data, self._geometry, self._results, joints, True
+        )
+
+    def way_valid(self, path: Array) -> bool:
+        """Return whether all of a path is valid, shape (k, n), at the points given."""
+        return all(self.valid(joints) for joints in path)
+
+    def clearance(self, joints: Array) -> Clearance:
+        """Return how near anything is, whatever the margins."""
+        pin.computeDistances(self._model, self._data, self._geometry, self._results, joints)
+        distances = np.array([r.min_distance for r in self._results.distanceResults])
+        meant = self._contact & (distances >= -CONTACT)
+        distances[meant] = np.inf
+        obstacles = np.where(self._own, np.inf, distances)
+        links = np.where(self._own, distances, np.inf)
+        return Clearance(
+            float(obstacles.min()), float(links.min()), self._pairs[int(np.argmin(distances))]
+        )
+
+
+def _along_z(distance: float) -> Any:
+    return pin.SE3(np.eye(3), np.array([0.0, 0.0, distance]))
+
+
+def _placement(shape: Shape) -> Any:
+    yaw = shape.yaw if isinstance(shape, Box) else 0.0
+    return pin.SE3(pin.utils.rotate('z', yaw), np.array(shape.centre))
+
+
+def _geometry(shape: Shape) -> Any:
+    if isinstance(shape, Box):
+        return coal.Box(*shape.size)
+    return coal.Cylinder(shape.radius, shape.length)

@@ -1,0 +1,123 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A pick-and-place task drawn from a seed.
+
+A part on one side of the robot, its place on the other, trays, and pillars between them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import cos, hypot, pi, sin
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.planning.scene import GRIPPER_LENGTH, TABLE
+from epson_driver.planning.shapes import Cylinder, Shape, standing, tray
+
+HOME = (0.0, pi / 6, -pi / 12, 0.0, -7 * pi / 12, 0.0)
+"""Where the arm begins and ends, rad: leaning back, the tool down."""
+
+APPROACH = 0.10
+"""From so far above the arm goes straight down to the part, and straight up again, m."""
+
+REACH = (0.30, 0.46)
+"""The part's distance from joint 1's axis, m."""
+
+ROOM, APART = 0.24, 0.11
+"""From the middle of a pillar to the part and its place, and to other pillars, m: beside the
+widest tray and the widest pillar some room is left for the hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One pick and place. Poses of tool0 in base_link when it grips and lets go, (4, 4), m.
+
+    `part`: its size, m, with a square base, so that every quarter turn of the hand will do.
+    `supports`: names of what the part may stand on.
+    """
+
+    seed: int
+    part: tuple[float, float, float]
+    pick: Array
+    place: Array
+    obstacles: tuple[Shape, ...]
+    supports: tuple[str, ...]
+
+
+def draw_task(seed: int) -> Task:
+    """Return the task of a seed; the same one for the same seed."""
+    random = np.random.default_rng(seed)
+    width, height = random.uniform(0.035, 0.05), random.uniform(0.03, 0.07)
+    side = random.choice((-1.0, 1.0))
+    obstacles: list[Shape] = []
+    supports = [TABLE.name]
+    poses, spots = [], []
+    for name, sign in (('pick', side), ('place', -side)):
+        angle = sign * random.uniform(0.6, 1.35)
+        radius = random.uniform(*REACH)
+        x, y, yaw = radius * cos(angle), radius * sin(angle), random.uniform(-pi / 4, pi / 4)
+        floor = 0.0
+        if random.random() < 0.6:
+            inside, tall = random.uniform(0.15, 0.2), random.uniform(0.04, 0.09)
+            parts = tray(f'{name} tray', inside, tall, 0.006, x, y, yaw)
+            obstacles += parts
+            supports.append(parts[0].name)
+            floor = parts[0].size[2]
+        poses.append(gripping(x, y, floor + height, yaw))
+        spots.append((x, y))
+    pillars: list[Shape] = []
+    wanted = int(random.integers(2, 4))
+    for _ in range(100):  # of some tasks there is no room for all of them
+        pillar = _pillar(f'pillar {len(pillars) + 1}', random)
+        others = [(other.centre[0], other.centre[1]) for other in pillars]
+        if _far(pillar, spots, ROOM) and _far(pillar, others, APART):
+            pillars.append(pillar)
+        if len(pillars) == wanted:
+            break
+    obstacles += pillars
+    return Task(
+        seed, (width, width, height), poses[0], poses[1], tuple(obstacles), tuple(supports)
+    )
+
+
+def _pillar(name: str, random: np.random.Generator) -> Shape:
+    """Return something tall in front of the robot, round or square."""
+    angle, radius = random.uniform(-0.35, 0.35), random.uniform(0.36, 0.5)
+    width, height = random.uniform(0.05, 0.1), random.uniform(0.3, 0.55)
+    x, y = radius * cos(angle), radius * sin(angle)
+    if random.random() < 0.5:
+        return Cylinder(name, width / 2, height, (x, y, height / 2))
+    return standing(name, (width, width, height), x, y)
+
+
+def _far(pillar: Shape, places: Iterable[tuple[float, float]], distance: float) -> bool:
+    """Return whether a pillar's middle is further than `distance` from all places, m."""
+    x, y, _ = pillar.centre
+    return all(hypot(x - other[0], y - other[1]) > distance for other in places)
+
+
+def gripping(x: float, y: float, top: float, yaw: float) -> Array:
+    """Return the pose of tool0 that grips something from above whose top is at `top`, (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3] = [[cos(yaw), sin(yaw), 0.0], [sin(yaw), -cos(yaw), 0.0], [0.0, 0.0, -1.0]]
+    pose[:3, 3] = x, y, top + GRIPPER_LENGTH
+    return pose
+
+
+def raised(pose: Array, height: float) -> Array:
+    """Return a pose that is higher by so much, m."""
+    higher = pose.copy()
+    higher[2, 3] += height
+    return higher
+
+
+def quarter_turns(pose: Array) -> list[Array]:
+    """Return a pose and those turned by a quarter, a half and three quarters about its own z."""
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = [pose]
+    for _ in range(3):
+        next_pose = turned[-1].copy()
+        next_pose[:3, :3] = next_pose[:3, :3] @ quarter
+        turned.append(next_pose)
+    return turned

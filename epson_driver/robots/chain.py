@@ -1,0 +1,91 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The chain of joints and the fixed frames at its two ends, as data.
+
+At the zero pose the frames of all joints and links are parallel to base_link, which is REP-103's:
+x forward, y left, z up.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion import Array
+
+REVOLUTE, PRISMATIC = JOINT_TYPES = ('revolute', 'prismatic')
+
+UNITS = {REVOLUTE: 'rad', PRISMATIC: 'm'}
+"""The SI unit of a joint's position."""
+
+SHOWN_UNITS = {'rad': ('degrees', 180.0 / np.pi), 'm': ('mm', 1000.0)}
+"""What EPSON shows a position in, and how many of those the SI unit has."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Where the n joints are.
+
+    origins: shape (n, 3), m, each joint in its parent's frame. axes: shape (n, 3), unit vectors,
+    about which (or along which, for a prismatic joint) the joint counts up.
+    """
+
+    origins: Array
+    axes: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame in its parent's: xyz, shape (3,), m; rpy, shape (3,), rad, about fixed axes."""
+
+    xyz: Array
+    rpy: Array
+
+    @property
+    def matrix(self) -> Array:
+        """The frame as a homogeneous matrix, shape (4, 4)."""
+        matrix = np.eye(4)
+        x, y, z = np.eye(3)
+        roll, pitch, yaw = self.rpy
+        matrix[:3, :3] = about(z, yaw) @ about(y, pitch) @ about(x, roll)
+        matrix[:3, 3] = self.xyz
+        return matrix
+
+
+def about(axis: Array, angle: float) -> Array:
+    """Return the rotation by `angle`, rad, about a unit axis, shape (3, 3)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # 1 - cos by half the angle keeps all digits where the angle is small
+    versed = 2.0 * np.sin(angle / 2.0) ** 2
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + versed * cross @ cross)
+
+
+def reach(chain: Chain, types: tuple[str, ...], strokes: Array, tool: Array) -> Array:
+    """Return how far the tool moves at most per unit of each joint, shape (n,).
+
+    For a revolute joint that is the largest distance, m, of Tool 0 from the joint's axis, for a
+    prismatic one 1 (m per m). `strokes`, shape (n,), m: the farthest that a prismatic joint is
+    from zero; `tool`, shape (3,), m: Tool 0 in the last link's frame. The figure is an upper
+    bound that no pose passes, whatever the ranges of revolute joints.
+
+    From the tool inwards: of what hangs on a joint, the part along its axis does not turn with it,
+    so it belongs to the link before; the part across is an arm of fixed length. The arms beyond an
+    axis, stretched, are the reach.
+    """
+    count = len(types)
+    arms = np.zeros(count)
+    hanging = [tool]  # a fixed vector, then one for each stroke
+    for joint in reversed(range(count)):
+        axis = chain.axes[joint]
+        if types[joint] == PRISMATIC:
+            hanging.append(axis * strokes[joint])
+        else:
+            along = [axis * (axis @ vector) for vector in hanging]
+            arms[joint] = sum(
+                float(np.linalg.norm(vector - part))
+                for vector, part in zip(hanging, along, strict=True)
+            )
+            hanging = along
+        hanging[0] = hanging[0] + chain.origins[joint]
+    beyond = np.cumsum(arms[::-1])[::-1]
+    return np.where([kind == PRISMATIC for kind in types], 1.0, beyond)

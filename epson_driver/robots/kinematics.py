@@ -1,0 +1,240 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where Tool 0 is for given joints, and which joints bring it to a pose.
+
+Poses are homogeneous matrices, shape (4, 4), m. Forward kinematics follow the chain and hold for
+every model. Inverse kinematics are closed-form (py-opw-kinematics, `[planning]` extra) and hold
+for six-axis arms with a spherical wrist.
+"""
+
+from collections.abc import Callable
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.robots.chain import PRISMATIC, Frame, about
+from epson_driver.robots.model import RobotModel
+from epson_driver.robots.opw import opw_parameters
+
+TURN = 2.0 * np.pi
+
+LIMIT_TOLERANCE = 1e-9
+"""A joint this much outside its range, rad, is at the limit: rounding."""
+
+SAME = 1e-5
+"""Solutions closer than this in all joints, rad, count as one: those of a stretched arm."""
+
+STRAIGHT = 2e-6
+"""Joint 5 closer to 0 than this, rad, leaves joints 4 and 6 in line: only their sum counts. The
+solution is off by no more than this."""
+
+TILT = 2e-5
+"""The library loses a straight wrist to rounding; it is asked for one bent by this, rad, too."""
+
+PULL = 1e-13
+"""And a stretched arm: it is asked for a wrist nearer to the shoulder by this, m, too."""
+
+UPRIGHT = 1e-9
+"""V closer than this to ±π/2, rad, counts as that."""
+
+INSTALL = "pip install 'epson_driver[planning]'"
+
+
+class Kinematics:
+    """Forward and inverse kinematics of one model, from its data. Joints have shape (n,), rad, m.
+
+    >>> arm = Kinematics(load_robot_model('c3_a601s'))
+    >>> pose = arm.forward(np.radians([0, 0, 0, 0, -90, 0]))
+    >>> arm.inverse(pose)[0]
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self._tool0 = model.tool0.matrix
+        self._world = model.base.matrix
+
+    def link_frames(self, joints: Array) -> Array:
+        """Return the frames of link_1 … link_n in base_link, shape (n, 4, 4)."""
+        chain, types = self.model.chain, self.model.joint_types
+        frames = np.empty((len(types), 4, 4))
+        frame = np.eye(4)
+        for index, value in enumerate(self._checked(joints)):
+            step = np.eye(4)
+            step[:3, 3] = chain.origins[index]
+            if types[index] == PRISMATIC:
+                step[:3, 3] += chain.axes[index] * value
+            else:
+                step[:3, :3] = about(chain.axes[index], value)
+            frames[index] = frame = frame @ step
+        return frames
+
+    def forward(self, joints: Array) -> Array:
+        """Return the pose of tool0 in base_link for joints, whether within the limits or not."""
+        return np.asarray(self.link_frames(joints)[-1] @ self._tool0)
+
+    def inverse(self, pose: Array, near: Array | None = None) -> Array:
+        """Return all joints within the limits that bring tool0 to a pose in base_link.
+
+        Shape (k, n), the nearest to `near` (default: all joints 0) first; k is 0 if the pose is
+        out of reach. Joints that can turn more than once are there with every turn. Where joint 5
+        is straight, joint 4 is as in `near`, one solution of infinitely many.
+
+        Raises KinematicsError for a chain without a closed form, ModuleNotFoundError that says
+        what to install, ValueError for a matrix that is no pose.
+        """
+        pose = _checked_pose(pose)
+        near = np.zeros(len(self.model.joint_names)) if near is None else self._checked(near)
+        found: list[Array] = []
+        for branch in self._solver.branches(pose, near):
+            for joints in self._turns(branch):
+                if not any(np.all(np.abs(joints - other) < SAME) for other in found):
+                    found.append(joints)
+        found.sort(key=lambda joints: float(np.linalg.norm(joints - near)))
+        return np.array(found).reshape(-1, len(near))
+
+    def in_base(self, pose: Array) -> Array:
+        """Return a pose in base_link as one in `base`, EPSON's world."""
+        return np.asarray(np.linalg.inv(self._world) @ pose)
+
+    def from_base(self, pose: Array) -> Array:
+        """Return a pose in `base`, EPSON's world, as one in base_link."""
+        return np.asarray(self._world @ pose)
+
+    def epson_point(self, joints: Array) -> tuple[Array, Array]:
+        """Return what the pendant would show of Tool 0: X, Y, Z, m, and U, V, W, rad."""
+        pose = self.in_base(self.forward(joints))
+        return pose[:3, 3], uvw(pose[:3, :3])
+
+    @cached_property
+    def _solver(self) -> '_Solver':
+        return _Solver(self.model, self.forward)
+
+    def _turns(self, branch: Array) -> list[Array]:
+        """Return a solution with every turn of every joint that its range has."""
+        limits = self.model.limits
+        choices = []
+        for value, low, high in zip(branch, limits.position_min, limits.position_max, strict=True):
+            first = np.ceil((low - LIMIT_TOLERANCE - value) / TURN)
+            last = np.floor((high + LIMIT_TOLERANCE - value) / TURN)
+            values = value + TURN * np.arange(first, last + 1.0)
+            choices.append(np.clip(values, low, high))
+        return [np.array(each) for each in product(*choices)]
+
+    def _checked(self, joints: Array) -> Array:
+        joints = np.asarray(joints, dtype=float)
+        if joints.shape != (len(self.model.joint_names),) or not np.all(np.isfinite(joints)):
+            count = len(self.model.joint_names)
+            raise ValueError(f'joints = {joints.tolist()}: must be {count} finite numbers')
+        return joints
+
+
+class _Solver:
+    """py-opw-kinematics with the parameters of one model."""
+
+    def __init__(self, model: RobotModel, forward: Callable[[Array], Array]) -> None:
+        parameters = opw_parameters(model)  # first: what cannot be solved needs no library
+        try:
+            import py_opw_kinematics
+            from scipy.spatial.transform import RigidTransform
+        except ImportError as cause:
+            raise ModuleNotFoundError(
+                f'inverse kinematics need py-opw-kinematics: {INSTALL}', name=cause.name
+            ) from cause
+        opw: Any = py_opw_kinematics
+        self._robot: Any = opw.Robot(
+            opw.KinematicModel(
+                **parameters.lengths,
+                offsets=parameters.offsets,
+                flip_axes=tuple(sign < 0 for sign in parameters.signs),
+            ),
+            degrees=False,
+        )
+        self._pose: Any = RigidTransform
+        self._signs, self._offsets = np.array(parameters.signs), np.array(parameters.offsets)
+        lengths = parameters.lengths
+        self._hand, self._shoulder = lengths['c4'], (lengths['a1'], lengths['c1'])
+        self._forward = forward
+
+    def branches(self, pose: Array, near: Array) -> list[Array]:
+        """Return the solutions that there are of the eight, each joint anywhere.
+
+        Those of an arm at the edge of its reach may come twice, SAME apart at most.
+        """
+        poses = np.array([pose, self._pulled(pose), self._tilted(pose)])
+        poses = np.array([*poses, self._pulled(poses[2])])
+        answers = self._robot.reach(self._pose.from_matrix(poses)).joints
+        solutions = []
+        for index, rows in enumerate(answers):
+            for row in rows[np.all(np.isfinite(rows), axis=1)]:
+                bend = self._signs[4] * row[4] - self._offsets[4]
+                bend = np.arctan2(np.sin(bend), np.cos(bend))
+                if index < 2 and abs(bend) >= STRAIGHT:
+                    solutions.append(row)
+                elif abs(bend) < 2.0 * TILT:
+                    straight = self._straightened(row, bend, near)
+                    if np.max(np.abs(self._forward(straight) - pose)) < 2.0 * STRAIGHT:
+                        solutions.append(straight)
+        return solutions
+
+    def _straightened(self, joints: Array, bend: float, near: Array) -> Array:
+        """Return joints with a wrist that is quite straight, and joint 4 as in `near`."""
+        straight = joints.copy()
+        straight[4] -= self._signs[4] * bend
+        straight[5] += self._signs[5] * self._signs[3] * (joints[3] - near[3])
+        straight[3] = near[3]
+        return straight
+
+    def _tilted(self, pose: Array) -> Array:
+        """Return a pose turned about the wrist by TILT, across the tool's axis."""
+        tilted = pose.copy()
+        tilted[:3, :3] = pose[:3, :3] @ about(np.array([1.0, 0.0, 0.0]), TILT)
+        tilted[:3, 3] += self._hand * (tilted[:3, 2] - pose[:3, 2])
+        return tilted
+
+    def _pulled(self, pose: Array) -> Array:
+        """Return a pose with the wrist nearer to the shoulder that faces it, by PULL."""
+        wrist = pose[:3, 3] - self._hand * pose[:3, 2]
+        facing = np.arctan2(wrist[1], wrist[0])
+        out, up = self._shoulder
+        away = wrist - (out * np.cos(facing), out * np.sin(facing), up)
+        pulled = pose.copy()
+        pulled[:3, 3] -= PULL * away / max(float(np.linalg.norm(away)), PULL)
+        return pulled
+
+
+def uvw(rotation: Array) -> Array:
+    """Return EPSON's U, V, W, rad, of a rotation matrix: about Z, then the new Y, then the new X.
+
+    U and W are in [-π, π], V in [-π/2, π/2]. Where V is ±π/2 only the sum or the difference of U
+    and W counts: U is 0 then.
+    """
+    r = np.asarray(rotation, dtype=float)
+    across = float(np.hypot(r[0, 0], r[1, 0]))
+    v = np.arctan2(-r[2, 0], across)
+    if across > UPRIGHT:
+        return np.array([np.arctan2(r[1, 0], r[0, 0]), v, np.arctan2(r[2, 1], r[2, 2])])
+    return np.array([0.0, v, np.arctan2(-r[1, 2], r[1, 1])])
+
+
+def rotation_of(angles: Array) -> Array:
+    """Return the rotation matrix of EPSON's U, V, W, rad."""
+    u, v, w = np.asarray(angles, dtype=float)
+    return Frame(np.zeros(3), np.array([w, v, u])).matrix[:3, :3]
+
+
+def _checked_pose(pose: Array) -> Array:
+    pose = np.asarray(pose, dtype=float)
+    good = pose.shape == (4, 4) and bool(np.all(np.isfinite(pose)))
+    if good:
+        turn = pose[:3, :3]
+        good = bool(
+            np.allclose(turn @ turn.T, np.eye(3), atol=1e-6)
+            and np.linalg.det(turn) > 0.0
+            and np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9)
+        )
+    if not good:
+        raise ValueError(f'pose = {pose.tolist()}: must be a rotation and a place, shape (4, 4)')
+    return pose

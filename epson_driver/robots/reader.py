@@ -1,0 +1,122 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Typed access to a model file's keys. What is wrong is said with file, key, value and rule."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array
+
+CONFIDENCES = ('high', 'medium', 'low')
+"""Best first."""
+
+
+class RobotModelError(ValueError):
+    """A model file that cannot be used. The text names the file, the key and the value."""
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a quantity's numbers come from, and how far each of them can be trusted.
+
+    `confidence` has one entry per joint, or one alone where a quantity is not of single joints.
+    """
+
+    source: str
+    confidence: tuple[str, ...]
+
+    @property
+    def worst(self) -> str:
+        """The lowest confidence of all its numbers."""
+        return max(self.confidence, key=CONFIDENCES.index)
+
+
+class Reader:
+    """The keys of one file, each of a type, a length and a range."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def error(self, key: str, value: object, rule: str) -> RobotModelError:
+        """Return the error for a value that breaks a rule."""
+        return RobotModelError(f'{self._path}: {key} = {value!r}: {rule}')
+
+    def get(self, block: Any, key: str, kind: type, where: str = '') -> Any:
+        """Return the value of a key that must be there and of one type."""
+        if not isinstance(block, dict):
+            raise self.error(where.rstrip('.') or 'the file', block, 'must be a mapping')
+        if key not in block:
+            raise RobotModelError(f'{self._path}: {where}{key} is missing')
+        if not isinstance(block[key], kind):
+            raise self.error(where + key, block[key], f'must be a {kind.__name__}')
+        return block[key]
+
+    def names(self, block: Any, key: str) -> tuple[str, ...]:
+        """Return a list of names, one at least."""
+        names = self.get(block, key, list)
+        if not names or not all(isinstance(name, str) for name in names):
+            raise self.error(key, names, 'must be a list of names')
+        return tuple(names)
+
+    def choices(
+        self, block: Any, key: str, allowed: tuple[str, ...], count: int
+    ) -> tuple[str, ...]:
+        """Return one word per joint; the first of those allowed where the key is not there."""
+        if not isinstance(block, dict) or key not in block:
+            return (allowed[0],) * count
+        words = self.get(block, key, list)
+        if len(words) != count or not all(word in allowed for word in words):
+            rule = f'must be a list of one per joint, each of {", ".join(allowed)}'
+            raise self.error(key, words, rule)
+        return tuple(words)
+
+    def numbers(
+        self, block: Any, key: str, where: str, count: int, of: str = 'one per joint'
+    ) -> Array:
+        """Return `count` finite numbers."""
+        values = self.get(block, key, list, where + '.')
+        if len(values) != count:
+            raise self.error(f'{where}.{key}', values, f'must have {count} numbers, {of}')
+        for value in values:
+            self._number(value, f'{where}.{key}')
+        return np.array(values, dtype=float)
+
+    def positive(self, block: Any, key: str, where: str) -> float:
+        """Return one positive finite number."""
+        value = self._number(self.get(block, key, object, where + '.'), f'{where}.{key}')
+        if value <= 0.0:
+            raise self.error(f'{where}.{key}', value, 'must be positive')
+        return value
+
+    def vectors(self, block: Any, key: str, where: str, count: int) -> Array:
+        """Return `count` vectors of three finite numbers, shape (count, 3)."""
+        rows = self.get(block, key, list, where + '.')
+        if len(rows) != count:
+            raise self.error(f'{where}.{key}', rows, f'must have {count} vectors, one per joint')
+        for row in rows:
+            if not isinstance(row, list) or len(row) != 3:
+                raise self.error(f'{where}.{key}', row, 'must have 3 numbers, x, y and z')
+            for value in row:
+                self._number(value, f'{where}.{key}')
+        return np.array(rows, dtype=float)
+
+    def provenance(self, block: Any, where: str, count: int = 1) -> Provenance:
+        """Return `source` and `confidence` of a quantity that has `count` numbers."""
+        confidence = block.get('confidence')
+        entries = confidence if isinstance(confidence, list) else [confidence] * count
+        if len(entries) != count or any(entry not in CONFIDENCES for entry in entries):
+            rule = f'must be one of {", ".join(CONFIDENCES)}'
+            more = ', or a list of one per joint' if count > 1 else ''
+            raise self.error(f'{where}.confidence', confidence, rule + more)
+        return Provenance(self.get(block, 'source', str, where + '.'), tuple(entries))
+
+    def _number(self, value: object, key: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.error(key, value, 'must be a number')
+        if not abs(value) <= sys.float_info.max:
+            raise self.error(key, value, 'must be finite')
+        return float(value)

@@ -1,0 +1,106 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What launch files ask for: arguments, descriptions with a prefix, a command line."""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from epson_driver.bringup import (
+    INTERFACE,
+    BringupError,
+    client_parameters,
+    controller_arguments,
+    launch_arguments,
+    model_argument,
+    robot_description,
+    several_robots,
+)
+from epson_driver.cli import processes
+from epson_driver.client.parameters import TABLE
+
+DEFAULTS = {each['name']: each['default_value'] for each in launch_arguments(*INTERFACE)}
+VALUES = DEFAULTS | {'interface': 'streaming'}
+
+
+def test_an_argument_has_name_default_and_description() -> None:
+    (argument,) = launch_arguments('sim_motion')
+    assert argument == {
+        'name': 'sim_motion',
+        'default_value': 'smooth',
+        'description': argument['description'],
+        'choices': ['smooth', 'ptp'],
+    }
+    (argument,) = launch_arguments('robot_ip', robot_ip='192.168.0.1')
+    assert argument['default_value'] == '192.168.0.1'
+    assert 'choices' not in argument
+    with pytest.raises(KeyError, match='robot_iq'):
+        launch_arguments('robot_iq')
+
+
+def test_models_to_choose_from_are_those_with_a_description() -> None:
+    argument = model_argument()
+    assert argument['default_value'] in argument['choices']
+    for model in argument['choices']:
+        assert f'<robot name="{model}"' in robot_description(model)
+
+
+def test_defaults_that_the_descriptions_name_are_the_clients_own() -> None:
+    defaults = {row.name: row.default for row in TABLE}
+    for argument in launch_arguments('robot_ip', 'controller'):
+        (named,) = re.findall(r'or ([\w.]+)\.$', argument['description'])
+        assert named == defaults[argument['name']]
+    assert VALUES['robot_model'] == defaults['robot_model']
+
+
+def test_a_prefix_is_before_every_name_of_the_urdf() -> None:
+    prefixed = robot_description('c3_a601s', 'left_')
+    found = re.findall(r'<(?:link|joint|parent|child) (?:name|link)="([^"]+)"', prefixed)
+    assert len(found) > 20
+    assert all(name.startswith('left_') for name in found)
+    assert {'left_tool0', 'left_joint_6', 'left_base_link'} <= set(found)
+
+
+def test_without_xacro_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'xacro', None)
+    with pytest.raises(BringupError, match=r'^xacro is missing: sudo apt install ros-jazzy-xacro'):
+        robot_description('c3_a601s')
+
+
+def test_a_client_of_defaults_is_told_model_and_interface_only() -> None:
+    assert client_parameters(VALUES) == {'robot_model': 'c3_a601s', 'interface': 'streaming'}
+
+
+@pytest.mark.parametrize('remote_port', ['', '5000'])
+def test_client_and_simulated_controller_agree_on_the_remote_port(remote_port: str) -> None:
+    values = VALUES | {'use_sim_controller': 'true', 'remote_port': remote_port}
+    assert client_parameters(values)['remote_port'] == 5000
+    words = controller_arguments(values)
+    assert words[words.index('--remote-port') + 1] == '5000'
+
+
+def test_the_simulated_controller_takes_its_command_line(tmp_path: Path) -> None:
+    values = VALUES | {
+        'robot_ip': '127.0.0.1',
+        'controller': 'rc700a',
+        'sim_motion': 'ptp',
+        'motion_port': '0',
+        'state_port': '0',
+        'io_port': '0',
+        'remote_port': '0',
+    }
+    controller = processes.Process(
+        'sim_controller', controller_arguments(values), tmp_path / 'log', dict(os.environ)
+    )
+    with processes.ended_at_exit(controller):
+        assert controller.ports().motion > 0
+    assert controller.returncode == 0
+
+
+def test_several_robots_get_a_prefix_that_ros_allows() -> None:
+    robots = several_robots('left,/line/two', '127.0.0.1, 127.0.0.2')
+    assert [each.tf_prefix for each in robots] == ['left_', 'line_two_']
+    assert [each.robot_ip for each in robots] == ['127.0.0.1', '127.0.0.2']

@@ -1,0 +1,147 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver robots`: the list, one model, pipes and terminals, and no such model."""
+
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.share import share_file
+
+COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'robots']
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def tables(text: str) -> dict[str, dict[str, list[str]]]:
+    """Return plain text as rows by their first word, by their table's title."""
+    found = {}
+    for block in text.strip().split('\n\n'):
+        title, _, *rows = block.splitlines()
+        found[title.removeprefix('# ')] = {row.split('\t')[0]: row.split('\t')[1:] for row in rows}
+    return found
+
+
+@pytest.fixture(scope='module')
+def c3() -> dict[str, dict[str, list[str]]]:
+    return tables(run('c3_a601s').stdout)
+
+
+def test_into_a_pipe_it_lists_every_model_with_tabs() -> None:
+    done = run()
+    assert (done.returncode, done.stderr) == (0, '')
+    head, *lines = done.stdout.splitlines()
+    assert head == 'name\tkind\taxes\treach [mm]\tpayload [kg]\tconfidence\tlow'
+    rows = [line.split('\t') for line in lines]
+    assert [row[0] for row in rows] == list(robot_models())
+    for name, kind, axes, reach, payload, confidence, low in rows:
+        model = load_robot_model(name)
+        assert (kind, axes) == (model.kind, str(len(model.joint_names)))
+        assert float(reach) == pytest.approx(model.reach[0] * 1e3, abs=0.5)
+        assert float(payload) == model.payload
+        assert confidence == model.confidence
+        assert low.split(', ') == [
+            quantity for quantity, origin in model.provenance.items() if origin.worst == 'low'
+        ]
+
+
+def test_one_model_is_shown_in_degrees_and_in_si(c3: dict[str, dict[str, list[str]]]) -> None:
+    joints = c3['Joints']
+    assert joints['position min [degrees]'] == ['-170', '-160', '-51', '-200', '-135', '-360']
+    assert float(joints['position max [rad]'][1]) == pytest.approx(np.radians(65.0), rel=1e-6)
+    assert joints['velocity [rad/s]'] == ['7.85', '7.85', '8.97', '9.65', '9.65', '12.56']
+    assert float(joints['velocity [degrees/s]'][0]) == pytest.approx(450.0, abs=0.3)
+    assert joints['acceleration [rad/s²]'][0] == '49.19'
+    assert joints['pulses per degree'][0] == '29127.11'
+    assert joints['reach [m]'] == ['0.665', '0.565', '0.315', '0.065', '0.065', '0']
+    assert c3['c3_a601s: EPSON C3-A601S (standard, table top mount)']['payload'] == ['3 kg']
+    chain = c3['Chain, in base_link, m']
+    assert chain['joint_2, revolute'] == ['0.1 0 0.1235', '0 -1 0']
+    assert chain['tool0, in the last link'] == ['0.005 0 0', '3.141593 -1.570796 0']
+    assert c3['OPW lengths, m']['c1'] == ['0.32']
+
+
+def test_every_number_comes_with_its_source(c3: dict[str, dict[str, list[str]]]) -> None:
+    model = load_robot_model('c3_a601s')
+    assert list(c3['Sources']) == list(model.provenance)
+    for quantity, (confidence, source) in c3['Sources'].items():
+        origin = model.provenance[quantity]
+        assert source == origin.source
+        assert set(confidence.split()) == set(origin.confidence)
+
+
+def test_a_scara_is_shown_in_mm_and_m() -> None:
+    shown = tables(run('gx4_c251s').stdout)
+    joints = shown['Joints']
+    assert joints['position min [degrees or mm]'] == ['-50', '-141', '-150', '-360']
+    assert joints['position min [rad or m]'][2] == '-0.15'
+    assert joints['velocity [degrees/s or mm/s]'][2] == '1152'
+    assert joints['reach [m or 1]'] == ['0.25', '0.126', '1', '0']
+    assert 'joint_3 is prismatic' in shown['OPW lengths, m']['none'][0]
+
+
+def test_a_file_of_ones_own_is_shown_too(tmp_path: Path) -> None:
+    text = share_file('config', 'robots', 'c3_a601s.yaml').read_text(encoding='utf-8')
+    mine = tmp_path / 'mine.yaml'
+    mine.write_text(text.replace('name: c3_a601s', 'name: mine'), encoding='utf-8')
+    assert run(str(mine)).stdout.startswith('# mine: EPSON C3-A601S')
+    mine.write_text(text.replace('[0.1, 0, 0.1235]', '[0.1, 0]'), encoding='utf-8')
+    done = run(str(mine))
+    assert done.returncode == 2
+    assert f'{mine}: chain.origins = [0.1, 0]: must have 3 numbers, x, y and z' in done.stderr
+
+
+def test_no_such_model_is_answered_with_those_there_are() -> None:
+    done = run('c3')
+    assert done.returncode == 2
+    assert done.stdout == ''
+    assert 'no c3.yaml in ' in done.stderr
+    assert 'c3_a601s, c4_a601s' in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_a_reader_that_leaves_early_is_no_error() -> None:
+    shown = subprocess.Popen(COMMAND, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert shown.stdout is not None
+    assert shown.stderr is not None
+    shown.stdout.close()
+    assert shown.wait(60) == 0
+    assert shown.stderr.read() == ''
+    shown.stderr.close()
+
+
+def on_a_terminal(*arguments: str) -> str:
+    """Return what the command writes to a terminal of 150 columns."""
+    ours, theirs = pty.openpty()
+    environment = os.environ | {'COLUMNS': '150', 'TERM': 'xterm-256color'}
+    with subprocess.Popen([*COMMAND, *arguments], stdout=theirs, env=environment) as shown:
+        os.close(theirs)
+        text = b''
+        try:
+            while part := os.read(ours, 65536):
+                text += part
+        except OSError:  # Linux's way of saying that the other end is closed
+            pass
+        os.close(ours)
+    assert shown.returncode == 0
+    return text.decode()
+
+
+def test_a_terminal_gets_tables_with_colours_unless_plain() -> None:
+    text = on_a_terminal('c3_a601s')
+    assert '┃' in text
+    assert 'position min [degrees]' in text  # brackets are no markup
+    assert '\x1b[31mlow' in text
+    assert '\x1b[32mhigh' in text
+    plain = on_a_terminal('c3_a601s', '--plain')
+    assert plain.replace('\r\n', '\n') == run('c3_a601s').stdout

@@ -1,0 +1,102 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is held against every launch file: the names in it must exist somewhere."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from launch_stand_in import Context, DeclareLaunchArgument, ExecuteProcess, Node, description
+
+ROOT = Path(__file__).parents[2]
+OWN = 'epson_driver'
+
+ROS_EXECUTABLES = {
+    'joint_state_publisher_gui': {'joint_state_publisher_gui'},
+    'moveit_ros_move_group': {'move_group'},
+    'robot_state_publisher': {'robot_state_publisher'},
+    'rviz2': {'rviz2'},
+    'tf2_ros': {'static_transform_publisher'},
+}
+"""Executables of other packages, by package."""
+
+IMPORTS = {'launch', 'launch_ros'}
+"""Packages that launch files import."""
+
+
+def dependencies() -> set[str]:
+    """Return the packages that package.xml asks for at run time."""
+    root = ElementTree.parse(ROOT / 'package.xml').getroot()
+    return {str(each.text) for each in root.findall('exec_depend')}
+
+
+def own_executables() -> set[str]:
+    """Return the names that setup.py installs as executables."""
+    text = (ROOT / 'setup.py').read_text(encoding='utf-8')
+    text = (ROOT / 'setup.py').read_text(encoding='utf-8')
+    names = re.search(r'^NAMES = \(([^)]*)\)', text, re.MULTILINE)
+    assert names is not None
+    return set(re.findall(r"'(\w+)'", names[1]))
+
+
+def faults(path: Path, context: Context) -> Iterator[str]:
+    """Yield what is wrong with a launch file and with what it would start."""
+    yield from argument_faults(path)
+    for process in context.started:
+        yield from process_faults(process)
+        if isinstance(process, Node) and (process.package, process.executable) == (OWN, 'client'):
+            yield from client_faults(process)
+
+
+def argument_faults(path: Path) -> Iterator[str]:
+    """Yield arguments without a description, and those that are declared twice."""
+    seen: set[str] = set()
+    for each in description(path).entities:
+        if not isinstance(each, DeclareLaunchArgument):
+            continue
+        if not (each.description or '').endswith('.'):
+            yield f'argument {each.name} has no sentence that describes it'
+        if each.default_value is None:
+            yield f'argument {each.name} has no default'
+        if each.name in seen:
+            yield f'argument {each.name} is declared twice'
+        seen.add(each.name)
+
+
+def process_faults(process: Any) -> Iterator[str]:
+    """Yield packages and executables that nobody has."""
+    if process.package == OWN:
+        known = own_executables()
+    elif process.package in dependencies():
+        known = ROS_EXECUTABLES.get(process.package, set())
+    else:
+        yield f'package.xml has no exec_depend {process.package}'
+        return
+    if process.executable not in known:
+        yield f'{process.package} has no executable {process.executable}'
+    if isinstance(process, Node) and (process.package, process.executable) == (OWN, 'client'):
+        if process.name not in (None, OWN):
+            yield f'the client must be named {OWN}, as MoveIt knows it, not {process.name}'
+    elif isinstance(process, Node) and process.package == OWN:
+        yield f'{process.executable} is no ROS node: it takes no --ros-args'
+    elif isinstance(process, ExecuteProcess) and process.package != OWN:
+        yield f'{process.executable} is a ROS node: use Node'
+
+
+def client_faults(node: Node) -> Iterator[str]:
+    """Yield parameters that the client does not declare, or not with this type or range."""
+    from epson_driver.client.parameters import TABLE
+
+    rows = {row.name: row for row in TABLE}
+    for name, value in node.parameters.items():
+        row = rows.get(name)
+        if row is None:
+            yield f'the client has no parameter {name}'
+        elif type(value) is not type(row.default):
+            yield f'parameter {name} = {value!r}: must be like {row.default!r}'
+        elif row.choices and value not in row.choices:
+            yield f'parameter {name} = {value!r}: must be one of {row.choices}'
+        elif row.low is not None and row.high is not None and not row.low <= value <= row.high:
+            yield f'parameter {name} = {value!r}: must be from {row.low} to {row.high}'

@@ -1,0 +1,318 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every launch file: what it names exists, and it starts what its name says."""
+
+import importlib.util
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from launch_rules import IMPORTS, ROOT, dependencies, faults
+from launch_stand_in import Context, LaunchError, Node, declared_names, description, launched
+
+from epson_driver.bringup import INTERFACE, robot_description
+from epson_driver.bringup.arguments import TABLE
+
+FOLDER = ROOT / 'launch'
+FILES = sorted(FOLDER.glob('*.launch.py'))
+WANTED = {
+    'load_c3_a601s',
+    'moveit_planning_execution',
+    'robot_interface_download',
+    'robot_interface_streaming',
+    'robot_state_visualize',
+    'several_robots',
+    'simulation',
+    'test_c3_a601s',
+}
+CLIENT_FILES = (
+    'robot_interface',
+    'robot_interface_streaming',
+    'robot_interface_download',
+    'robot_state_visualize',
+    'moveit_planning_execution',
+)
+
+
+def start(name: str, **arguments: str) -> Context:
+    return launched(FOLDER / f'{name}.launch.py', **arguments)
+
+
+def nodes(context: Context, executable: str) -> list[Any]:
+    return [each for each in context.started if each.executable == executable]
+
+
+def the_client(context: Context) -> Node:
+    (node,) = nodes(context, 'client')
+    assert isinstance(node, Node)
+    return node
+
+
+def test_the_launch_files_are_there() -> None:
+    assert {path.name.split('.')[0] for path in FILES} >= WANTED
+    assert not (FOLDER / '__init__.py').exists()  # it is a folder of data, not a package
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_what_a_launch_file_names_exists(path: Path) -> None:
+    assert list(faults(path, launched(path))) == []
+    everything = {'use_sim_controller': 'true', 'launch_rviz': 'true', 'sim_motion': 'ptp'}
+    declared = declared_names(description(path))
+    given = {name: value for name, value in everything.items() if name in declared}
+    assert list(faults(path, launched(path, **given))) == []
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_an_argument_that_nobody_declares_is_refused(path: Path) -> None:
+    with pytest.raises(LaunchError, match=r"does not declare \['robot_iq'\]"):
+        launched(path, robot_iq='1')
+
+
+def test_what_launch_files_import_is_a_dependency() -> None:
+    assert dependencies() >= IMPORTS | {'xacro'}
+
+
+@pytest.mark.skipif(
+    getattr(importlib.util.find_spec('launch'), 'origin', None) is None,
+    reason='launch is not installed: only on a ROS machine',
+)
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_the_real_launch_reads_the_file(path: Path) -> None:
+    real = runpy.run_path(str(path))['generate_launch_description']()
+    names = {each.name for each in real.get_launch_arguments()}
+    assert names >= declared_names(description(path))
+
+
+# --- the driver ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', CLIENT_FILES)
+def test_every_file_with_a_client_passes_its_arguments_on(name: str, tmp_path: Path) -> None:
+    params = tmp_path / 'mine.yaml'
+    params.write_text('/**:\n  ros__parameters:\n    state_timeout: 0.5\n')
+    arguments = {
+        'robot_ip': '192.168.0.1',
+        'controller': 'rc700a',
+        'motion_port': '12000',
+        'state_port': '12002',
+        'io_port': '0',
+        'remote_port': '5001',
+        'namespace': 'cell',
+        'tf_prefix': 'left_',
+        'params_file': str(params),
+    }
+    node = the_client(start(name, **arguments))
+    assert node.namespace == 'cell'
+    assert node.files == [params]
+    assert node.name == 'epson_driver'  # without it launch gives its parameters to any node
+    assert node.parameters == {
+        'robot_ip': '192.168.0.1',
+        'robot_model': 'c3_a601s',
+        'controller': 'rc700a',
+        'interface': 'download' if name.endswith('download') else 'streaming',
+        'motion_port': 12000,
+        'state_port': 12002,
+        'io_port': 0,
+        'remote_port': 5001,
+        'joint_names': [f'left_joint_{number}' for number in range(1, 7)],
+    }
+
+
+@pytest.mark.parametrize('name', CLIENT_FILES)
+def test_arguments_that_are_not_given_leave_the_clients_defaults(name: str) -> None:
+    context = start(name)
+    assert set(the_client(context).parameters) == {'robot_model', 'interface'}
+    assert nodes(context, 'sim_controller') == []
+
+
+def test_a_scara_has_four_joints_with_the_prefix() -> None:
+    context = start('robot_interface', robot_model='gx4_c251s', tf_prefix='left_')
+    names = [f'left_joint_{number}' for number in range(1, 5)]
+    assert the_client(context).parameters['joint_names'] == names
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        ({'motion_port': 'eleven'}, "motion_port = 'eleven': must be a number"),
+        ({'robot_model': 'c5'}, 'no c5.yaml in'),
+        ({'use_sim_controller': 'yes'}, 'use_sim_controller = yes: not among'),
+        ({'interface': 'both'}, 'interface = both: not among'),
+        ({'params_file': '/no/such.yaml'}, 'parameter file /no/such.yaml does not exist'),
+    ],
+)
+def test_a_wrong_argument_is_named(arguments: dict[str, str], text: str) -> None:
+    with pytest.raises((LaunchError, ValueError, FileNotFoundError), match=re.escape(text)):
+        start('robot_interface', **arguments)
+
+
+def test_a_simulation_meets_its_client() -> None:
+    context = start('simulation', robot_ip='127.0.0.3', motion_port='12000', controller='rc700a')
+    (controller,) = nodes(context, 'sim_controller')
+    words = dict(zip(controller.command[::2], controller.command[1::2], strict=True))
+    assert words == {
+        '--robot': 'c3_a601s',
+        '--motion': 'smooth',
+        '--host': '127.0.0.3',
+        '--controller': 'rc700a',
+        '--motion-port': '12000',
+        '--remote-port': '5000',
+    }
+    parameters = the_client(context).parameters
+    assert (parameters['robot_ip'], parameters['controller']) == ('127.0.0.3', 'rc700a')
+    assert (parameters['motion_port'], parameters['remote_port']) == (12000, 5000)
+
+
+# --- what shows the robot -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', ['load_c3_a601s', 'robot_description'])
+def test_the_description_is_published(name: str) -> None:
+    (node,) = start(name, namespace='cell', tf_prefix='left_').started
+    assert (node.executable, node.namespace) == ('robot_state_publisher', 'cell')
+    assert '<joint name="left_joint_1"' in node.parameters['robot_description']
+
+
+@pytest.mark.parametrize('name', ['test_c3_a601s', 'joint_sliders'])
+def test_sliders_move_the_model(name: str) -> None:
+    context = start(name, namespace='cell', tf_prefix='left_')
+    kinds = ['robot_state_publisher', 'joint_state_publisher_gui', 'rviz2']
+    assert [each.executable for each in context.started] == kinds
+    assert {each.namespace for each in context.started} == {'cell'}
+    without = start(name, launch_rviz='false')
+    assert [each.executable for each in without.started] == kinds[:2]
+
+
+@pytest.mark.parametrize('name', ['robot_state_visualize', 'joint_sliders', 'rviz'])
+def test_rviz_shows_a_file_of_this_package_in_the_robots_frame(name: str) -> None:
+    (node,) = nodes(start(name, tf_prefix='left_'), 'rviz2')
+    words = dict(zip(node.command[::2], node.command[1::2], strict=True))
+    assert words == {
+        '-d': str(ROOT / 'config' / 'rviz' / 'robot.rviz'),
+        '-f': 'left_base_link',
+    }
+
+
+def test_rviz_is_left_out_where_nobody_looks() -> None:
+    assert nodes(start('robot_state_visualize', launch_rviz='false'), 'rviz2') == []
+    assert nodes(start('moveit_planning_execution', launch_rviz='false'), 'rviz2') == []
+
+
+# --- MoveIt, several robots ---------------------------------------------------------------------
+
+
+def test_moveit_is_told_everything_with_the_prefix() -> None:
+    context = start('moveit_planning_execution', namespace='cell', tf_prefix='left_')
+    assert [each.executable for each in context.started] == [
+        'client',
+        'robot_state_publisher',
+        'move_group',
+        'static_transform_publisher',
+        'rviz2',
+    ]
+    assert {each.namespace for each in context.started} == {'cell'}
+    (move_group,) = nodes(context, 'move_group')
+    assert move_group.name is None
+    parameters = move_group.parameters
+    names = [f'left_joint_{number}' for number in range(1, 7)]
+    assert parameters['moveit_simple_controller_manager.epson_driver.joints'] == names
+    assert the_client(context).parameters['joint_names'] == names
+    for name in names:
+        assert f'robot_description_planning.joint_limits.{name}.max_jerk' in parameters
+        assert f'<joint name="{name}"' in parameters['robot_description']
+        assert f'<joint name="{name}"' in parameters['robot_description_semantic']
+    assert parameters['planning_pipelines'] == ['ompl', 'pilz_industrial_motion_planner']
+    assert parameters['ompl.planning_plugins'] == ['ompl_interface/OMPLPlanner']
+    (world,) = nodes(context, 'static_transform_publisher')
+    assert world.command == ['--frame-id', 'world', '--child-frame-id', 'left_base_link']
+    (rviz,) = nodes(context, 'rviz2')
+    assert rviz.parameters.items() <= parameters.items()
+    assert 'robot_description_kinematics.manipulator.kinematics_solver' in rviz.parameters
+    assert rviz.command[1] == str(ROOT / 'config' / 'rviz' / 'moveit.rviz')
+
+
+def test_several_robots_share_nothing() -> None:
+    context = start(
+        'several_robots',
+        namespaces='left, cell/right',
+        robot_ips='192.168.0.1,192.168.0.2',
+        remote_port='5000',
+    )
+    clients = nodes(context, 'client')
+    assert [each.namespace for each in clients] == ['left', 'cell/right']
+    assert [each.parameters['robot_ip'] for each in clients] == ['192.168.0.1', '192.168.0.2']
+    first = [each.parameters['joint_names'][0] for each in clients]
+    assert first == ['left_joint_1', 'cell_right_joint_1']
+    publishers = nodes(context, 'robot_state_publisher')
+    assert [each.namespace for each in publishers] == ['left', 'cell/right']
+    for publisher, joint in zip(publishers, first, strict=True):
+        assert f'<joint name="{joint}"' in publisher.parameters['robot_description']
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        ({'namespaces': 'a,b,c'}, 'robot_ips has 2 addresses, but namespaces has 3 names'),
+        ({'namespaces': 'a,a'}, 'namespaces = a,a: they must be there and differ'),
+        ({'namespaces': 'a,'}, 'namespaces = a,: they must be there and differ'),
+    ],
+)
+def test_lists_of_robots_that_do_not_fit_are_refused(arguments: dict[str, str], text: str) -> None:
+    with pytest.raises(RuntimeError, match=f'^{re.escape(text)}$'):
+        start('several_robots', **arguments)
+
+
+@pytest.mark.parametrize('name', ['robot.rviz', 'moveit.rviz'])
+def test_rviz_displays_are_relative_and_of_this_robot(name: str) -> None:
+    text = (ROOT / 'config' / 'rviz' / name).read_text(encoding='utf-8')
+    manager = yaml.safe_load(text)['Visualization Manager']
+    assert f'"{manager["Global Options"]["Fixed Frame"]}"' in robot_description('c3_a601s')
+    displays = {each['Name']: each for each in manager['Displays']}
+    if name == 'robot.rviz':
+        topics = [displays['Robot']['Description Topic']['Value']]
+    else:
+        planning = displays['MotionPlanning']
+        assert planning['Planning Request']['Planning Group'] == 'manipulator'
+        assert planning['Move Group Namespace'] == ''
+        topics = [planning['Robot Description'], planning['Planning Scene Topic']]
+    assert all(re.fullmatch(r'[a-z_]+', topic) for topic in topics)
+
+
+# --- docs ---------------------------------------------------------------------------------------
+
+
+def words(text: str) -> set[str]:
+    return set(re.findall(r'`(\w+)`', text))
+
+
+@pytest.mark.parametrize('page', ['README.md', 'docs/robot.md', 'docs/migration.md'])
+def test_launch_files_that_the_docs_name_exist(page: str) -> None:
+    text = (ROOT / page).read_text(encoding='utf-8')
+    assert set(re.findall(r'\w+\.launch\.py', text)) <= {path.name for path in FILES}
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_the_docs_have_the_arguments_of_every_launch_file(path: Path) -> None:
+    text = (ROOT / 'docs' / 'robot.md').read_text(encoding='utf-8')
+    (cells,) = re.findall(rf'^\| `{re.escape(path.name)}` \|.*?\|(.*)\|$', text, re.MULTILINE)
+    own = words(cells)
+    if "the driver's but" in cells:
+        own ^= set(INTERFACE)
+    elif "the driver's" in cells:
+        own |= set(INTERFACE)
+    assert own == declared_names(description(path))
+
+
+def test_the_docs_describe_the_drivers_arguments() -> None:
+    text = (ROOT / 'docs' / 'robot.md').read_text(encoding='utf-8')
+    _, table = text.split("The driver's arguments:")
+    rows = re.findall(r'^\| (`.*?) \|', table, re.MULTILINE)
+    assert words(' '.join(rows)) == set(INTERFACE)
+
+
+def test_every_argument_of_the_table_is_one_of_a_file() -> None:
+    used = set().union(*(declared_names(description(path)) for path in FILES))
+    assert used == {row.name for row in TABLE}

@@ -1,0 +1,358 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tool 0 of joints and joints of Tool 0, against known poses, Pinocchio and each other."""
+
+import dataclasses
+import re
+import subprocess
+import sys
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+import pytest
+from check_points import CHECK_POINTS, CLOSE
+from scipy.spatial.transform import Rotation
+
+from epson_driver.robots import Chain, Frame, RobotModel, load_robot_model, robot_models
+from epson_driver.robots.kinematics import Kinematics, rotation_of, uvw
+from epson_driver.robots.opw import KinematicsError, opw_parameters
+from epson_driver.share import share_file
+
+Array = npt.NDArray[np.float64]
+
+C3 = load_robot_model('c3_a601s')
+MODELS = [load_robot_model(name) for name in robot_models()]
+SIX_AXIS = [model for model in MODELS if model.kind == 'six-axis']
+EXACT = 1e-9
+
+
+def ceiling(model: RobotModel) -> RobotModel:
+    """Return a model as EPSON's ceiling variants have it: heights, axes 1, 2, 3 and 5 negated."""
+    origins = model.chain.origins * (1.0, 1.0, -1.0)
+    axes = model.chain.axes * np.array([[-1, -1, -1, 1, -1, 1]]).T
+    return dataclasses.replace(model, name=model.name + 'r', chain=Chain(origins, axes))
+
+
+ARMS = [*SIX_AXIS, ceiling(load_robot_model('c8_c901s'))]
+
+
+def names(value: object) -> str | None:
+    return value.name if isinstance(value, RobotModel) else None
+
+
+def joints_of(model: RobotModel, seed: int, count: int) -> Array:
+    limits = model.limits
+    shape = (count, len(model.joint_names))
+    return np.random.default_rng(seed).uniform(limits.position_min, limits.position_max, shape)
+
+
+def turned(one: Array, other: Array) -> float:
+    """Return the angle between two rotations, degrees."""
+    return float(np.degrees(Rotation.from_matrix(one.T @ other).magnitude()))
+
+
+@pytest.mark.parametrize(('degrees', 'millimetres', 'angles'), CHECK_POINTS)
+def test_tool0_is_where_the_pendant_would_show_it(
+    degrees: tuple[float, ...],
+    millimetres: tuple[float, ...],
+    angles: tuple[float, ...] | None,
+) -> None:
+    arm = Kinematics(C3)
+    place, shown = arm.epson_point(np.radians(degrees))
+    assert place * 1e3 == pytest.approx(millimetres, abs=CLOSE)
+    if angles is not None:
+        # as rotations: 180 and -180 degrees are the same
+        assert turned(rotation_of(shown), rotation_of(np.radians(angles))) < CLOSE
+        if abs(angles[1]) == 90:
+            assert np.degrees(shown) == pytest.approx(angles, abs=CLOSE)
+
+
+def from_urdf(text: str, degrees: tuple[float, ...]) -> Array:
+    """Return Tool 0 in base by Pinocchio, which reads the URDF by itself."""
+    urdf = pinocchio.buildModelFromXML(text)
+    data = urdf.createData()
+    pinocchio.framesForwardKinematics(urdf, data, np.radians(degrees))
+    base, tool = (data.oMf[urdf.getFrameId(name)] for name in ('base', 'tool0'))
+    return np.asarray((base.inverse() * tool).homogeneous)
+
+
+@pytest.mark.parametrize(('degrees', 'millimetres', 'angles'), CHECK_POINTS)
+def test_the_urdf_has_tool0_where_the_pendant_would_show_it(
+    degrees: tuple[float, ...],
+    millimetres: tuple[float, ...],
+    angles: tuple[float, ...] | None,
+) -> None:
+    text = share_file('urdf', 'c3_a601s.urdf').read_text(encoding='utf-8')
+    pose = from_urdf(text, degrees)
+    assert pose[:3, 3] * 1e3 == pytest.approx(millimetres, abs=CLOSE)
+    if angles is not None:
+        assert turned(pose[:3, :3], rotation_of(np.radians(angles))) < CLOSE
+
+
+@pytest.mark.parametrize('model', SIX_AXIS, ids=names)
+def test_the_chain_in_python_is_that_of_the_urdf(model: RobotModel) -> None:
+    urdf = pinocchio.buildModelFromUrdf(str(share_file('urdf', f'{model.name}.urdf')))
+    data, arm = urdf.createData(), Kinematics(model)
+    for joints in joints_of(model, 0, 50):
+        pinocchio.framesForwardKinematics(urdf, data, joints)
+        frames = arm.link_frames(joints)
+        for number, frame in enumerate(frames, start=1):
+            there = data.oMf[urdf.getFrameId(f'link_{number}')].homogeneous
+            np.testing.assert_allclose(frame, there, atol=EXACT)
+        there = data.oMf[urdf.getFrameId('tool0')].homogeneous
+        np.testing.assert_allclose(arm.forward(joints), there, atol=EXACT)
+        in_base = data.oMf[urdf.getFrameId('base')].inverse().homogeneous @ there
+        np.testing.assert_allclose(arm.in_base(arm.forward(joints)), in_base, atol=EXACT)
+        np.testing.assert_allclose(arm.from_base(in_base), there, atol=EXACT)
+
+
+@pytest.mark.parametrize('model', ARMS, ids=names)
+def test_the_opw_lengths_describe_the_same_arm_as_the_chain(model: RobotModel) -> None:
+    arm = Kinematics(model)
+    for joints in joints_of(model, 1, 100):
+        pose = arm._solver._robot.forward(tuple(joints)).as_matrix()
+        np.testing.assert_allclose(pose, arm.forward(joints), atol=EXACT)
+
+
+def test_the_opw_lengths_of_the_c3_are_the_published_ones() -> None:
+    found = opw_parameters(C3)
+    assert list(found.lengths) == ['a1', 'a2', 'b', 'c1', 'c2', 'c3', 'c4']
+    assert list(found.lengths.values()) == pytest.approx(
+        (0.100, 0.0, 0.0, 0.320, 0.250, 0.250, 0.065), abs=1e-12
+    )
+    assert found.signs == (1, -1, -1, -1, -1, -1)
+    offsets = np.array(found.offsets)
+    offsets[5] = abs(offsets[5])  # half a turn, either way
+    assert offsets == pytest.approx([0, 0, -np.pi / 2, 0, 0, np.pi], abs=1e-12)
+
+
+def test_the_elbow_of_the_c8_is_offset() -> None:
+    found = opw_parameters(load_robot_model('c8_c901s'))
+    assert list(found.lengths) == ['a1', 'a2', 'b', 'c1', 'c2', 'c3', 'c4']
+    assert list(found.lengths.values()) == pytest.approx(
+        (0.1, -0.03, 0.0, 0.472, 0.4, 0.4, 0.08), abs=1e-12
+    )
+
+
+@pytest.mark.parametrize('model', ARMS, ids=names)
+def test_the_inverse_has_the_joints_that_made_the_pose_first_and_only_true_ones(
+    model: RobotModel,
+) -> None:
+    arm, limits = Kinematics(model), model.limits
+    for joints in joints_of(model, 2, 40):
+        pose = arm.forward(joints)
+        found = arm.inverse(pose, joints)
+        np.testing.assert_allclose(found[0], joints, atol=1e-6)
+        assert np.all(found >= limits.position_min)
+        assert np.all(found <= limits.position_max)
+        distances = np.linalg.norm(found - joints, axis=1)
+        assert np.all(np.diff(distances) >= -EXACT)
+        for other in found:
+            np.testing.assert_allclose(arm.forward(other), pose, atol=EXACT)
+
+
+@pytest.mark.parametrize('model', ARMS, ids=names)
+def test_every_solution_within_the_limits_is_found(model: RobotModel) -> None:
+    """The flipped wrist and whole turns, from the one solution that is known."""
+    arm, limits = Kinematics(model), model.limits
+    missed = 0
+    for joints in joints_of(model, 3, 20):
+        found = arm.inverse(arm.forward(joints))
+        for flip in (0, 1):
+            for fourth in (-2, -1, 0, 1, 2):
+                for sixth in (-3, -2, -1, 0, 1, 2, 3):
+                    other = joints.copy()
+                    other[3] += np.pi * (2 * fourth + flip)
+                    other[4] *= -1.0 if flip else 1.0
+                    other[5] += np.pi * (2 * sixth + flip)
+                    inside = (limits.position_min <= other) & (other <= limits.position_max)
+                    near = np.all(np.abs(found - other) < 1e-6, axis=1)
+                    missed += int(np.all(inside) != np.any(near))
+    assert missed == 0
+
+
+def test_joints_that_turn_more_than_once_have_every_turn() -> None:
+    arm = Kinematics(C3)
+    pose = arm.forward(np.radians([10.0, -20.0, 30.0, 170.0, 40.0, 50.0]))
+    turns = {
+        (round(np.degrees(each[3])), round(np.degrees(each[5]))) for each in arm.inverse(pose)
+    }
+    assert {(170, 50), (170, -310), (-190, 50), (-190, -310)} <= turns
+
+
+def test_a_straight_wrist_keeps_joint_4_where_it_is() -> None:
+    arm = Kinematics(C3)
+    joints = np.radians([10.0, -20.0, 30.0, 60.0, 0.0, -15.0])
+    near = np.radians([10.0, -20.0, 30.0, 100.0, 0.0, 0.0])
+    found = arm.inverse(arm.forward(joints), near)
+    assert np.degrees(found[0]) == pytest.approx([10, -20, 30, 100, 0, -55], abs=1e-6)
+    for other in found:
+        np.testing.assert_allclose(arm.forward(other), arm.forward(joints), atol=EXACT)
+
+
+@pytest.mark.parametrize('model', ARMS, ids=names)
+def test_no_straight_wrist_and_no_stretched_arm_is_lost_to_rounding(model: RobotModel) -> None:
+    arm = Kinematics(model)
+    found = opw_parameters(model)
+    # where the elbow, with its offset, makes the arm straight
+    stretched = found.signs[2] * (
+        found.offsets[2] - np.arctan2(found.lengths['a2'], found.lengths['c3'])
+    )
+    for index, joints in enumerate(joints_of(model, 5, 60)):
+        if index % 3 != 1:
+            joints[4] = 0.0
+        if index % 3 != 2:
+            joints[2] = stretched
+        pose = arm.forward(joints)
+        first = arm.inverse(pose, joints)[0]
+        np.testing.assert_allclose(first, joints, atol=1e-4)  # the pose counts
+        np.testing.assert_allclose(arm.forward(first), pose, atol=4e-6)
+
+
+@pytest.mark.parametrize('degrees', [point[0] for point in CHECK_POINTS])
+def test_the_check_points_are_found_again(degrees: tuple[float, ...]) -> None:
+    arm, joints = Kinematics(C3), np.radians(degrees)
+    pose = arm.forward(joints)
+    found = arm.inverse(pose, joints)
+    # a stretched arm and a straight wrist cost half of the digits
+    np.testing.assert_allclose(found[0], joints, atol=1e-5)
+    np.testing.assert_allclose(arm.forward(found[0]), pose, atol=4e-6)
+    for one in range(len(found)):  # a stretched elbow is no second solution
+        others = np.delete(found, one, axis=0)
+        assert np.all(np.max(np.abs(others - found[one]), axis=1) > 1e-5)
+
+
+def test_a_pose_out_of_reach_or_of_the_limits_has_no_joints() -> None:
+    arm = Kinematics(C3)
+    pose = arm.forward(np.zeros(6))
+    pose[0, 3] = 2.0
+    assert arm.inverse(pose).shape == (0, 6)
+    behind = np.radians([0.0, 60.0, 220.0, 0.0, 0.0, 0.0])
+    narrow = dataclasses.replace(C3.limits, position_max=np.full(6, 0.1))
+    arm = Kinematics(dataclasses.replace(C3, limits=narrow))
+    assert arm.inverse(arm.forward(behind)).shape == (0, 6)
+
+
+@pytest.mark.parametrize(
+    'pose',
+    [
+        np.zeros((4, 4)),
+        np.eye(3),
+        np.diag([1.0, 1.0, -1.0, 1.0]),
+        np.diag([2.0, 0.5, 1.0, 1.0]),
+        np.full((4, 4), np.nan),
+    ],
+)
+def test_a_matrix_that_is_no_pose_is_refused(pose: Array) -> None:
+    with pytest.raises(ValueError, match=r'^pose = .*: must be a rotation and a place'):
+        Kinematics(C3).inverse(pose)
+
+
+@pytest.mark.parametrize('joints', [[0.0] * 5, [0.0] * 7, [0.0, 0, 0, 0, 0, np.nan], 0.0])
+def test_joints_of_another_number_are_refused(joints: object) -> None:
+    arm = Kinematics(C3)
+    with pytest.raises(ValueError, match='must be 6 finite numbers'):
+        arm.forward(np.array(joints))
+    with pytest.raises(ValueError, match='must be 6 finite numbers'):
+        arm.inverse(np.eye(4), np.array(joints))
+
+
+def changed(
+    joint: int, axis: npt.ArrayLike | None = None, origin: npt.ArrayLike | None = None
+) -> Chain:
+    origins, axes = C3.chain.origins.copy(), C3.chain.axes.copy()
+    if axis is not None:
+        axes[joint] = np.asarray(axis)
+    if origin is not None:
+        origins[joint] = np.asarray(origin)
+    return Chain(origins, axes)
+
+
+@pytest.mark.parametrize(
+    ('chain', 'reason'),
+    [
+        (changed(0, axis=(1, 0, 0)), 'the axis of joint 1 is not parallel to z'),
+        (changed(1, axis=(0, 0, 1)), 'the axis of joint 2 is not parallel to y'),
+        (changed(4, axis=(0, 0.6, 0.8)), 'the axis of joint 5 is not parallel to y'),
+        (changed(3, axis=(0, 1, 0)), "the axis of joint 4 is not in the arm's plane"),
+        (changed(0, origin=(0.01, 0, 0.2)), 'the axis of joint 1 does not pass through base_link'),
+        (changed(2, origin=(0, 0, 0)), 'the upper arm or the hand has no length'),
+        (
+            changed(5, origin=(0.06, 0, 0.01)),
+            'where joints 4, 5 and 6 should meet is 0.01 m off the axis of joint 6',
+        ),
+        (
+            changed(4, origin=(0.25, 0, 0.02)),
+            'where joints 4, 5 and 6 should meet is 0.02 m off the axis of joint 4',
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else '',
+)
+def test_a_chain_without_a_closed_form_is_refused_with_its_reason(
+    chain: Chain, reason: str
+) -> None:
+    model = dataclasses.replace(C3, chain=chain)
+    with pytest.raises(KinematicsError, match=re.escape(reason)) as error:
+        Kinematics(model).inverse(np.eye(4))
+    assert str(error.value).startswith('c3_a601s: no inverse kinematics, as its chain is not')
+
+
+def test_a_tool0_beside_joint_6_is_refused() -> None:
+    tool0 = Frame(np.array([0.005, 0.001, 0.0]), C3.tool0.rpy)
+    with pytest.raises(KinematicsError, match=r'Tool 0 is 0\.001 m off the axis of joint 6'):
+        opw_parameters(dataclasses.replace(C3, tool0=tool0))
+    tool0 = Frame(C3.tool0.xyz, np.zeros(3))
+    with pytest.raises(KinematicsError, match='the z axis of tool0 is not along joint 6'):
+        opw_parameters(dataclasses.replace(C3, tool0=tool0))
+
+
+def test_a_scara_has_forward_kinematics_and_says_why_it_has_no_inverse() -> None:
+    model = load_robot_model('gx4_c251s')
+    arm = Kinematics(model)
+    place, angles = arm.epson_point(np.zeros(4))
+    # zero pulses face EPSON's X; arms 124 + 126 mm; heights 156 + 10 - 42 mm
+    assert place == pytest.approx([0.25, 0.0, 0.124], abs=1e-12)
+    assert angles == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    joints = np.array([np.pi / 2, np.pi / 2, -0.1, np.radians(-30.0)])
+    place, angles = arm.epson_point(joints)
+    assert place == pytest.approx([-0.126, 0.124, 0.024], abs=1e-12)
+    assert np.degrees(angles) == pytest.approx([150.0, 0.0, 0.0])
+    with pytest.raises(KinematicsError, match=r'^gx4_c251s: .*: joint_3 is prismatic$'):
+        arm.inverse(arm.forward(joints))
+
+
+def test_u_v_and_w_turn_about_z_then_y_then_x() -> None:
+    random = np.random.default_rng(4)
+    for angles in random.uniform([-np.pi, -1.5, -np.pi], [np.pi, 1.5, np.pi], (200, 3)):
+        rotation = rotation_of(angles)
+        same = Rotation.from_euler('ZYX', angles).as_matrix()
+        np.testing.assert_allclose(rotation, same, atol=1e-14)
+        np.testing.assert_allclose(uvw(rotation), angles, atol=1e-12)
+    for v in (np.pi / 2, -np.pi / 2):
+        for u, w in random.uniform(-np.pi, np.pi, (50, 2)):
+            rotation = rotation_of(np.array([u, v, w]))
+            shown = uvw(rotation)
+            assert shown[0] == 0.0
+            assert turned(rotation_of(shown), rotation) < 1e-6
+
+
+def test_without_the_library_the_inverse_says_what_to_install_and_the_rest_works() -> None:
+    code = """
+import sys
+sys.modules['py_opw_kinematics'] = None
+import numpy as np
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+arm = Kinematics(load_robot_model('c3_a601s'))
+pose = arm.forward(np.zeros(6))
+assert 'scipy' not in sys.modules
+try:
+    arm.inverse(pose)
+except ModuleNotFoundError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout == (
+        "inverse kinematics need py-opw-kinematics: pip install 'epson_driver[planning]'\n"
+    )

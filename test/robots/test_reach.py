@@ -1,0 +1,44 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The reach that follows from the chain: no pose passes it, and some pose comes close."""
+
+import numpy as np
+import pytest
+
+from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.robots.kinematics import Kinematics
+
+NEAR = {'six-axis': 0.995, 'SCARA': 0.999}
+"""How much of its reach the tool must come to in some of the poses tried."""
+
+
+@pytest.mark.parametrize('name', robot_models())
+def test_no_pose_moves_the_tool_farther_than_the_reach_says(name: str) -> None:
+    model = load_robot_model(name)
+    arm = Kinematics(model)
+    types = model.joint_types
+    random = np.random.default_rng(0)
+    bends = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi])
+    most = np.zeros(len(types))
+    for number in range(600):  # every second pose has right angles only, where extremes are
+        angles = random.uniform(-np.pi, np.pi, len(types))
+        if number % 2:
+            angles = random.choice(bends, len(types))
+            angles[2:3] += random.uniform(-0.5, 0.5, 1)  # elbows with an offset
+        for joint, kind in enumerate(types):
+            if kind == 'prismatic':
+                angles[joint] = model.limits.position_min[joint]
+        frames = arm.link_frames(angles)
+        tool = arm.forward(angles)[:3, 3]
+        for joint, kind in enumerate(types):
+            axis = frames[joint, :3, :3] @ model.chain.axes[joint]
+            away = axis if kind == 'prismatic' else np.cross(axis, tool - frames[joint, :3, 3])
+            most[joint] = max(most[joint], float(np.linalg.norm(away)))
+    assert np.all(most <= model.reach + 1e-12)
+    assert np.all(most >= NEAR[model.kind] * model.reach - 1e-12)
+
+
+def test_the_reach_of_the_c3_is_the_sum_of_its_published_lengths() -> None:
+    model = load_robot_model('c3_a601s')
+    # 100, 250 and 250 mm to the wrist, which makes the published 600 mm; 65 mm to the flange
+    np.testing.assert_allclose(model.reach, [0.665, 0.565, 0.315, 0.065, 0.065, 0.0], atol=1e-12)

@@ -1,0 +1,87 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`demo --plan`, as a newcomer runs it, and when it cannot do what it should."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=110, check=False
+    )
+
+
+def main_after(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the demo in a process in which something was done before."""
+    words = ['demo', '--plan', *arguments]
+    return run(
+        '-c',
+        f'import sys\n{code}\n'
+        f'from epson_driver.cli import demo\nsys.argv = {words!r}\nsys.exit(demo.main())',
+    )
+
+
+def test_plans_are_executed_and_nothing_collides(tmp_path: Path) -> None:
+    picture = tmp_path / 'report.png'
+    words = ('demo', '--plan', '--seed', '4', '--seeds', '2', f'--picture={picture}')
+    ended = run('-m', 'epson_driver.cli', *words)
+    said = ' '.join(ended.stdout.split())
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert 'seed 4: executed' in said
+    assert 'seed 5: executed' in said
+    assert '2 of 2 executed, none in collision' in said
+    rows = [line for line in ended.stdout.splitlines() if 'in order' in line]
+    assert len(rows) == 2
+    assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+def test_without_the_libraries_it_says_how_to_get_them() -> None:
+    ended = main_after("sys.modules['ompl'] = None")
+    assert ended.returncode == 2
+    assert 'ompl' in ended.stdout
+    assert "pip install 'epson_driver[planning]'" in ' '.join(ended.stdout.split())
+
+
+def test_a_seed_without_a_plan_is_a_failure_and_the_next_one_is_tried(tmp_path: Path) -> None:
+    ended = main_after(
+        'from epson_driver.planning import plan\n'
+        'real = plan.plan_task\n'
+        'def plan_task(task, model, tell):\n'
+        '    if task.seed == 1:\n'
+        '        raise plan.PlanningError("no way to the part")\n'
+        '    return real(task, model, tell)\n'
+        'plan.plan_task = plan_task',
+        '--seeds=2',
+        f'--picture={tmp_path / "report.png"}',
+    )
+    assert ended.returncode == 1, ended.stdout + ended.stderr
+    said = ' '.join(ended.stdout.split())
+    assert 'seed 1: no plan: no way to the part' in said
+    assert 'seed 2: executed' in said
+
+
+def test_a_collision_that_the_plan_did_not_see_is_a_failure(tmp_path: Path) -> None:
+    ended = main_after(
+        'from epson_driver.planning import scene\n'
+        'scene.Check.valid = lambda self, joints: True\n'
+        'from epson_driver.planning import verdict',
+        '--seed=5',
+        f'--picture={tmp_path / "report.png"}',
+    )
+    assert ended.returncode == 1, ended.stdout + ended.stderr
+    assert 'collided' in ended.stdout
+    assert 'pillar' in ended.stdout
+
+
+def test_point_to_point_motion_is_not_what_was_checked() -> None:
+    ended = run('-m', 'epson_driver.cli', 'demo', '--plan', '--compare')
+    assert ended.returncode == 2
+    assert '--plan is for smooth motion' in ended.stderr
+
+
+def test_seeds_are_whole_numbers() -> None:
+    ended = run('-m', 'epson_driver.cli', 'demo', '--plan', '--seeds=0')
+    assert ended.returncode == 2
+    assert '--seeds' in ended.stderr
