@@ -175,7 +175,7 @@ def cells():
             if (fault, name) in NOT_THERE:
                 continue
             expected = replace(row, **EXCEPTIONS.get((fault, name), {}))
-            yield pytest.param(name, expected, id=f'{fault}-{name}')
+            yield pytest.param(fault, name, expected, id=f'{fault}-{name}')
 
 
 @contextlib.asynccontextmanager
@@ -281,8 +281,26 @@ async def within(seconds, scenario):
         await scenario
 
 
-@pytest.mark.parametrize(('name', 'row'), list(cells()))
-def test_a_fault_in_the_middle_of_a_motion(name, row):
+@pytest.fixture(scope='module')
+def matrix(request):
+    """Collect what became of the cells; in the end show it in pytest's output."""
+    outcomes = dict.fromkeys(NOT_THERE, '-')
+    yield outcomes
+    widths = [max(len(name), len('not run')) for name in PROFILES]
+    lines = [' '.join(['fault'.ljust(16), *map(str.ljust, PROFILES, widths)])]
+    for fault in FAULTS:
+        words = [outcomes.get((fault, name), 'not run') for name in PROFILES]
+        lines.append(' '.join([fault.ljust(16), *map(str.ljust, words, widths)]))
+    lines += [f'-: {name}, {fault}: {why}' for (fault, name), why in NOT_THERE.items()]
+    plugins = request.config.pluginmanager
+    with plugins.get_plugin('capturemanager').global_and_fixture_disabled():
+        print('', *lines, sep='\n')
+
+
+@pytest.mark.parametrize(('fault', 'name', 'row'), list(cells()))
+def test_a_fault_in_the_middle_of_a_motion(matrix, fault, name, row):
+    matrix[fault, name] = 'failed'
+
     async def scenario():
         async with cell_of(load_controller_profile(name)) as (bench, controller, sent):
             await make_ready(bench, controller)
@@ -334,3 +352,4 @@ def test_a_fault_in_the_middle_of_a_motion(name, row):
             assert len(goal.outcomes) == 1
 
     run(within(LONGEST, scenario()))
+    matrix[fault, name] = 'passed'
