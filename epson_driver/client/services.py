@@ -106,8 +106,15 @@ class Services:
         return 'the arm is disabled and the motors are off'
 
     async def reset_error(self) -> str:
-        """Reset the controller's error. The arm stays disabled."""
+        """Reset the controller's error. The arm stays disabled.
+
+        Raises ServiceError if it cannot be done, or if no STATUS shows that it was.
+        """
         await self._act(Action.RESET)
+        await self._wait_for_status(
+            lambda status: TriState.TRUE not in (status.in_error, status.e_stopped),
+            'the controller took the reset, but no STATUS shows that error and E-stop are gone',
+        )
         return 'the controller was reset; call ~/enable to move again'
 
     def _check_links(self) -> None:

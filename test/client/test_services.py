@@ -11,6 +11,7 @@ from driver_bench import Bench, WaxController, answer, cell, pose, run, simulate
 from epson_driver.client import services
 from epson_driver.client.goal import End
 from epson_driver.client.services import ServiceError
+from epson_driver.controller.faults.fault_text import parse
 from epson_driver.controller.network.servers import Ports
 from epson_driver.controller.states import Event
 from epson_driver.simple_message import JointTrajPt
@@ -88,8 +89,7 @@ def test_enable_with_the_estop_pressed_or_latched():
             controller.apply(Event.ESTOP_RELEASE)
             assert '~/reset_error' in await refusal(bench.services.enable())
             assert bench.gate is not None
-            await bench.services.reset_error()
-            await until(lambda: bench.driver.robot.status.e_stopped == 0)
+            await bench.services.reset_error()  # and the status shows it
             await bench.services.enable()
             assert bench.gate is None
 
@@ -106,7 +106,7 @@ def test_enable_in_error_names_the_number_and_reset_clears_it():
             assert 'in error 4001' in text
             assert '~/reset_error' in text
             assert 'call ~/enable' in await bench.services.reset_error()
-            await until(lambda: bench.driver.robot.status.in_error == 0)
+            assert bench.driver.robot.status.in_error == 0
             assert bench.gate is not None  # a reset alone moves nothing
             await bench.services.enable()
 
@@ -335,6 +335,19 @@ def test_reset_error_without_a_remote_port():
         async with cell(enabled=False, remote_port=0) as (bench, _):
             text = await refusal(bench.services.reset_error())
             assert 'reset the error at the controller' in text
+
+    run(scenario())
+
+
+def test_a_reset_that_no_status_shows_is_no_success(monkeypatch):
+    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.3)
+
+    async def scenario():
+        async with cell() as (bench, controller):
+            controller.faults.start(parse('cut port=state for=5'))
+            await until(lambda: bench.driver.robot.status is None)
+            text = await refusal(bench.services.reset_error())
+            assert 'took the reset, but no STATUS shows' in text
 
     run(scenario())
 
