@@ -11,6 +11,9 @@ INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 	$(shell find $(wildcard epson_driver config launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
 
+# two at a time: most tests wait for real time to pass
+ALL_TESTS := --numprocesses 2 --dist loadfile
+
 # Fast DDS would multicast on every network otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
@@ -19,7 +22,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 help:
 	@echo "make demo    a planned trajectory through ROS 2 to a simulated EPSON controller, and a report"
 	@echo "             (other arguments: make demo ARGS='--trajectory FILE'; ARGS=--plan: a pick and place, planned on the spot)"
-	@echo "make test    all tests"
+	@echo "make test    all tests (a part of them: make test ARGS=test/client)"
 	@echo "make lint    ruff and mypy"
 	@echo "make bench          what a step of the smoother costs in streams of 10 to 100,000 points, what a robot costs its"
 	@echo "                    driver, and a check for collision with collision meshes and with visual ones"
@@ -34,7 +37,7 @@ demo: $(VENV)/.run $(if $(findstring --plan,$(ARGS)),$(VENV)/.planning)
 	$(BIN)/epson_driver demo $(ARGS)
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest $(or $(ARGS),$(ALL_TESTS))
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -68,6 +68,7 @@ setup(
             'mypy',
             'pytest',
             'pytest-timeout',
+            'pytest-xdist',
             'ruff',
             'types-PyYAML',
         ],

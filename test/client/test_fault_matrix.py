@@ -281,25 +281,9 @@ async def within(seconds, scenario):
         await scenario
 
 
-@pytest.fixture(scope='module')
-def matrix(request):
-    """Collect what became of the cells; in the end show it in pytest's output."""
-    outcomes = dict.fromkeys(NOT_THERE, '-')
-    yield outcomes
-    widths = [max(len(name), len('not run')) for name in PROFILES]
-    lines = [' '.join(['fault'.ljust(16), *map(str.ljust, PROFILES, widths)])]
-    for fault in FAULTS:
-        words = [outcomes.get((fault, name), 'not run') for name in PROFILES]
-        lines.append(' '.join([fault.ljust(16), *map(str.ljust, words, widths)]))
-    lines += [f'-: {name}, {fault}: {why}' for (fault, name), why in NOT_THERE.items()]
-    plugins = request.config.pluginmanager
-    with plugins.get_plugin('capturemanager').global_and_fixture_disabled():
-        print('', *lines, sep='\n')
-
-
 @pytest.mark.parametrize(('fault', 'name', 'row'), list(cells()))
-def test_a_fault_in_the_middle_of_a_motion(matrix, fault, name, row):
-    matrix[fault, name] = 'failed'
+def test_a_fault_in_the_middle_of_a_motion(record_property, fault, name, row):
+    record_property('fault and profile', (fault, name))
 
     async def scenario():
         async with cell_of(load_controller_profile(name)) as (bench, controller, sent):
@@ -352,4 +336,3 @@ def test_a_fault_in_the_middle_of_a_motion(matrix, fault, name, row):
             assert len(goal.outcomes) == 1
 
     run(within(LONGEST, scenario()))
-    matrix[fault, name] = 'passed'

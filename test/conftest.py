@@ -1,0 +1,28 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the whole run tells in the end."""
+
+from typing import Any
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Show what became of every fault with every controller profile, as a matrix."""
+    cells = {
+        cell: report.outcome
+        for reports in terminalreporter.stats.values()
+        for report in reports
+        for name, cell in getattr(report, 'user_properties', ())
+        if name == 'fault and profile' and report.when == 'call'
+    }
+    if not cells:
+        return
+    profiles = list(dict.fromkeys(profile for _, profile in cells))
+    terminalreporter.section('a fault in the middle of a motion, on every controller')
+    widths = [max(len(profile), len('passed')) for profile in profiles]
+    rows = [
+        [fault, *(cells.get((fault, profile), '-') for profile in profiles)]
+        for fault in dict.fromkeys(fault for fault, _ in cells)
+    ]
+    for first, *others in [['', *profiles], *rows]:
+        words = (word.ljust(width) for word, width in zip(others, widths, strict=True))
+        terminalreporter.write_line(' '.join([first.ljust(16), *words]))
