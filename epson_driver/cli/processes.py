@@ -11,12 +11,18 @@ import signal
 import socket
 import subprocess
 import sys
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 SAFE_DOMAINS = range(1, 102)
 """ROS domains whose ports lie below the ephemeral range of every common system."""
+
+MOST_CLAIMS = 20
+"""So many of the domains that were chosen stay claimed, the newest."""
+
+_claims: deque[socket.socket] = deque()
 
 END_TIMEOUT = 5.0
 
@@ -36,19 +42,40 @@ class Ports:
 
 
 def free_ros_domain() -> int:
-    """Return a ROS_DOMAIN_ID that no participant on this machine uses now.
+    """Return a ROS_DOMAIN_ID that nobody on this machine uses now, and claim it for a while.
 
     Each domain has UDP ports of its own, 250 apart from 7400 on (DDSI-RTPS 9.6.1); the first
-    participant takes 7410.
+    participant takes 7410. Until it does, another process could find the domain free, so a port
+    that DDS leaves unused says that the domain is taken: until this process ends, or has chosen
+    MOST_CLAIMS others.
     """
     for domain in random.sample(SAFE_DOMAINS, len(SAFE_DOMAINS)):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('', 7410 + 250 * domain))
-            except OSError:
-                continue
-            return domain
+        first = 7400 + 250 * domain
+        try:
+            claim = _bound('127.0.0.1', first + 5)
+        except OSError:
+            continue
+        try:
+            _bound('', first + 10).close()  # at all addresses, as DDS does
+        except OSError:
+            claim.close()
+            continue
+        _claims.append(claim)
+        if len(_claims) > MOST_CLAIMS:
+            _claims.popleft().close()
+        return domain
     raise RunError('every ROS domain from 1 to 101 is in use on this machine')
+
+
+def _bound(address: str, port: int) -> socket.socket:
+    """Return a UDP socket. Raises OSError if the port is taken."""
+    probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        probe.bind((address, port))
+    except OSError:
+        probe.close()
+        raise
+    return probe
 
 
 def ros_environment(domain: int) -> dict[str, str]:

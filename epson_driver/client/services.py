@@ -65,11 +65,16 @@ class Services:
     async def enable(self) -> str:
         """Open the arm gate, after switching the motors on where the driver can.
 
+        What counts is the next STATUS, not the last one: motors may have gone off since.
+
         Raises ServiceError that says what is in the way and what to do about it.
         """
         self._check_links()
         errors = self._driver.robot.errors
-        status = await self._wait_for_status(lambda status: True, 'the controller sends no STATUS')
+        asked = asyncio.get_running_loop().time()
+        status = await self._wait_for_status(
+            lambda _: self._driver.robot.status_time > asked, 'the controller sends no STATUS'
+        )
         if status.e_stopped == TriState.TRUE:
             raise ServiceError(
                 'the E-stop is pressed or not reset: release it, call ~/reset_error (or reset at '

@@ -5,6 +5,9 @@
 import os
 import signal
 import socket
+import subprocess
+import sys
+from collections import deque
 
 import pytest
 
@@ -32,19 +35,64 @@ def bound(domain):
     return held
 
 
-def test_a_domain_whose_port_is_bound_is_avoided(monkeypatch):
-    taken = free_ros_domain()
+@pytest.fixture
+def unclaimed(monkeypatch):
+    """Let this process have claimed nothing yet; what it claims ends with the test."""
+    claims = deque()
+    monkeypatch.setattr(processes, '_claims', claims)
+    yield claims
+    while claims:
+        claims.pop().close()
+
+
+def two_domains(claims):
+    """Return two domains that are free, and not claimed."""
+    domains = [free_ros_domain(), free_ros_domain()]
+    while claims:
+        claims.pop().close()
+    return domains
+
+
+def test_a_domain_whose_port_is_bound_is_avoided(monkeypatch, unclaimed):
+    taken, other = two_domains(unclaimed)
+    monkeypatch.setattr(processes, 'SAFE_DOMAINS', [taken, other])
     with bound(taken):
-        other = free_ros_domain()
-        monkeypatch.setattr(processes, 'SAFE_DOMAINS', [taken, other])
-        assert {free_ros_domain() for _ in range(20)} == {other}
+        for _ in range(20):
+            assert free_ros_domain() == other
+            unclaimed.pop().close()
 
 
-def test_no_free_domain_is_an_error(monkeypatch):
-    domain = free_ros_domain()
+def test_no_free_domain_is_an_error(monkeypatch, unclaimed):
+    domain, _ = two_domains(unclaimed)
     monkeypatch.setattr(processes, 'SAFE_DOMAINS', [domain])
     with bound(domain), pytest.raises(RunError, match='in use'):
         free_ros_domain()
+    assert not unclaimed
+    assert free_ros_domain() == domain
+
+
+def test_a_domain_that_was_chosen_is_not_free_for_others(monkeypatch, unclaimed):
+    monkeypatch.setattr(processes, 'SAFE_DOMAINS', domains := two_domains(unclaimed))
+    assert {free_ros_domain(), free_ros_domain()} == set(domains)
+    with pytest.raises(RunError, match='in use'):
+        free_ros_domain()
+    other = (
+        'from epson_driver.cli import processes\n'
+        f'processes.SAFE_DOMAINS = {domains}\n'
+        'print(processes.free_ros_domain())'
+    )
+    run = subprocess.run([sys.executable, '-c', other], capture_output=True, text=True)
+    assert 'in use' in run.stderr
+    unclaimed.popleft().close()
+    run = subprocess.run([sys.executable, '-c', other], capture_output=True, text=True)
+    assert int(run.stdout) in domains
+
+
+def test_only_the_newest_domains_stay_claimed(monkeypatch, unclaimed):
+    monkeypatch.setattr(processes, 'MOST_CLAIMS', 3)
+    for _ in range(10):
+        free_ros_domain()
+    assert len(unclaimed) == 3
 
 
 def test_domains_lie_below_the_ephemeral_ports():

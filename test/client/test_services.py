@@ -96,6 +96,19 @@ def test_enable_with_the_estop_pressed_or_latched():
     run(scenario())
 
 
+def test_enable_goes_by_the_next_status_not_by_the_last():
+    async def scenario():
+        async with cell() as (bench, controller):
+            assert bench.driver.robot.status.drives_powered == 1
+            controller.apply(Event.MOTORS_OFF)  # the driver does not know it yet
+            await bench.services.enable()
+            assert controller.status().drives_powered == 1
+            assert bench.gate is None
+            assert (await bench.submit(pose(0.1)).end()).end is End.SUCCEEDED
+
+    run(scenario())
+
+
 def test_enable_in_error_names_the_number_and_reset_clears_it():
     async def scenario():
         async with cell() as (bench, _):
