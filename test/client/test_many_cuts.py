@@ -192,15 +192,16 @@ def test_a_hundred_cuts_are_a_hundred_clean_outcomes():
                     group.create_task(all_cuts(each))
             await asyncio.sleep(0.1)
             assert len(asyncio.all_tasks()) == tasks, asyncio.all_tasks()
-            assert open_sockets() == sockets
+            assert open_sockets() <= sockets
             for each in cells:
                 each.check_nothing_is_kept()
                 ends.update(each.ends)
                 back_after.extend(each.back_after)
 
+    gc.collect()  # what tests before this one left in cycles
     before = open_sockets()
     run(scenario(), PATIENCE)
-    assert open_sockets() == before
+    assert open_sockets() <= before
     assert ends.total() == CUTS
     for text, count in sorted(ends.items()):
         print(f'{count:3} {text}')
