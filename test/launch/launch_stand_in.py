@@ -10,6 +10,7 @@ kept in `Context.started`.
 import runpy
 import sys
 import types
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -78,7 +79,7 @@ class PythonLaunchDescriptionSource:
         self.path = Path(launch_file_path)
 
 
-class Action:
+class Action(ABC):
     """What all actions have: a condition."""
 
     def __init__(self, condition: IfCondition | None = None) -> None:
@@ -88,8 +89,9 @@ class Action:
         if self.condition is None or self.condition.evaluate(context):
             self.run(context)
 
+    @abstractmethod
     def run(self, context: Context) -> None:
-        raise NotImplementedError
+        """Do what the action is for."""
 
 
 class DeclareLaunchArgument(Action):
