@@ -104,7 +104,10 @@ class User:
             future.result().get_result_async().add_done_callback(tell)
             loop.call_soon_threadsafe(accepted.set_result, None)
 
-        self.action.send_goal_async(goal).add_done_callback(on_accepted)
+        def send():  # in the thread that takes the answer, or that could come too early
+            self.action.send_goal_async(goal).add_done_callback(on_accepted)
+
+        self._executor.create_task(send)
         await accepted
         return done
 

@@ -50,20 +50,22 @@ class Goal:
     def __init__(self, peer: 'RosPeer', message: JointTrajectory, **fields: Any) -> None:
         self.feedback: list[Any] = []
         self._peer = peer
-        future = peer.action.send_goal_async(
-            FollowJointTrajectory.Goal(trajectory=message, **fields),
-            lambda message: self.feedback.append(message.feedback),
+        goal = FollowJointTrajectory.Goal(trajectory=message, **fields)
+        future = peer.in_executor(
+            lambda: peer.action.send_goal_async(
+                goal, lambda message: self.feedback.append(message.feedback)
+            )
         )
         self.handle = peer.complete(future)
         assert self.handle.accepted
-        self._result = self.handle.get_result_async()
+        self._result = peer.in_executor(self.handle.get_result_async)
 
     @property
     def done(self) -> bool:
         return self._result.done()
 
     def cancel(self) -> None:
-        self._peer.complete(self.handle.cancel_goal_async())
+        self._peer.complete(self._peer.in_executor(self.handle.cancel_goal_async))
 
     def result(self) -> tuple[str, int, str]:
         """Return how it ended (`succeeded`, …), the error code, and the error string."""
@@ -154,6 +156,14 @@ class RosPeer:
                 assert left > 0, f'{meaning}: not within {patience:g} s'
                 self._changed.wait(min(left, 0.1))
             return value
+
+    def in_executor(self, send: Callable[[], Any]) -> Any:
+        """Send an action's request where its answer is taken, and return the answer's future.
+
+        rclpy's action client notes a request after it was sent: an answer that another thread
+        takes sooner would be lost.
+        """
+        return self.complete(self._executor.create_task(send))
 
     def complete(self, future: Any) -> Any:
         done = threading.Event()
