@@ -10,15 +10,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
+from epson_driver.inputs import InputError, count, printable, read_yaml, shown
 from epson_driver.share import share_file
 
 NO_ERROR = 0
 NO_TEXTS = 'none'
 """The name of the table without any text: for controllers whose numbers nobody has listed."""
-
-_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where there is one
 
 
 class ErrorText(NamedTuple):
@@ -70,7 +67,7 @@ class ErrorTexts(Mapping[int, ErrorText]):
 def load_error_texts(name: str = 'epson') -> ErrorTexts:
     """Load config/errors/NAME.yaml; 'none' is the table without texts.
 
-    Raises FileNotFoundError that lists the files that are there, ValueError for a bad file.
+    Raises FileNotFoundError that lists the files that are there, InputError for a bad file.
     """
     if name == NO_TEXTS:
         return ErrorTexts({})
@@ -80,31 +77,30 @@ def load_error_texts(name: str = 'epson') -> ErrorTexts:
 
 
 def read_error_texts(path: Path) -> ErrorTexts:
-    """Read a file of error texts. Raises ValueError that names the file and what is wrong."""
-    try:
-        data = yaml.load(path.read_text(encoding='utf-8'), Loader=_Loader)  # noqa: S506 - safe
-    except (yaml.YAMLError, UnicodeDecodeError) as cause:
-        raise ValueError(f'{path}: not YAML: {cause}') from cause
+    """Read a file of error texts. Raises InputError that names the file and what is wrong."""
+    data = read_yaml(path)
+    file = printable(path)
     rows = data.get('errors') if isinstance(data, dict) else None
     if not isinstance(rows, list):
-        raise ValueError(f'{path}: errors must be a list')
+        raise InputError(f'{file}: errors must be a list')
     texts: dict[int, ErrorText] = {}
     for index, row in enumerate(rows):
-        number, text = _row(path, index, row)
+        number, text = _row(f'{file}: errors[{index}]', row)
         if number in texts:
-            raise ValueError(f'{path}: number {number} is there twice')
+            raise InputError(f'{file}: number {number} is there twice')
         texts[number] = text
     return ErrorTexts(texts)
 
 
 _KEYS = {'number': int, 'meaning': str, 'remedy': str, 'confirmed': bool, 'source': str}
+_NUMBER = count(-(2**31), 2**31 - 1)  # as on the wire
 
 
-def _row(path: Path, index: int, row: Any) -> tuple[int, ErrorText]:
+def _row(where: str, row: Any) -> tuple[int, ErrorText]:
     if not isinstance(row, dict) or set(row) != set(_KEYS):
-        raise ValueError(f'{path}: errors[{index}] = {row!r}: must have {", ".join(_KEYS)}')
+        raise InputError(f'{where} = {shown(row)}: must have {", ".join(_KEYS)}')
     for key, kind in _KEYS.items():
         if type(row[key]) is not kind:
-            value = row[key]
-            raise ValueError(f'{path}: errors[{index}].{key} = {value!r}: must be {kind.__name__}')
-    return row['number'], ErrorText(*(row[key] for key in list(_KEYS)[1:]))
+            raise InputError(f'{where}.{key} = {shown(row[key])}: must be {kind.__name__}')
+    number = _NUMBER.checked(row['number'], f'{where}.number')
+    return number, ErrorText(*(row[key] for key in list(_KEYS)[1:]))

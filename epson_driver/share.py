@@ -22,8 +22,22 @@ def share_file(*parts: str) -> Path:
 
     Raises FileNotFoundError that says where it was looked for and what is there instead.
     """
-    path = share_folder(*parts[:-1]) / parts[-1]
-    if not path.is_file():
-        there = ', '.join(sorted(p.stem for p in path.parent.glob(f'*{path.suffix}'))) or 'nothing'
-        raise FileNotFoundError(f'no {path.name} in {path.parent} (there is: {there})')
-    return path
+    folder, name = share_folder(*parts[:-1]), parts[-1]
+    suffix = Path(name).suffix
+    there = {path.name: path for path in _files(folder) if path.suffix == suffix or not suffix}
+    if name not in there:  # a name can be anything at all: too long, with a slash or a NUL in it
+        names = ', '.join(sorted(path.stem for path in there.values())) or 'nothing'
+        raise FileNotFoundError(f'no {_one_line(name)} in {folder} (there is: {names})')
+    return there[name]
+
+
+def _files(folder: Path) -> list[Path]:
+    try:
+        return [path for path in folder.iterdir() if path.is_file()]
+    except (OSError, ValueError):
+        return []
+
+
+def _one_line(name: str) -> str:
+    shown = name if name.isprintable() else repr(name)
+    return shown if len(shown) <= 100 else f'{shown[:80]}…'

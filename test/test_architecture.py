@@ -42,6 +42,7 @@ GROUND = frozenset(
     {
         'controllers',
         'error_texts',
+        'inputs',
         'motion',
         'remote_errors',
         'robots',
@@ -53,16 +54,17 @@ GROUND = frozenset(
 ROOMS = {
     'share': Room(0, NOTHING),
     'remote_errors': Room(0, NOTHING),
-    'error_texts': Room(0, frozenset({'share'}), frozenset({'yaml'})),
+    'inputs': Room(0, NOTHING, frozenset({'yaml'})),
+    'error_texts': Room(0, frozenset({'inputs', 'share'})),
     'simple_message': Room(0, NOTHING),
     'motion': Room(0, NOTHING, frozenset({'numpy', 'ruckig'})),
     'robots': Room(
         0,
-        frozenset({'motion', 'share'}),
-        frozenset({'numpy', 'py_opw_kinematics', 'scipy', 'yaml'}),
+        frozenset({'inputs', 'motion', 'share'}),
+        frozenset({'numpy', 'py_opw_kinematics', 'scipy'}),
     ),
-    'controllers': Room(0, frozenset({'simple_message', 'share'}), frozenset({'yaml'})),
-    'bringup': Room(1, frozenset({'robots', 'share'}), frozenset({'xacro', 'yaml'})),
+    'controllers': Room(0, frozenset({'inputs', 'simple_message', 'share'})),
+    'bringup': Room(1, frozenset({'inputs', 'robots', 'share'}), frozenset({'xacro'})),
     'link': Room(1, GROUND, ANY),
     'controller': Room(1, GROUND, ANY),
     'planning': Room(1, GROUND, ANY),
@@ -73,9 +75,12 @@ ROOMS = {
 }
 
 BESIDE = {
+    ('robots', 'inputs'),
     ('robots', 'motion'),
     ('robots', 'share'),
+    ('error_texts', 'inputs'),
     ('error_texts', 'share'),
+    ('controllers', 'inputs'),
     ('controllers', 'simple_message'),
     ('controllers', 'share'),
 }
@@ -190,7 +195,7 @@ def test_the_table_itself_goes_down_only() -> None:
         ('simple_message/deep/a.py', 'from ...motion import go', 'simple_message imports motion'),
         ('simple_message/__init__.py', 'from .a import b', ''),
         ('simple_message/__init__.py', 'from ..robots import b', 'simple_message imports robots'),
-        ('robots/a.py', 'from epson_driver.motion import Array\nimport yaml, numpy', ''),
+        ('robots/a.py', 'from epson_driver.motion import Array\nimport scipy, numpy', ''),
         ('robots/a.py', 'from epson_driver import share, link', 'robots imports link'),
         ('robots/a.py', 'import epson_driver', 'robots imports *'),
         ('bringup/a.py', 'import launch', 'bringup imports launch'),

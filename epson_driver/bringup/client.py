@@ -31,7 +31,7 @@ SIM_REMOTE_PORT = '5000'
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
     """Return the client's parameters that follow from launch arguments; empty ones set nothing.
 
-    Raises FileNotFoundError or RobotModelError for a model that cannot be read, ValueError for a
+    Raises FileNotFoundError or InputError for a model that cannot be read, ValueError for a
     port that is not a number.
     """
     prefix = values['tf_prefix']

@@ -4,8 +4,7 @@
 
 from typing import Any
 
-import yaml
-
+from epson_driver.inputs import read_yaml
 from epson_driver.share import share_file
 
 
@@ -39,5 +38,5 @@ def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
 
 def _load(*parts: str) -> dict[str, Any]:
     path = share_file('config', 'moveit', *parts)
-    values: dict[str, Any] = yaml.safe_load(path.read_text(encoding='utf-8'))
+    values: dict[str, Any] = read_yaml(path)
     return values

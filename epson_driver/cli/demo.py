@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from epson_driver.cli import processes
@@ -34,7 +35,8 @@ from epson_driver.cli.demo_report import (
 )
 from epson_driver.cli.processes import RunError
 from epson_driver.cli.ros_user import RosUser
-from epson_driver.cli.trajectory_file import TrajectoryFileError, read_trajectory
+from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
 from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
@@ -80,8 +82,8 @@ def main() -> int:
             with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder:
                 runs.append(_run(motion, trajectory, Path(folder), console))
         return _report(arguments, trajectory, runs, console)
-    except (RunError, TrajectoryFileError, OSError) as error:
-        console.print(f'[bold red]demo failed:[/] {error}', highlight=False)
+    except (RunError, InputError, OSError) as error:
+        console.print(f'[bold red]demo failed:[/] {escape(printable(error))}', highlight=False)
         return 1
     except KeyboardInterrupt:
         console.print('stopped')

@@ -13,8 +13,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from epson_driver.inputs import InputError
 from epson_driver.motion import Array
-from epson_driver.robots import RobotModel, RobotModelError, load_robot_model, robot_models
+from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.chain import SHOWN_UNITS
 from epson_driver.robots.opw import KinematicsError, opw_parameters
 
@@ -36,7 +37,7 @@ def main() -> int:
     arguments = parser.parse_args()
     try:
         sheets = _shown(load_robot_model(arguments.name)) if arguments.name else _listed()
-    except (OSError, RobotModelError) as error:
+    except (OSError, InputError) as error:
         parser.error(str(error))
     console = Console(highlight=False)
     plain = arguments.plain or not console.is_terminal

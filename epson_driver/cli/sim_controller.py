@@ -24,11 +24,11 @@ from epson_driver.controller.programs.points import angles_refusal, clipped
 from epson_driver.controllers.profile import (
     LOOK_AHEAD,
     ControllerProfile,
-    ControllerProfileError,
     load_controller_profile,
 )
+from epson_driver.inputs import InputError
 from epson_driver.motion import Array, JointLimits
-from epson_driver.robots import RobotModelError, load_robot_model
+from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import ByteOrder, Dialect
 
 _PORTS = Ports()
@@ -43,7 +43,7 @@ def main() -> int:
         model = load_robot_model(args.robot)
         profile = load_controller_profile(args.controller)
         start = None if args.start is None else _start(args.start, model.limits)
-    except (OSError, RobotModelError, ControllerProfileError, _StartError) as error:
+    except (OSError, InputError, _StartError) as error:
         parser.error(str(error))
     byte_order = profile.byte_order
     if args.byte_order is not None:

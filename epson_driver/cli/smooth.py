@@ -18,14 +18,14 @@ from rich.table import Table
 
 from epson_driver.cli.smooth_report import Study, column, draw, point_to_point, spline
 from epson_driver.cli.trajectory_file import (
-    TrajectoryFileError,
     read_trajectory,
     write_trajectory,
 )
+from epson_driver.inputs import InputError
 from epson_driver.motion import JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
-from epson_driver.robots import RobotModelError, load_robot_model
+from epson_driver.robots import load_robot_model
 
 FINEST = 0.001
 """The motion is judged and drawn at samples this far apart, s."""
@@ -44,7 +44,7 @@ def main() -> int:
     arguments = parser.parse_args()
     try:
         return _run(arguments)
-    except (OSError, TrajectoryFileError, RobotModelError, _PlanError) as error:
+    except (OSError, InputError, _PlanError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
         return 130

@@ -6,44 +6,55 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from epson_driver.inputs import (
+    JOINT_NAMES,
+    InputError,
+    count,
+    number,
+    printable,
+    read_yaml,
+    shown,
+)
 from epson_driver.motion import Array, Trajectory
 
+LARGEST_FILE = 64_000_000
+"""Bytes: 180,000 points of six joints with all they can have."""
 
-class TrajectoryFileError(ValueError):
-    """A file that is no trajectory; the text names the file, the point and the key."""
+LONGEST = 1_000_000
+"""Time of the last point, s, 11 days: beyond, a float no longer tells one nanosecond from the
+next."""
+
+FARTHEST = 1e6
+"""Positions, velocities and accelerations, in rad or m; what a robot can do is asked later."""
+
+_SECONDS = count(0, LONGEST)
+_NANOSECONDS = count(0, 2**32 - 1)
+_VALUE = number(-FARTHEST, FARTHEST)
 
 
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     """Return the trajectory of a file; of several documents in it, the first.
 
     `timed`: whether a point must have a time; otherwise one that has none is at 0 s. Raises
-    OSError if it cannot be read, TrajectoryFileError if it is something else.
+    InputError that names the file, the point and the key.
     """
-    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times faster, where built
-    try:
-        with path.open(encoding='utf-8') as file:
-            data: Any = next(yaml.load_all(file, Loader=loader), None)
-        names = tuple(str(name) for name in data['joint_names'])
-        points = data['points']
-        if not points:
-            raise ValueError('points is empty')
-        return Trajectory(
-            names,
-            np.array([_time(point, timed) for point in points]),
-            _table(points, 'positions', len(names)),
-            _optional(points, 'velocities', len(names)),
-            _optional(points, 'accelerations', len(names)),
-        )
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise TrajectoryFileError(f'{path}: not YAML: {error}') from error
-    except KeyError as error:
-        raise TrajectoryFileError(f'{path}: no JointTrajectory: {error} is missing') from error
-    except TypeError as error:
-        raise TrajectoryFileError(f'{path}: no JointTrajectory: {error}') from error
-    except ValueError as error:
-        raise TrajectoryFileError(f'{path}: {error}') from error
+    data = read_yaml(path, largest=LARGEST_FILE, several=True)
+    file = printable(path)
+    names = JOINT_NAMES.checked(_held(data, 'joint_names', file), f'{file}: joint_names')
+    points = _held(data, 'points', file)
+    if not isinstance(points, list):
+        raise InputError(f'{file}: points = {shown(points)}: must be a list')
+    if not points:
+        raise InputError(f'{file}: points is empty')
+    joints = len(names)
+    return Trajectory(
+        names,
+        np.array([_time(point, f'{file}: point {at}', timed) for at, point in enumerate(points)]),
+        _table(points, 'positions', joints, file),
+        _optional(points, 'velocities', joints, file),
+        _optional(points, 'accelerations', joints, file),
+    )
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, comment: str) -> None:
@@ -76,23 +87,39 @@ def _written(values: Array | None, index: int) -> str:
     return f'[{", ".join(str(value + 0.0) for value in row)}]'  # + 0.0: no minus zero
 
 
-def _time(point: Any, timed: bool) -> float:
-    if not timed and 'time_from_start' not in point:
+def _held(block: Any, key: str, where: str) -> Any:
+    if not isinstance(block, dict):
+        raise InputError(f'{where} = {shown(block)}: must be a mapping, as of a JointTrajectory')
+    if key not in block:
+        raise InputError(f'{where}: {key} is missing')
+    return block[key]
+
+
+def _time(point: Any, where: str, timed: bool) -> float:
+    if not timed and isinstance(point, dict) and 'time_from_start' not in point:
         return 0.0
-    return _seconds(point['time_from_start'])
+    duration = _held(point, 'time_from_start', where)
+    where += '.time_from_start'
+    seconds: int = _SECONDS.checked(_held(duration, 'sec', where), f'{where}.sec')
+    rest: int = _NANOSECONDS.checked(_held(duration, 'nanosec', where), f'{where}.nanosec')
+    return seconds + rest * 1e-9
 
 
-def _seconds(duration: Any) -> float:
-    return float(duration['sec']) + float(duration['nanosec']) * 1e-9
-
-
-def _optional(points: list[Any], key: str, joints: int) -> Array | None:
+def _optional(points: list[Any], key: str, joints: int, file: str) -> Array | None:
     """Return None if no point has the quantity; one point that has it obliges the others."""
-    return _table(points, key, joints) if any(point.get(key) for point in points) else None
+    return _table(points, key, joints, file) if any(point.get(key) for point in points) else None
 
 
-def _table(points: list[Any], key: str, joints: int) -> Array:
-    for index, point in enumerate(points):
-        if len(point[key]) != joints:
-            raise ValueError(f'point {index}: {len(point[key])} {key}, {joints} joints')
-    return np.array([point[key] for point in points], dtype=float)
+def _table(points: list[Any], key: str, joints: int, file: str) -> Array:
+    return np.array(
+        [_row(point, key, joints, f'{file}: point {at}') for at, point in enumerate(points)]
+    )
+
+
+def _row(point: Any, key: str, joints: int, where: str) -> list[float]:
+    row = _held(point, key, where)
+    if not isinstance(row, list):
+        raise InputError(f'{where}: {key} = {shown(row)}: must be a list of numbers')
+    if len(row) != joints:
+        raise InputError(f'{where}: {len(row)} {key}, {joints} joints')
+    return [_VALUE.checked(value, f'{where}: {key}[{at}]') for at, value in enumerate(row)]

@@ -4,8 +4,7 @@
 
 from epson_driver.controllers.profile import (
     ControllerProfile,
-    ControllerProfileError,
     load_controller_profile,
 )
 
-__all__ = ['ControllerProfile', 'ControllerProfileError', 'load_controller_profile']
+__all__ = ['ControllerProfile', 'load_controller_profile']

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from epson_driver.controllers.profile_rules import ControllerProfileError
+from epson_driver.inputs import InputError, count, number, printable, shown
 from epson_driver.simple_message import IoType
 
 MAX_POINTS = 4096
@@ -79,92 +79,80 @@ def read_io_profile(data: Mapping[Any, Any], file: str) -> IoProfile:
     """Return what the section `io` of a profile says; a key that it leaves out has its default.
 
     Outputs are called `DO3` or `AO0`; `all` is every output. Safe values are 0 or 1, or V.
-    Raises ControllerProfileError, which names the file, the key and the value.
+    Raises InputError, which names the file, the key and the value.
     """
-    try:
-        return _read(dict(data))
-    except _WrongError as wrong:
-        raise ControllerProfileError(f'{file}: io.{wrong}') from None
-
-
-class _WrongError(Exception):
-    """What is wrong with which key."""
-
-
-def _read(data: dict[Any, Any]) -> IoProfile:
+    place = f'{file}: io.'
     known = {item.name for item in fields(IoProfile)}
     for key in data:
         if key not in known:
-            raise _WrongError(f'{key} is not a key of the I/O')
-    plain: dict[str, Any] = {}
-    for key in ('digital_inputs', 'digital_outputs', 'analog_inputs', 'analog_outputs', 'flags'):
-        if key in data:
-            plain[key] = _count(key, data[key])
-    for key in ('publish_period', 'publish_interval'):
-        if key in data:
-            plain[key] = _number(key, data[key], 0.001, LONGEST_PERIOD)
+            raise InputError(f'{place}{printable(key)} is not a key of the I/O')
+    plain: dict[str, Any] = {
+        key: rule.checked(data[key], place + key) for key, rule in _RULES.items() if key in data
+    }
     if 'analog_range' in data:
-        plain['analog_range'] = _range('analog_range', data['analog_range'])
+        plain['analog_range'] = _range(place + 'analog_range', data['analog_range'])
     profile = IoProfile(**plain)
     if 'safe' in data:
-        plain['safe'] = _safe('safe', data['safe'], profile)
+        plain['safe'] = _safe(place + 'safe', data['safe'], profile)
     for key in ('keep_on_reset', 'keep_on_link_loss'):
         if key in data:
-            plain[key] = _outputs(key, data[key], profile)
+            plain[key] = _outputs(place + key, data[key], profile)
     return IoProfile(**plain)
 
 
-def _count(key: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_POINTS:
-        raise _WrongError(f'{key} = {value!r}: must be a whole number from 0 to {MAX_POINTS}')
-    return value
+_POINTS = count(0, MAX_POINTS)
+_PERIOD = number(0.001, LONGEST_PERIOD)
+_RULES = {
+    'digital_inputs': _POINTS,
+    'digital_outputs': _POINTS,
+    'analog_inputs': _POINTS,
+    'analog_outputs': _POINTS,
+    'flags': _POINTS,
+    'publish_period': _PERIOD,
+    'publish_interval': _PERIOD,
+}
+_VOLTS = number(-100.0, 100.0)
 
 
-def _number(key: str, value: Any, low: float, high: float) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not low <= value <= high:  # so is NaN
-        raise _WrongError(f'{key} = {value!r}: must be a number from {low:g} to {high:g}')
-    return float(value)
-
-
-def _range(key: str, value: Any) -> tuple[float, float]:
+def _range(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
-        raise _WrongError(f'{key} = {value!r}: must be two numbers, in V')
-    low, high = (_number(f'{key}[{at}]', held, -100.0, 100.0) for at, held in enumerate(value))
+        raise InputError(f'{where} = {shown(value)}: must be two numbers, in V')
+    low, high = (_VOLTS.checked(held, f'{where}[{at}]') for at, held in enumerate(value))
     if not low <= 0.0 <= high:
-        raise _WrongError(f'{key} = {value!r}: 0 V must be in it')
+        raise InputError(f'{where} = {shown(value)}: 0 V must be in it')
     return low, high
 
 
-def _safe(key: str, value: Any, profile: IoProfile) -> dict[Point, int]:
+def _safe(where: str, value: Any, profile: IoProfile) -> dict[Point, int]:
     if not isinstance(value, Mapping):
-        raise _WrongError(f'{key} = {value!r}: must be a mapping, such as {{DO3: 1, AO0: 2.5}}')
+        rule = 'must be a mapping, such as {DO3: 1, AO0: 2.5}'
+        raise InputError(f'{where} = {shown(value)}: {rule}')
+    volts = number(*profile.analog_range)
     safe = {}
     for name, held in value.items():
-        point = _output(key, name, profile)
+        point = _output(where, name, profile)
         if point[0] is IoType.ANALOG_OUTPUT:
-            volts = _number(f'{key}.{name}', held, *profile.analog_range)
-            safe[point] = round(volts * MILLIVOLTS)
+            safe[point] = round(volts.checked(held, f'{where}.{name}') * MILLIVOLTS)
         elif held in (0, 1):  # true and false are 1 and 0
             safe[point] = int(held)
         else:
-            raise _WrongError(f'{key}.{name} = {held!r}: must be 0 or 1')
+            raise InputError(f'{where}.{name} = {shown(held)}: must be 0 or 1')
     return safe
 
 
-def _outputs(key: str, value: Any, profile: IoProfile) -> frozenset[Point]:
+def _outputs(where: str, value: Any, profile: IoProfile) -> frozenset[Point]:
     if value == ALL:
         return profile.outputs
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise _WrongError(f'{key} = {value!r}: must be a list of outputs, or {ALL}')
-    return frozenset(_output(key, name, profile) for name in value)
+        raise InputError(f'{where} = {shown(value)}: must be a list of outputs, or {ALL}')
+    return frozenset(_output(where, name, profile) for name in value)
 
 
-def _output(key: str, name: Any, profile: IoProfile) -> Point:
-    kind, number = str(name)[:2], str(name)[2:]
+def _output(where: str, name: Any, profile: IoProfile) -> Point:
+    kind, index = str(name)[:2], str(name)[2:]
     counts = {'DO': profile.digital_outputs, 'AO': profile.analog_outputs}
-    known = kind in counts and number.isascii() and number.isdigit()
-    if not known or len(number) > 4 or int(number) >= counts[kind]:
+    known = kind in counts and index.isascii() and index.isdigit()
+    if not known or len(index) > 4 or int(index) >= counts[kind]:
         outputs = ' or '.join(f'{kind}0 to {kind}{n - 1}' for kind, n in counts.items() if n)
-        raise _WrongError(f'{key}: {name!r} is no output: must be {outputs or "left out"}')
-    return OUTPUTS[kind], int(number)
+        raise InputError(f'{where}: {shown(name)} is no output: must be {outputs or "left out"}')
+    return OUTPUTS[kind], int(index)

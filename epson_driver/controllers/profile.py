@@ -7,26 +7,24 @@ the file have the names of the sections and fields here; what each may hold is i
 profile_rules.py.
 """
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
-
-import yaml
 
 from epson_driver.controllers.io_profile import IoProfile, read_io_profile
 from epson_driver.controllers.profile_rules import (
     LOOK_AHEAD,
     RULES,
-    ControllerProfileError,
     checked,
 )
+from epson_driver.inputs import InputError, printable, read_yaml, shown
 from epson_driver.share import share_file
 from epson_driver.simple_message import ByteOrder, Mode
 
 __all__ = [
     'LOOK_AHEAD',
     'ControllerProfile',
-    'ControllerProfileError',
     'DownloadProfile',
     'IoProfile',
     'MotionProfile',
@@ -207,11 +205,10 @@ def load_controller_profile(name: str) -> ControllerProfile:
     """Read config/controllers/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
 
     A profile that says `like: OTHER` holds only what differs from that one: a name, or a .yaml
-    file beside it. Raises FileNotFoundError (which lists the profiles there are) or
-    ControllerProfileError.
+    file beside it. Raises FileNotFoundError (which lists the profiles there are) or InputError.
     """
     path = _path(name, Path())
-    values = checked(_read(path, ()), str(path))
+    values = checked(_read(path), printable(path))
     download = DownloadProfile(**values['program'].pop('download'))
     return ControllerProfile(
         ports=PortsProfile(**values.pop('ports')),
@@ -220,7 +217,7 @@ def load_controller_profile(name: str) -> ControllerProfile:
         program=ProgramProfile(download=download, **values.pop('program')),
         state=StateProfile(**values.pop('state')),
         server=ServerProfile(**values.pop('server')),
-        io=read_io_profile(values.pop('io'), str(path)),
+        io=read_io_profile(values.pop('io'), printable(path)),
         remote=RemoteProfile(**values.pop('remote')),
         **values,
     )
@@ -232,29 +229,37 @@ def _path(name: str, folder: Path) -> Path:
     return share_file('config', 'controllers', name + '.yaml')
 
 
-def _read(path: Path, below: tuple[Path, ...]) -> dict[Any, Any]:
+def _read(path: Path) -> dict[str, Any]:
     """Return what the file says, over what the one says that it is like."""
-    try:
-        data = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (yaml.YAMLError, UnicodeDecodeError) as cause:
-        raise ControllerProfileError(f'{path}: not YAML: {cause}') from cause
-    if not isinstance(data, dict):
-        raise ControllerProfileError(f'{path}: the file = {data!r}: must be a mapping')
-    like = data.pop('like', None)
-    if like is None:
-        return data
-    if not isinstance(like, str):
-        raise ControllerProfileError(f'{path}: like = {like!r}: must be the name of a profile')
-    other = _path(like, path.parent)
-    if other.resolve() in (at.resolve() for at in (*below, path)):
-        raise ControllerProfileError(f'{path}: like = {like!r}: that one is like this one')
-    for key in ('name', 'description'):
-        if key not in data:
-            raise ControllerProfileError(f'{path}: {key} is missing')
-    return _merged(_read(other, (*below, path)), data)
+    layers: list[dict[str, Any]] = []
+    read: list[str] = []
+    like: str | None = None
+    while True:
+        data = read_yaml(path)
+        file = printable(path)
+        real = os.path.realpath(path)
+        if real in read:
+            raise InputError(f'{file}: like = {shown(like)}: that one is like this one')
+        if not isinstance(data, dict):
+            raise InputError(f'{file}: the file = {shown(data)}: must be a mapping')
+        read.append(real)
+        layers.append(data)
+        like = data.pop('like', None)
+        if like is None:
+            break
+        if not isinstance(like, str):
+            raise InputError(f'{file}: like = {shown(like)}: must be the name of a profile')
+        for key in ('name', 'description'):
+            if key not in data:
+                raise InputError(f'{file}: {key} is missing')
+        path = _path(like, path.parent)
+    merged: dict[str, Any] = {}
+    for layer in reversed(layers):
+        merged = _merged(merged, layer)
+    return merged
 
 
-def _merged(base: dict[Any, Any], over: dict[Any, Any], place: str = '') -> dict[Any, Any]:
+def _merged(base: dict[str, Any], over: dict[str, Any], place: str = '') -> dict[str, Any]:
     """Return `base` with what `over` says, section by section."""
     merged = dict(base)
     for key, value in over.items():

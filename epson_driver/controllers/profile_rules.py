@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each key of a controller profile may hold, and how a wrong one is called."""
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
+from epson_driver.inputs import InputError, Rule, choice, count, number, printable
 from epson_driver.simple_message import ByteOrder, Mode
 
 LOOK_AHEAD = (0.01, 60.0)
@@ -15,46 +13,8 @@ LOOK_AHEAD = (0.01, 60.0)
 LONGEST_TEXT = 10_000
 
 
-class ControllerProfileError(ValueError):
-    """A profile that cannot be used. The text names the file, the key and the value."""
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """What a key must hold: `read` returns the profile's value, or raises for any other."""
-
-    read: Callable[[Any], Any]
-    text: str
-
-
-def _number(low: float, high: float) -> Rule:
-    def read(value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise TypeError
-        if not (math.isfinite(value) and low <= value <= high):
-            raise ValueError
-        return float(value)
-
-    return Rule(read, f'must be a number from {low:g} to {high:g}')
-
-
-def _count(low: int, high: int) -> Rule:
-    def read(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise TypeError
-        if not low <= value <= high:
-            raise ValueError
-        return value
-
-    return Rule(read, f'must be a whole number from {low} to {high}')
-
-
 def _mapped(choices: dict[str, Any]) -> Rule:
     return Rule(lambda value: choices[value], f'must be {" or ".join(choices)}')
-
-
-def _choice(*choices: str) -> Rule:
-    return _mapped({choice: choice for choice in choices})
 
 
 def _yes_or_no(value: Any) -> bool:
@@ -85,8 +45,8 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 _TEXT = Rule(_text, 'must be a text')
 _YES_OR_NO = Rule(_yes_or_no, 'must be true or false')
-_PORT = _count(1, 65_535)
-_CLIENTS = _count(1, 1000)
+_PORT = count(1, 65_535)
+_CLIENTS = count(1, 1000)
 
 RULES: dict[str, Rule] = {
     'name': _TEXT,
@@ -95,51 +55,51 @@ RULES: dict[str, Rule] = {
     'byte_order': _mapped({'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}),
     'mode': _mapped({'auto': Mode.AUTO, 'manual': Mode.MANUAL}),
     'error_texts': _TEXT,
-    'cycle_period': _number(0.0005, 0.1),
+    'cycle_period': number(0.0005, 0.1),
     'ports.motion': _PORT,
     'ports.state': _PORT,
     'ports.io': _PORT,
-    'ports.remote': _count(0, 65_535),
-    'motion.speed': _number(0.01, 1.0),
-    'motion.accel': _number(0.01, 1.0),
-    'motion.power': _choice('high', 'low'),
-    'motion.low_power': _number(0.01, 1.0),
-    'motion.low_power_tool_speed': _number(0.001, 10.0),
+    'ports.remote': count(0, 65_535),
+    'motion.speed': number(0.01, 1.0),
+    'motion.accel': number(0.01, 1.0),
+    'motion.power': choice('high', 'low'),
+    'motion.low_power': number(0.01, 1.0),
+    'motion.low_power_tool_speed': number(0.001, 10.0),
     'motion.cp': _YES_OR_NO,
-    'motion.statement_overhead': _number(0.0, 1.0),
-    'motion.look_ahead': _number(*LOOK_AHEAD),
-    'motion.look_ahead_points': _count(1, 100_000),
-    'motion.pending_limit': _count(1, 100_000),
-    'servo.lag': _number(0.0, 1.0),
+    'motion.statement_overhead': number(0.0, 1.0),
+    'motion.look_ahead': number(*LOOK_AHEAD),
+    'motion.look_ahead_points': count(1, 100_000),
+    'motion.pending_limit': count(1, 100_000),
+    'servo.lag': number(0.0, 1.0),
     'servo.encoder': _YES_OR_NO,
-    'program.kind': _choice('points', 'motoman'),
-    'program.interface': _choice('streaming', 'download'),
-    'program.reply': _choice('sequence', 'zero', 'header'),
-    'program.acknowledge': _choice('default', 'taken', 'done'),
+    'program.kind': choice('points', 'motoman'),
+    'program.interface': choice('streaming', 'download'),
+    'program.reply': choice('sequence', 'zero', 'header'),
+    'program.acknowledge': choice('default', 'taken', 'done'),
     'program.failure_replies': _YES_OR_NO,
     'program.check_sequence': _YES_OR_NO,
     'program.check_limits': _YES_OR_NO,
     'program.negative_is_stop': _YES_OR_NO,
     'program.stop_works': _YES_OR_NO,
-    'program.uses': _choice('both', 'velocity', 'duration', 'nothing'),
-    'program.corrupt': _choice('refuse', 'quit'),
+    'program.uses': choice('both', 'velocity', 'duration', 'nothing'),
+    'program.corrupt': choice('refuse', 'quit'),
     'program.late_failure': _YES_OR_NO,
-    'program.motors': _choice('none', 'remote_ethernet', 'motoman'),
-    'program.download.buffer': _count(1, 100_000),
-    'program.download.overflow': _choice('refuse', 'drop'),
-    'program.download.dead_time': _number(0.0, 10.0),
-    'state.period': _number(0.001, 1.0),
-    'state.joint_positions_per_status': _count(1, 1000),
-    'state.message': _choice('joint_position', 'joint_feedback'),
+    'program.motors': choice('none', 'remote_ethernet', 'motoman'),
+    'program.download.buffer': count(1, 100_000),
+    'program.download.overflow': choice('refuse', 'drop'),
+    'program.download.dead_time': number(0.0, 10.0),
+    'state.period': number(0.001, 1.0),
+    'state.joint_positions_per_status': count(1, 1000),
+    'state.message': choice('joint_position', 'joint_feedback'),
     'state.in_motion': _YES_OR_NO,
     'state.motion_possible': _YES_OR_NO,
     'server.reconnect': _YES_OR_NO,
     'server.byte_by_byte': _YES_OR_NO,
-    'server.aborted': _choice('refuse', 'silent', 'close'),
+    'server.aborted': choice('refuse', 'silent', 'close'),
     'server.state_clients': _CLIENTS,
     'server.io_clients': _CLIENTS,
     'io': Rule(_mapping, 'must be a mapping'),
-    'remote.session_timeout': _number(0.0, 86_400.0),
+    'remote.session_timeout': number(0.0, 86_400.0),
     'remote.password': _TEXT,
 }
 """Every key, with the sections it is in, and what it must hold. All are needed."""
@@ -148,20 +108,16 @@ RULES: dict[str, Rule] = {
 def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
     """Return the values section by section, as `RULES` read them.
 
-    Raises ControllerProfileError, which names the file, the key and the value.
+    Raises InputError, which names the file, the key and the value.
     """
     left = dict(_flat(data, ''))
     values: dict[str, Any] = {}
     for key in sorted(left.keys() - RULES.keys()):
-        raise ControllerProfileError(f'{file}: {key} is not a key of a controller profile')
+        raise InputError(f'{file}: {printable(key)} is not a key of a controller profile')
     for key, rule in RULES.items():
         if key not in left:
-            raise ControllerProfileError(f'{file}: {key} is missing')
-        try:
-            value = rule.read(left[key])
-        except (TypeError, ValueError, KeyError, OverflowError) as cause:
-            text = f'{file}: {key} = {left[key]!r}: {rule.text}'
-            raise ControllerProfileError(text) from cause
+            raise InputError(f'{file}: {key} is missing')
+        value = rule.checked(left[key], f'{file}: {key}')
         *sections, last = key.split('.')
         inner = values
         for section in sections:

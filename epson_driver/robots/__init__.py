@@ -4,14 +4,13 @@
 
 from epson_driver.robots.chain import Chain, Frame
 from epson_driver.robots.model import RobotModel, load_robot_model, robot_models
-from epson_driver.robots.reader import Provenance, RobotModelError
+from epson_driver.robots.reader import Provenance
 
 __all__ = [
     'Chain',
     'Frame',
     'Provenance',
     'RobotModel',
-    'RobotModelError',
     'load_robot_model',
     'robot_models',
 ]

@@ -8,15 +8,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from epson_driver.inputs import InputError, printable, read_yaml
 from epson_driver.motion import Array, JointLimits
 from epson_driver.robots.chain import JOINT_TYPES, SHOWN_UNITS, UNITS, Chain, Frame, reach
-from epson_driver.robots.reader import CONFIDENCES, Provenance, Reader, RobotModelError
+from epson_driver.robots.reader import CONFIDENCES, Provenance, Range, Reader
 from epson_driver.share import share_file, share_folder
+
+STROKE: Range = (-1000.0, 1000.0, 'rad or m')
+"""Of positions: 159 turns, or a rail of 2 km."""
+
+LIMIT: Range = (1e-6, 1e6, 'in its unit')
+"""Of velocities, accelerations and jerks (rad or m, per s, s² or s³). Below, an arm would take
+days for a move; above lies no machine, and times of the smoother would vanish beside rounding."""
+
+LENGTH: Range = (-100.0, 100.0, 'm')
+TURN: Range = (-10.0, 10.0, 'rad')
+AXIS: Range = (-1.0, 1.0, '')
+PULSES: Range = (-1e9, 1e9, 'pulses')
+WEIGHT: Range = (1e-3, 1e5, 'kg')
+
+FEWEST_PULSES = 1e-3
+"""Per degree or mm; with fewer, a joint's whole range is less than one pulse."""
 
 UNIT_TOLERANCE = 1e-9
 """How far from 1 the length of an axis may be."""
+
+NARROWEST = 1e-6
+"""The smallest range of a joint's positions, rad or m."""
 
 _KINDS = {
     ('revolute',) * 6: 'six-axis',
@@ -91,15 +110,10 @@ def robot_models() -> tuple[str, ...]:
 def load_robot_model(name: str) -> RobotModel:
     """Read config/robots/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
 
-    Raises FileNotFoundError (which lists the models there are) or RobotModelError.
+    Raises FileNotFoundError (which lists the models there are) or InputError.
     """
     path = Path(name) if name.endswith('.yaml') else share_file('config', 'robots', name + '.yaml')
-    with path.open(encoding='utf-8') as file:
-        try:
-            data = yaml.safe_load(file)
-        except (yaml.YAMLError, ValueError) as cause:  # ValueError: not UTF-8, no such date
-            raise RobotModelError(f'{path}: not YAML: {cause}') from cause
-    return _parse(data, path)
+    return _parse(read_yaml(path), path)
 
 
 def _parse(data: Any, path: Path) -> RobotModel:
@@ -108,9 +122,10 @@ def _parse(data: Any, path: Path) -> RobotModel:
     types = reader.choices(data, 'joint_types', JOINT_TYPES, len(names))
     columns, provenance = _limits(reader, data, len(names))
     pulses = reader.get(data, 'pulses_per_degree', dict)
-    pulses_per_degree = reader.numbers(pulses, 'value', 'pulses_per_degree', len(names))
-    if np.any(pulses_per_degree == 0.0):
-        raise reader.error('pulses_per_degree.value', pulses_per_degree.tolist(), 'must not be 0')
+    pulses_per_degree = reader.numbers(pulses, 'value', 'pulses_per_degree', len(names), PULSES)
+    if np.any(np.abs(pulses_per_degree) < FEWEST_PULSES):
+        rule = f'none may be less than {FEWEST_PULSES:g}'
+        raise reader.error('pulses_per_degree.value', pulses_per_degree.tolist(), rule)
     provenance['pulses_per_degree'] = reader.provenance(pulses, 'pulses_per_degree', len(names))
     chain = _chain(reader, data, len(names), provenance)
     tool0 = _frame(reader, data, 'tool0', provenance)
@@ -120,7 +135,11 @@ def _parse(data: Any, path: Path) -> RobotModel:
     try:
         limits = JointLimits(names, **columns, units=tuple(UNITS[kind] for kind in types))
     except ValueError as cause:
-        raise RobotModelError(f'{path}: {cause}') from cause
+        raise InputError(f'{printable(path)}: {cause}') from cause
+    for joint, width in zip(names, limits.position_max - limits.position_min, strict=True):
+        if width < NARROWEST:
+            rule = f'the range of {joint} must be at least {NARROWEST:g}'
+            raise reader.error('limits.position', float(width), rule)
     return RobotModel(
         name=reader.get(data, 'name', str),
         description=reader.get(data, 'description', str),
@@ -146,18 +165,18 @@ def _limits(
         where = f'limits.{quantity}'
         block = reader.get(limits, quantity, dict, 'limits.')
         if quantity == 'position':
-            columns['position_min'] = reader.numbers(block, 'min', where, count)
-            columns['position_max'] = reader.numbers(block, 'max', where, count)
+            columns['position_min'] = reader.numbers(block, 'min', where, count, STROKE)
+            columns['position_max'] = reader.numbers(block, 'max', where, count, STROKE)
         else:
-            columns[quantity] = reader.numbers(block, 'max', where, count)
+            columns[quantity] = reader.numbers(block, 'max', where, count, LIMIT)
         provenance[quantity] = reader.provenance(block, where, count)
     return columns, provenance
 
 
 def _chain(reader: Reader, data: Any, count: int, provenance: dict[str, Provenance]) -> Chain:
     block = reader.get(data, 'chain', dict)
-    origins = reader.vectors(block, 'origins', 'chain', count)
-    axes = reader.vectors(block, 'axes', 'chain', count)
+    origins = reader.vectors(block, 'origins', 'chain', count, LENGTH)
+    axes = reader.vectors(block, 'axes', 'chain', count, AXIS)
     for axis in axes:
         if abs(np.linalg.norm(axis) - 1.0) > UNIT_TOLERANCE:
             raise reader.error('chain.axes', axis.tolist(), 'must have length 1')
@@ -174,8 +193,10 @@ def _frame(
     turned_only: bool = False,
 ) -> Frame:
     block = reader.get(data, key, dict)
-    xyz = np.zeros(3) if turned_only else reader.numbers(block, 'xyz', key, 3, 'x, y and z')
-    rpy = reader.numbers(block, 'rpy', key, 3, 'roll, pitch and yaw')
+    xyz = np.zeros(3)
+    if not turned_only:
+        xyz = reader.numbers(block, 'xyz', key, 3, LENGTH, 'x, y and z')
+    rpy = reader.numbers(block, 'rpy', key, 3, TURN, 'roll, pitch and yaw')
     provenance[key] = reader.provenance(block, key)
     return Frame(xyz, rpy)
 
@@ -187,4 +208,4 @@ def _weight(
         return None
     block = reader.get(data, key, dict)
     provenance[key] = reader.provenance(block, key)
-    return reader.positive(block, 'value', key)
+    return reader.number(block, 'value', key, WEIGHT)

@@ -2,21 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Typed access to a model file's keys. What is wrong is said with file, key, value and rule."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from epson_driver.inputs import JOINT_NAMES, InputError, number, printable, shown
 from epson_driver.motion import Array
 
 CONFIDENCES = ('high', 'medium', 'low')
 """Best first."""
 
-
-class RobotModelError(ValueError):
-    """A model file that cannot be used. The text names the file, the key and the value."""
+Range = tuple[float, float, str]
+"""Smallest and largest value, and their unit."""
 
 
 @dataclass(frozen=True)
@@ -39,28 +38,27 @@ class Reader:
     """The keys of one file, each of a type, a length and a range."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._file = printable(path)
 
-    def error(self, key: str, value: object, rule: str) -> RobotModelError:
+    def error(self, key: str, value: object, rule: str) -> InputError:
         """Return the error for a value that breaks a rule."""
-        return RobotModelError(f'{self._path}: {key} = {value!r}: {rule}')
+        return InputError(f'{self._file}: {key} = {shown(value)}: {rule}')
 
     def get(self, block: Any, key: str, kind: type, where: str = '') -> Any:
         """Return the value of a key that must be there and of one type."""
         if not isinstance(block, dict):
             raise self.error(where.rstrip('.') or 'the file', block, 'must be a mapping')
         if key not in block:
-            raise RobotModelError(f'{self._path}: {where}{key} is missing')
+            raise InputError(f'{self._file}: {where}{key} is missing')
         if not isinstance(block[key], kind):
             raise self.error(where + key, block[key], f'must be a {kind.__name__}')
         return block[key]
 
     def names(self, block: Any, key: str) -> tuple[str, ...]:
-        """Return a list of names, one at least."""
-        names = self.get(block, key, list)
-        if not names or not all(isinstance(name, str) for name in names):
-            raise self.error(key, names, 'must be a list of names')
-        return tuple(names)
+        """Return a list of joints' names, one at least."""
+        value = self.get(block, key, list)
+        names: tuple[str, ...] = JOINT_NAMES.checked(value, f'{self._file}: {key}')
+        return names
 
     def choices(
         self, block: Any, key: str, allowed: tuple[str, ...], count: int
@@ -75,25 +73,28 @@ class Reader:
         return tuple(words)
 
     def numbers(
-        self, block: Any, key: str, where: str, count: int, of: str = 'one per joint'
+        self,
+        block: Any,
+        key: str,
+        where: str,
+        count: int,
+        range_: Range,
+        of: str = 'one per joint',
     ) -> Array:
-        """Return `count` finite numbers."""
+        """Return `count` numbers of a range."""
         values = self.get(block, key, list, where + '.')
         if len(values) != count:
             raise self.error(f'{where}.{key}', values, f'must have {count} numbers, {of}')
         for value in values:
-            self._number(value, f'{where}.{key}')
+            self._number(value, f'{where}.{key}', range_)
         return np.array(values, dtype=float)
 
-    def positive(self, block: Any, key: str, where: str) -> float:
-        """Return one positive finite number."""
-        value = self._number(self.get(block, key, object, where + '.'), f'{where}.{key}')
-        if value <= 0.0:
-            raise self.error(f'{where}.{key}', value, 'must be positive')
-        return value
+    def number(self, block: Any, key: str, where: str, range_: Range) -> float:
+        """Return one number of a range."""
+        return self._number(self.get(block, key, object, where + '.'), f'{where}.{key}', range_)
 
-    def vectors(self, block: Any, key: str, where: str, count: int) -> Array:
-        """Return `count` vectors of three finite numbers, shape (count, 3)."""
+    def vectors(self, block: Any, key: str, where: str, count: int, range_: Range) -> Array:
+        """Return `count` vectors of three numbers of a range, shape (count, 3)."""
         rows = self.get(block, key, list, where + '.')
         if len(rows) != count:
             raise self.error(f'{where}.{key}', rows, f'must have {count} vectors, one per joint')
@@ -101,7 +102,7 @@ class Reader:
             if not isinstance(row, list) or len(row) != 3:
                 raise self.error(f'{where}.{key}', row, 'must have 3 numbers, x, y and z')
             for value in row:
-                self._number(value, f'{where}.{key}')
+                self._number(value, f'{where}.{key}', range_)
         return np.array(rows, dtype=float)
 
     def provenance(self, block: Any, where: str, count: int = 1) -> Provenance:
@@ -114,9 +115,6 @@ class Reader:
             raise self.error(f'{where}.confidence', confidence, rule + more)
         return Provenance(self.get(block, 'source', str, where + '.'), tuple(entries))
 
-    def _number(self, value: object, key: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.error(key, value, 'must be a number')
-        if not abs(value) <= sys.float_info.max:
-            raise self.error(key, value, 'must be finite')
-        return float(value)
+    def _number(self, value: object, key: str, range_: Range) -> float:
+        checked: float = number(*range_).checked(value, f'{self._file}: {key}')
+        return checked

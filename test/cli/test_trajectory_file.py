@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from epson_driver.cli.trajectory_file import (
-    TrajectoryFileError,
     read_trajectory,
     write_trajectory,
 )
+from epson_driver.inputs import InputError
 from epson_driver.motion import problems
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
@@ -36,7 +36,7 @@ def written(folder, text):
 
 
 def refusal(path):
-    with pytest.raises(TrajectoryFileError) as caught:
+    with pytest.raises(InputError) as caught:
         read_trajectory(path)
     return str(caught.value)
 
@@ -93,7 +93,7 @@ def test_what_ros2_topic_echo_prints_ends_with_three_dashes(tmp_path):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r'missing\.yaml'):
+    with pytest.raises(InputError, match=r'missing\.yaml: No such file'):
         read_trajectory(tmp_path / 'missing.yaml')
 
 

@@ -10,10 +10,10 @@ import yaml
 
 from epson_driver.controllers.profile import (
     ControllerProfile,
-    ControllerProfileError,
     load_controller_profile,
 )
 from epson_driver.controllers.profile_rules import RULES
+from epson_driver.inputs import InputError
 from epson_driver.share import share_file
 from epson_driver.simple_message import ByteOrder, Mode
 
@@ -182,7 +182,7 @@ def test_a_wrong_value_is_named_with_file_key_and_rule(tmp_path, key, value, tex
         inner = inner.setdefault(section, {})
     inner[last] = value
     path = written(tmp_path, data)
-    with pytest.raises(ControllerProfileError) as caught:
+    with pytest.raises(InputError) as caught:
         load_controller_profile(str(path))
     assert str(path) in str(caught.value)
     assert key in str(caught.value)
@@ -197,7 +197,7 @@ def test_a_missing_key_is_named(tmp_path, key):
     for section in sections:
         inner = inner[section]
     del inner[last]
-    with pytest.raises(ControllerProfileError, match=re.escape(f'{key} is missing')):
+    with pytest.raises(InputError, match=re.escape(f'{key} is missing')):
         load_controller_profile(str(written(tmp_path, data)))
 
 
@@ -205,7 +205,7 @@ def test_a_missing_key_is_named(tmp_path, key):
 def test_a_file_that_is_no_profile(tmp_path, text):
     path = tmp_path / 'mine.yaml'
     path.write_text(text)
-    with pytest.raises(ControllerProfileError, match=r'mine\.yaml: '):
+    with pytest.raises(InputError, match=r'mine\.yaml: '):
         load_controller_profile(str(path))
 
 
@@ -245,7 +245,7 @@ def test_like_a_file_beside_it(tmp_path):
 def test_a_profile_like_another_has_its_own_name(tmp_path, key):
     data = {'like': 'rc620', 'name': 'mine', 'description': 'my own'}
     del data[key]
-    with pytest.raises(ControllerProfileError, match=f'{key} is missing'):
+    with pytest.raises(InputError, match=f'{key} is missing'):
         load_controller_profile(str(written(tmp_path, data)))
 
 
@@ -258,7 +258,7 @@ def test_like_a_profile_that_is_not_there(tmp_path):
 @pytest.mark.parametrize('like', [5, ['rc620'], {}])
 def test_like_something_that_is_no_name(tmp_path, like):
     data = {'like': like, 'name': 'mine', 'description': 'my own'}
-    with pytest.raises(ControllerProfileError, match=r'like = .*must be the name of a profile'):
+    with pytest.raises(InputError, match=r'like = .*must be the name of a profile'):
         load_controller_profile(str(written(tmp_path, data)))
 
 
@@ -266,7 +266,7 @@ def test_profiles_that_are_like_each_other(tmp_path):
     own = {'name': 'x', 'description': 'x'}
     written(tmp_path, {'like': 'b.yaml', **own}, 'a.yaml')
     path = written(tmp_path, {'like': 'a.yaml', **own}, 'b.yaml')
-    with pytest.raises(ControllerProfileError, match='that one is like this one'):
+    with pytest.raises(InputError, match='that one is like this one'):
         load_controller_profile(str(path))
 
 

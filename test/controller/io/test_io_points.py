@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from epson_driver.controller.io.io_points import IoError, IoPoints
 from epson_driver.controllers.io_profile import IoProfile, read_io_profile
-from epson_driver.controllers.profile_rules import ControllerProfileError
+from epson_driver.inputs import InputError
 from epson_driver.simple_message import IoRange, IoResult, IoType
 
 DI, DO = IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT
@@ -377,6 +377,6 @@ NUMBER = 'must be a whole number from 0 to 4096'
     ],
 )
 def test_a_profile_error_names_file_key_and_value(data: dict[Any, Any], text: str) -> None:
-    with pytest.raises(ControllerProfileError) as error:
+    with pytest.raises(InputError) as error:
         read_io_profile(data, 'cell.yaml')
     assert str(error.value) == f'cell.yaml: {text}'

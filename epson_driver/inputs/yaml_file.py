@@ -1,0 +1,154 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""YAML files: plain data, or one sentence that says what is wrong in which line.
+
+The scalars are those of YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema), as
+ROS 2 reads them too: 1e3 is a number, and 1:30, 010, yes and 2026-01-01 are not 90, 8, true and a
+date. Keys are texts. What these files need not have is refused: aliases (nine lines of them can
+stand for a billion values), tags, keys that are there twice (of which YAML takes the last), and
+deep nesting.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from epson_driver.inputs.files import MEGABYTE, read_file
+from epson_driver.inputs.rules import InputError, printable, shown
+
+DEEPEST = 20
+"""Levels of nesting; no file of ours has more than 5."""
+
+_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where there is one
+
+_WORDS: dict[str, object] = {
+    **dict.fromkeys(('', '~', 'null', 'Null', 'NULL')),
+    **dict.fromkeys(('true', 'True', 'TRUE'), True),
+    **dict.fromkeys(('false', 'False', 'FALSE'), False),
+    **dict.fromkeys(('.nan', '.NaN', '.NAN'), float('nan')),
+    **{
+        sign + word: float(sign + 'inf')
+        for sign in ('', '+', '-')
+        for word in ('.inf', '.Inf', '.INF')
+    },
+}
+_INTEGER = re.compile(r'[-+]?[0-9]+', re.ASCII)
+_BASED = re.compile(r'0o[0-7]+|0x[0-9a-fA-F]+', re.ASCII)
+_FLOAT = re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?', re.ASCII)
+
+
+def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> Any:
+    """Return what a YAML file of at most `largest` bytes holds.
+
+    Mappings with texts as keys, lists, texts, numbers, true, false and None, without anything
+    shared. `several`: of several documents the first; otherwise there must be one. Raises
+    InputError that names the file, and the line, for anything else.
+    """
+    file = printable(path)
+    content = read_file(path, largest)
+    try:
+        text = content.decode('utf-8-sig')  # with a byte order mark, or without
+    except UnicodeDecodeError as error:
+        line = content.count(b'\n', 0, error.start) + 1
+        raise InputError(f'{file}: not YAML: line {line} is no UTF-8 text') from error
+    try:
+        return _built(text, several=several)
+    except yaml.YAMLError as error:
+        raise InputError(f'{file}: not YAML: {_sentence(error)}') from error
+    except _WrongError as wrong:
+        raise InputError(f'{file}: {wrong}') from None
+
+
+class _WrongError(Exception):
+    """What is wrong, with the line."""
+
+    def __init__(self, event: Any, what: str) -> None:
+        super().__init__(f'line {event.start_mark.line + 1}: {what}')
+
+
+def _sentence(error: yaml.YAMLError) -> str:
+    mark = getattr(error, 'problem_mark', None)
+    problem = getattr(error, 'problem', None) or str(error)
+    place = f'line {mark.line + 1}, column {mark.column + 1}: ' if mark is not None else ''
+    return place + printable(' '.join(problem.split()))
+
+
+class _Open:
+    """A mapping or a list that is being read."""
+
+    def __init__(self, value: dict[str, Any] | list[Any]) -> None:
+        self.value = value
+        self._key: str | None = None
+
+    def take(self, value: Any, event: Any) -> None:
+        """Add a value, or keep it as the key of the next one."""
+        if isinstance(self.value, list):
+            self.value.append(value)
+        elif self._key is not None:
+            self.value[self._key] = value
+            self._key = None
+        elif not isinstance(event, yaml.ScalarEvent):
+            raise _WrongError(event, 'a mapping or a list cannot be a key')
+        elif event.value in self.value:
+            raise _WrongError(event, f'{shown(event.value)} is there twice')
+        else:
+            self._key = event.value
+
+
+def _built(text: str, *, several: bool) -> Any:
+    """Return the value that the parser's events stand for. Not recursive."""
+    result: Any = None
+    levels: list[_Open] = []
+    documents = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        if isinstance(event, yaml.DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                if several:
+                    break
+                raise _WrongError(event, 'a second document begins: there must be one')
+        elif isinstance(event, yaml.AliasEvent):
+            raise _WrongError(event, f'*{event.anchor}: aliases are not supported')
+        elif isinstance(event, yaml.ScalarEvent):
+            value = _scalar(event)
+            if levels:
+                levels[-1].take(value, event)
+            else:
+                result = value
+        elif isinstance(event, yaml.CollectionStartEvent):
+            _no_tag(event)
+            opened = _Open({} if isinstance(event, yaml.MappingStartEvent) else [])
+            if levels:
+                levels[-1].take(opened.value, event)
+            else:
+                result = opened.value
+            levels.append(opened)
+            if len(levels) > DEEPEST:
+                raise _WrongError(event, f'nested more than {DEEPEST} levels deep')
+        elif isinstance(event, yaml.CollectionEndEvent):
+            levels.pop()
+    return result
+
+
+def _no_tag(event: Any) -> None:
+    if event.tag is not None and event.tag != '!':
+        raise _WrongError(event, f'{shown(event.tag)}: tags are not supported')
+
+
+def _scalar(event: Any) -> Any:
+    _no_tag(event)
+    text: str = event.value
+    if not event.implicit[0]:  # in quotes, or a block of text
+        return text
+    if text in _WORDS:
+        return _WORDS[text]
+    try:
+        if _INTEGER.fullmatch(text):
+            return int(text)
+        if _BASED.fullmatch(text):
+            return int(text, 0)
+    except ValueError:  # more digits than Python reads
+        raise _WrongError(event, f'{shown(text)}: has too many digits for a number') from None
+    return float(text) if _FLOAT.fullmatch(text) else text
