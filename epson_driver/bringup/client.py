@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """From launch arguments to the client's parameters and the simulated controller's command line."""
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
+from epson_driver.inputs import HOST, JOINT_NAMES, count
 from epson_driver.robots import load_robot_model
 
 INTERFACE = (
@@ -23,6 +25,9 @@ INTERFACE = (
 )
 """The arguments of every launch file that starts a client."""
 
+PORT = count(0, 65_535)
+_DIGITS = re.compile(r'[0-9]{1,5}', re.ASCII)
+
 PORTS = ('motion_port', 'state_port', 'io_port', 'remote_port')
 SIM_REMOTE_PORT = '5000'
 """Where the simulated controller listens for Remote Ethernet, also as an RC620, which has none."""
@@ -31,8 +36,8 @@ SIM_REMOTE_PORT = '5000'
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
     """Return the client's parameters that follow from launch arguments; empty ones set nothing.
 
-    Raises FileNotFoundError or InputError for a model that cannot be read, ValueError for a
-    port that is not a number.
+    Raises FileNotFoundError or InputError for a model that cannot be read, InputError for an
+    address, a prefix or a port that cannot be one.
     """
     prefix = values['tf_prefix']
     joints = load_robot_model(values['robot_model']).joint_names
@@ -41,7 +46,10 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
         'interface': values['interface'],
     }
     if prefix:  # without one they are the model's anyway
-        parameters['joint_names'] = [prefix + name for name in joints]
+        names = [prefix + name for name in joints]
+        parameters['joint_names'] = list(JOINT_NAMES.checked(names, _where('tf_prefix')))
+    if values['robot_ip']:
+        HOST.checked(values['robot_ip'], _where('robot_ip'))
     parameters |= {name: values[name] for name in ('robot_ip', 'controller') if values[name]}
     ports = _ports(values)
     return parameters | {name: _port(name, ports[name]) for name in PORTS if ports[name]}
@@ -68,6 +76,9 @@ def _ports(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def _port(name: str, text: str) -> int:
-    if not text.isdecimal():
-        raise ValueError(f'launch argument {name} = {text!r}: must be a number')
-    return int(text)
+    port: int = PORT.checked(int(text) if _DIGITS.fullmatch(text) else text, _where(name))
+    return port
+
+
+def _where(name: str) -> str:
+    return f'launch argument {name}'

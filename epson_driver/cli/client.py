@@ -22,6 +22,7 @@ from rclpy.utilities import remove_ros_args
 
 from epson_driver.client.node import ClientNode
 from epson_driver.client.ros_log import RosLogHandler
+from epson_driver.inputs import printable
 
 DEFAULT_NAME = 'epson_driver'
 
@@ -31,9 +32,13 @@ def main() -> int:
 
     Returns 0; 1 if a name or a parameter cannot be used. No arm is driven then.
     """
-    namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
-    # The signals come to the event loop: results can still be published after Ctrl-C.
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
+        # The signals come to the event loop: results can still be published after Ctrl-C.
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    except (RuntimeError, ValueError) as error:  # rcl's, and what is no text
+        print(f'client: {printable(error)}', file=sys.stderr)
+        return 1
     executor = SingleThreadedExecutor()
     served = Future()  # until then; shutting an executor down while it works raises in its thread
     thread = threading.Thread(target=_spin, args=(executor, served), name='rclpy executor')
@@ -80,7 +85,14 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node]) -> bool:
         try:
             nodes.append(Node(DEFAULT_NAME, namespace=namespace))
         except NameValidationException as error:
-            logger.fatal(f'--namespace {namespace}: {error}')
+            logger.fatal(printable(f'--namespace {namespace}: {error}'))
+            return False
+        except (
+            ParameterException,
+            RuntimeError,
+            ValueError,
+        ) as error:  # of rclpy's own parameters
+            logger.fatal(printable(error))
             return False
     names = [node.get_fully_qualified_name() for node in nodes]
     twice = {name for name in names if names.count(name) > 1}
@@ -102,7 +114,7 @@ def _make_clients(nodes: Sequence[Node]) -> list[ClientNode]:
             clients.append(ClientNode(node))
         except (ValueError, FileNotFoundError, ParameterException) as error:
             name = f'{node.get_fully_qualified_name()}: ' if len(nodes) > 1 else ''
-            node.get_logger().fatal(f'{name}{error}')
+            node.get_logger().fatal(printable(f'{name}{error}'))
     return clients
 
 

@@ -25,6 +25,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from epson_driver.cli import processes
+from epson_driver.cli.arguments import argument
 from epson_driver.cli.demo_report import (
     DEVIATION_ALLOWED,
     Drawn,
@@ -36,12 +37,14 @@ from epson_driver.cli.demo_report import (
 from epson_driver.cli.processes import RunError
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.cli.trajectory_file import read_trajectory
-from epson_driver.inputs import InputError, printable
+from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
 from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
 PINGS = 50
+
+MOST_SEEDS = 1_000_000
 
 PLANNING = ('coal', 'ompl', 'pinocchio', 'py_opw_kinematics', 'scipy')
 """The modules that --plan needs beyond the rest."""
@@ -125,14 +128,14 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument(
         '--seed',
-        type=_positive,
+        type=argument(count(1, 2**63 - 1)),
         default=1,
         metavar='N',
         help='what --plan draws its task from (default: %(default)s)',
     )
     parser.add_argument(
         '--seeds',
-        type=_positive,
+        type=argument(count(1, MOST_SEEDS)),
         default=1,
         metavar='COUNT',
         help='so many tasks, one seed after the other (default: %(default)s)',
@@ -141,13 +144,6 @@ def _arguments() -> argparse.Namespace:
     if arguments.plan and (arguments.compare or arguments.motion != 'smooth'):
         parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
     return arguments
-
-
-def _positive(text: str) -> int:
-    value = int(text) if text.isdecimal() else 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f'{text}: must be a whole number from 1 on')
-    return value
 
 
 def _on_terminate(_number: int, _frame: object) -> NoReturn:

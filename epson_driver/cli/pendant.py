@@ -7,6 +7,7 @@ import asyncio
 import sys
 from collections.abc import Sequence
 
+from epson_driver.cli.arguments import PORT, argument, host
 from epson_driver.cli.pendant_status import ask_flags, status
 from epson_driver.cli.pendant_words import (
     TEXTS,
@@ -99,13 +100,6 @@ async def _reason(ask: Ask, error: RemoteError) -> str:
     return str(error)
 
 
-def _port(text: str) -> int:
-    port = int(text) if text.isascii() and text.isdecimal() and len(text) <= 5 else 0
-    if not 1 <= port <= 65_535:
-        raise argparse.ArgumentTypeError(f'{text}: must be a port from 1 to 65535')
-    return port
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='pendant',
@@ -115,8 +109,12 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument('--host', default='127.0.0.1', help='the controller (%(default)s)')
-    parser.add_argument('--port', type=_port, default=5000, help='its remote port (%(default)s)')
+    parser.add_argument(
+        '--host', type=host, default='127.0.0.1', help='the controller (%(default)s)'
+    )
+    parser.add_argument(
+        '--port', type=argument(PORT), default=5000, help='its remote port (%(default)s)'
+    )
     parser.add_argument('--password', default='', help='of the remote port (none)')
     parser.add_argument('action', nargs='+', metavar='WORD', help='what to do: see below')
     return parser

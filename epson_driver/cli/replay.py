@@ -10,6 +10,8 @@ import signal
 import sys
 from pathlib import Path
 
+from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.inputs import InputError, number, printable
 from epson_driver.link.pcap import PcapError
 from epson_driver.link.player import Order, Player, Score
 from epson_driver.link.recording import read_recording
@@ -26,9 +28,9 @@ def main() -> int:
     try:
         script = make_script(read_recording(args.file), args.controller)
     except (PcapError, ScriptError) as error:
-        parser.error(f'{args.file}: {error}')
-    except OSError as error:
-        parser.error(f'{args.file}: {error.strerror}')
+        parser.error(f'{printable(args.file)}: {error}')
+    except InputError as error:
+        parser.error(str(error))
     player = Player(script, args.speed, _tell)
     asked = {role: getattr(args, f'{role}_port') for role in ROLES}
     ports = {
@@ -47,8 +49,8 @@ def main() -> int:
 async def _run(player: Player, script: Script, host: str, ports: dict[str, int]) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
+    for each in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(each, stop.set)
     stage = _Stage(player, stop)
     servers = {
         role: await loop.create_server(
@@ -180,23 +182,6 @@ def _tell(text: str) -> None:
         print(f'replay: {text}', file=sys.stderr, flush=True)
 
 
-def _port(text: str) -> int:
-    port = int(text) if text.isdecimal() else -1
-    if not 0 <= port <= 65_535:
-        raise argparse.ArgumentTypeError(f'{text}: must be a port from 0 to 65535')
-    return port
-
-
-def _speed(text: str) -> float:
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = 0.0
-    if not 0.01 <= speed <= 100.0:
-        raise argparse.ArgumentTypeError(f'{text}: must be a number from 0.01 to 100')
-    return speed
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='replay',
@@ -205,12 +190,18 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument('file', type=Path, metavar='FILE', help='a trace, or a pcap of tcpdump')
-    parser.add_argument('--host', default='127.0.0.1', help='address to listen on (%(default)s)')
+    parser.add_argument(
+        '--host', type=host, default='127.0.0.1', help='address to listen on (%(default)s)'
+    )
     for role in ROLES:
         text = f'{role} port, 0 for any free one (the recorded one)'
-        parser.add_argument(f'--{role}-port', type=_port, metavar='PORT', help=text)
+        parser.add_argument(f'--{role}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
     parser.add_argument(
-        '--speed', type=_speed, default=1.0, metavar='FACTOR', help='of time (%(default)s)'
+        '--speed',
+        type=argument(number(0.01, 100.0)),
+        default=1.0,
+        metavar='FACTOR',
+        help='of time (%(default)s)',
     )
     parser.add_argument(
         '--controller', metavar='ADDRESS', help='whose side, if the file has several controllers'

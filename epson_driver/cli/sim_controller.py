@@ -7,13 +7,13 @@ import asyncio
 import dataclasses
 import gc
 import logging
-import math
 import signal
 import sys
 from collections.abc import Sequence
 
 import numpy as np
 
+from epson_driver.cli.arguments import FREE_PORT, argument, host
 from epson_driver.controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.controller.core import Controller
 from epson_driver.controller.faults.fault_kinds import Fault, FaultError
@@ -26,13 +26,14 @@ from epson_driver.controllers.profile import (
     ControllerProfile,
     load_controller_profile,
 )
-from epson_driver.inputs import InputError
+from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import ByteOrder, Dialect
 
 _PORTS = Ports()
-_SHORTEST_PERIOD = 0.001
+STATE_PERIOD = number(0.001, 3600.0, 's')
+SEED = count(0, 2**63 - 1)
 
 
 def main() -> int:
@@ -87,8 +88,8 @@ async def _run(
 ) -> int:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
+    for each in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(each, stop.set)
     servers = ControllerServers(controller, planner)
     try:
         ports = await servers.open(host, ports)
@@ -119,9 +120,11 @@ def _start(text: str, limits: JointLimits) -> Array:
         start = np.array([float(part) for part in text.split(',')])
     except ValueError as cause:
         rule = 'must be numbers separated by commas, rad or m'
-        raise _StartError(f'--start {text}: {rule}') from cause
+        raise _StartError(f'--start {shown(text)}: {rule}') from cause
     if start.shape != (len(limits.names),):
-        raise _StartError(f'--start {text}: {start.size} angles for {len(limits.names)} joints')
+        raise _StartError(
+            f'--start {shown(text)}: {start.size} angles for {len(limits.names)} joints'
+        )
     refusal = angles_refusal(start, limits)
     if refusal is not None:
         raise _StartError(f'--start: {refusal.sentence}')
@@ -131,29 +134,12 @@ def _start(text: str, limits: JointLimits) -> Array:
 def _with_start_joined(arguments: Sequence[str]) -> list[str]:
     """Make `--start -1.0,0.2` one word: argparse takes a leading minus for an option."""
     joined: list[str] = []
-    for argument in arguments:
+    for word in arguments:
         if joined and joined[-1] == '--start':
-            joined[-1] = f'--start={argument}'
+            joined[-1] = f'--start={word}'
         else:
-            joined.append(argument)
+            joined.append(word)
     return joined
-
-
-def _port(text: str) -> int:
-    port = int(text) if text.isdecimal() else -1
-    if not 0 <= port <= 65_535:
-        raise argparse.ArgumentTypeError(f'{text}: must be a port from 0 to 65535')
-    return port
-
-
-def _period(text: str) -> float:
-    try:
-        period = float(text)
-    except ValueError:
-        period = math.nan
-    if not _SHORTEST_PERIOD <= period < math.inf:
-        raise argparse.ArgumentTypeError(f'{text}: must be at least {_SHORTEST_PERIOD:g} s')
-    return period
 
 
 def _fault(text: str) -> Fault:
@@ -163,29 +149,18 @@ def _fault(text: str) -> Fault:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-def _look_ahead(text: str) -> float:
-    shortest, longest = LOOK_AHEAD
-    try:
-        look_ahead = float(text)
-    except ValueError:
-        look_ahead = math.nan
-    if not shortest <= look_ahead <= longest:
-        raise argparse.ArgumentTypeError(
-            f'{text}: must be a number from {shortest:g} to {longest:g} s'
-        )
-    return look_ahead
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='sim_controller',
         description='A simulated EPSON controller. SIGINT or SIGTERM ends it.',
         allow_abbrev=False,
     )
-    parser.add_argument('--host', default='127.0.0.1', help='address to listen on (%(default)s)')
+    parser.add_argument(
+        '--host', type=host, default='127.0.0.1', help='address to listen on (%(default)s)'
+    )
     for name, usual in _PORTS._asdict().items():
         text = f"{name} port, 0 for any free one (the profile's, {usual} for rc620)"
-        parser.add_argument(f'--{name}-port', type=_port, metavar='PORT', help=text)
+        parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
     parser.add_argument(
         '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
     )
@@ -200,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--look-ahead',
-        type=_look_ahead,
+        type=argument(number(*LOOK_AHEAD, 's')),
         metavar='SECONDS',
         help="smooth motion: how much is taken ahead of the arm (the profile's, 1.0 for rc620)",
     )
@@ -209,7 +184,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--state-period',
-        type=_period,
+        type=argument(STATE_PERIOD),
         metavar='SECONDS',
         help="time between two state messages (the profile's, 0.005 for rc620)",
     )
@@ -222,7 +197,7 @@ def _parser() -> argparse.ArgumentParser:
         help='a fault from the start, may be given several times (pendant fault lists them)',
     )
     parser.add_argument(
-        '--seed', type=int, default=0, help='of what is random in faults (%(default)s)'
+        '--seed', type=argument(SEED), default=0, help='of what is random in faults (%(default)s)'
     )
     parser.add_argument(
         '--start', metavar='Q1,…,Qn', help='initial joints, rad (m), as in -1.0,0.2,0,0,0,0'

@@ -16,12 +16,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from epson_driver.cli.arguments import argument
 from epson_driver.cli.smooth_report import Study, column, draw, point_to_point, spline
 from epson_driver.cli.trajectory_file import (
     read_trajectory,
     write_trajectory,
 )
-from epson_driver.inputs import InputError
+from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
@@ -194,13 +195,6 @@ def _look_ahead(text: str) -> float:
     return value
 
 
-def _rate(text: str) -> float:
-    value = _number(text)
-    if not 1.0 <= value <= 1000.0:
-        raise argparse.ArgumentTypeError(f'{text}: must be 1 … 1000 Hz')
-    return value
-
-
 def _number(text: str) -> float:
     try:
         return float(text)
@@ -238,7 +232,11 @@ def _parser() -> argparse.ArgumentParser:
         '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
     )
     parser.add_argument(
-        '--rate', type=_rate, default=250.0, metavar='HZ', help='points per second (%(default)g)'
+        '--rate',
+        type=argument(number(1.0, 1000.0, 'Hz')),
+        default=250.0,
+        metavar='HZ',
+        help='points per second (%(default)g)',
     )
     return parser
 

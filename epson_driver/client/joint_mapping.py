@@ -14,7 +14,12 @@ from functools import cached_property
 
 import numpy as np
 
+from epson_driver.inputs import choice, list_of, number
 from epson_driver.motion import Array
+
+SIGNS = list_of(choice(1, -1))
+OFFSETS = list_of(number(-1000.0, 1000.0))
+"""rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +74,8 @@ def joint_mapping(
             raise ValueError(
                 f'parameter {name} = {list(values)}: needs one number, or {joints}: one per joint'
             )
-    if not all(sign in (1, -1) for sign in signs):
-        raise ValueError(f'parameter joint_signs = {list(signs)}: each must be 1 or -1')
-    if not np.all(np.isfinite(offsets)):
-        raise ValueError(f'parameter joint_offsets = {list(offsets)}: each must be finite')
+    SIGNS.checked(list(signs), 'parameter joint_signs')
+    OFFSETS.checked(list(offsets), 'parameter joint_offsets')
     if j23_factor and joints < 3:
         raise ValueError(f'parameter j23_factor = {j23_factor}: there are {joints} joints')
     return JointMapping(

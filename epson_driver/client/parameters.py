@@ -2,15 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node's parameters as one table: name, default, description, range, read-only or not."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from epson_driver.controllers import ControllerProfile, load_controller_profile
+from epson_driver.error_texts import load_error_texts
+from epson_driver.inputs import HOST, JOINT_NAMES, InputError, Rule, shown
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import MAX_JOINTS
+
+Loaded = TypeVar('Loaded')
 
 POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
 """What carries a point, per kind of program in a profile."""
@@ -31,6 +35,8 @@ class Row:
     high: float | None = None
     choices: tuple[str, ...] = ()
     now: bool = False
+    rule: Rule | None = None
+    """What else the value must be, at the start."""
 
     @property
     def descriptor(self) -> ParameterDescriptor:
@@ -65,7 +71,7 @@ ROBOT_MODEL = Row(
 
 TABLE = (
     CONTROLLER,
-    Row('robot_ip', '127.0.0.1', 'Address of the robot controller.'),
+    Row('robot_ip', '127.0.0.1', 'Address of the robot controller.', rule=HOST),
     Row('motion_port', 11000, 'TCP port of its motion server.', 1, 65535),
     Row('state_port', 11002, 'TCP port of its state server.', 1, 65535),
     Row('io_port', 11003, 'TCP port of its I/O server; 0: not used.', 0, 65535),
@@ -81,6 +87,7 @@ TABLE = (
         'joint_names',
         JOINTS,
         "Names of the joints in the controller's order. By default those of `robot_model`.",
+        rule=JOINT_NAMES,
     ),
     Row(
         'joint_signs',
@@ -265,13 +272,13 @@ def declare(node: Any) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
     Where the controller's profile has a value, it is the default; so are the robot model's joint
-    names. Raises ValueError that names the parameter, its value and what is allowed,
-    FileNotFoundError that lists the profiles or the models.
+    names. Raises InputError that names the parameter, its value and what is allowed, such as the
+    profiles or the models there are; what rclpy checks, its ParameterException.
     """
     values = _declare_rows(node, (CONTROLLER,))
-    given = profile_defaults(load_controller_profile(values['controller']))
+    given = profile_defaults(_loaded('controller', values, load_controller_profile))
     values |= _declare_rows(node, (ROBOT_MODEL,))
-    model = load_robot_model(values['robot_model'])
+    model = _loaded('robot_model', values, load_robot_model)
     given['joint_names'] = list(model.joint_names)
     values |= _declare_rows(
         node,
@@ -281,11 +288,10 @@ def declare(node: Any) -> dict[str, Any]:
             if row not in (CONTROLLER, ROBOT_MODEL)
         ),
     )
+    _loaded('error_texts', values, load_error_texts)
     names = values['joint_names']
-    if not names or len(set(names)) != len(names) or '' in names:
-        raise ValueError(f'parameter joint_names = {names}: the names must be there and differ')
     if len(names) > MAX_JOINTS:
-        raise ValueError(
+        raise InputError(
             f'parameter joint_names has {len(names)} names: a message carries {MAX_JOINTS} joints'
         )
     units = dict(zip(names, model.limits.units, strict=False))
@@ -309,14 +315,27 @@ def refusal(changes: Iterable[Any]) -> str:
 
 def _not_among(name: str, value: object, choices: Sequence[Any]) -> str:
     allowed = ', '.join(map(str, choices))
-    return f'parameter {name} = {value!r}: must be one of {allowed}'
+    return f'parameter {name} = {shown(value)}: must be one of {allowed}'
 
 
 def _declare_rows(node: Any, rows: Any) -> dict[str, Any]:
     values = {}
     for row in rows:
         value = node.declare_parameter(row.name, row.default, row.descriptor).value
+        if isinstance(row.default, list):
+            value = list(value or ())  # rclpy has None for []
+        if value is None:
+            raise InputError(f'parameter {row.name}: has no value')
         if row.choices and value not in row.choices:
-            raise ValueError(_not_among(row.name, value, row.choices))
-        values[row.name] = list(value) if isinstance(row.default, list) else value
+            raise InputError(_not_among(row.name, value, row.choices))
+        if row.rule is not None:
+            row.rule.checked(value, f'parameter {row.name}')
+        values[row.name] = value
     return values
+
+
+def _loaded(name: str, values: dict[str, Any], load: Callable[[str], Loaded]) -> Loaded:
+    try:
+        return load(values[name])
+    except (OSError, InputError) as error:
+        raise InputError(f'parameter {name} = {shown(values[name])}: {error}') from error

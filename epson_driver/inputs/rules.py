@@ -112,16 +112,26 @@ def count(low: int, high: int) -> Rule:
     return Rule(read, f'must be a whole number from {low} to {high}')
 
 
-def choice(*words: str) -> Rule:
-    """Return the rule of one word out of several."""
+def choice(*values: str | int) -> Rule:
+    """Return the rule of one value out of several."""
 
-    def read(value: Any) -> str:
-        if value not in words:
+    def read(value: Any) -> Any:
+        if value not in values:
             raise ValueError
-        word: str = value
-        return word
+        return value
 
-    return Rule(read, f'must be {" or ".join(words)}')
+    return Rule(read, f'must be {" or ".join(map(str, values))}')
+
+
+def list_of(rule: Rule) -> Rule:
+    """Return the rule of a list, not empty, of which each value keeps to a rule."""
+
+    def read(value: Any) -> list[Any]:
+        if not isinstance(value, list) or not value:
+            raise TypeError
+        return [rule.read(each) for each in value]
+
+    return Rule(read, f'must be a list, of which each {rule.text}')
 
 
 _JOINT_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_/-]*', re.ASCII)

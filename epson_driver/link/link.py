@@ -9,6 +9,7 @@ import os
 import socket
 from collections.abc import Callable
 
+from epson_driver.inputs import HOST
 from epson_driver.link.log_pace import LogPace
 from epson_driver.link.pcap import Address
 from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
@@ -85,7 +86,7 @@ class Link:
         quiet: bool = False,
     ) -> None:
         self.name = name
-        self.host = host
+        self.host: str = HOST.checked(host, f'{name} link: host')
         self.port = port
         self.state = LinkState.DISCONNECTED
         self.dialect = Dialect(byte_order or ByteOrder.LITTLE)

@@ -5,10 +5,14 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from epson_driver.inputs import read_file
 from epson_driver.link.pcap import Address, Flag, Segment, Stream, read_segments
 from epson_driver.link.wire_events import WireEvent
 
 Pair = frozenset[Address]
+
+LARGEST = 1_000_000_000
+"""Bytes of a recording; all of it is held in memory."""
 
 CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
 
@@ -57,12 +61,12 @@ def read_recording(path: Path) -> list[Step]:
     """Return all steps of all connections in a pcap file.
 
     A connection whose beginning was not captured begins with its first packet; the lower port is
-    taken for the server's. Raises PcapError, or OSError.
+    taken for the server's. Raises PcapError, or InputError if it cannot be read.
     """
     connections: dict[Pair, _Connection] = {}
     steps: list[Step] = []
     number = 0
-    for segment in read_segments(path.read_bytes()):
+    for segment in read_segments(read_file(path, LARGEST)):
         pair = frozenset({segment.source, segment.target})
         connection = connections.get(pair)
         begins = segment.flags & (Flag.SYN | Flag.ACK) == Flag.SYN

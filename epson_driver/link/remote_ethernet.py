@@ -60,7 +60,7 @@ async def logged_in(
     async with asyncio.timeout(timeout):
         try:
             reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, ValueError) as error:
             raise ConnectionError(f'{host}:{port}: {_reason(error)}') from error
 
         async def ask(command: str) -> str:
@@ -77,7 +77,7 @@ async def logged_in(
             writer.close()
 
 
-def _reason(error: OSError | OverflowError) -> str:
+def _reason(error: Exception) -> str:
     number = error.errno if isinstance(error, OSError) else None
     # asyncio's text names the address again; a name that is not found has a negative number.
     return os.strerror(number) if number is not None and number > 0 else str(error)

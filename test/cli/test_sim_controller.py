@@ -192,8 +192,8 @@ def test_a_port_in_use_is_named(start):
         (['--controller', 'rc9'], r'no rc9.yaml'),
         (['--robot', '/nowhere/r.yaml'], '/nowhere/r.yaml'),
         (['--motion-port', '70000'], 'must be a port from 0 to 65535'),
-        (['--state-period', '0'], 'must be at least 0.001 s'),
-        (['--state-period', 'nan'], 'must be at least 0.001 s'),
+        (['--state-period', '0'], 'must be a number from 0.001 to 3600 s'),
+        (['--state-period', 'nan'], 'must be a number from 0.001 to 3600 s'),
     ],
 )
 def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):

@@ -82,9 +82,16 @@ def test_inv8_without_a_mapping_the_values_are_the_same_bits():
     ('signs', 'offsets', 'factor', 'text'),
     [
         ([1, 1], [0.0], 0, 'joint_signs = [1, 1]: needs one number, or 6'),
-        ([2], [0.0], 0, 'joint_signs = [2]: each must be 1 or -1'),
+        ([2], [0.0], 0, 'joint_signs = [2]: must be a list, of which each must be 1 or -1'),
         ([1], [0.0] * 7, 0, 'needs one number, or 6'),
-        ([1], [float('nan')], 0, 'joint_offsets = [nan]: each must be finite'),
+        (
+            [1],
+            [float('nan')],
+            0,
+            'joint_offsets = [nan]: must be a list, of which each must be a number',
+        ),
+        ([], [0.0], 0, 'joint_signs = []: needs one number, or 6'),
+        ([1], [1e300], 0, 'joint_offsets = [1e+300]: must be a list, of which each must be a'),
     ],
 )
 def test_a_wrong_parameter_is_named(signs, offsets, factor, text):

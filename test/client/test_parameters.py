@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 
 from epson_driver.cli.processes import free_ros_domain
 from epson_driver.client.parameters import JOINTS, TABLE, declare, joint_rows
+from epson_driver.inputs import InputError
 
 ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1'))}
 WITH_RANGE = [row for row in ROWS.values() if row.low is not None]
@@ -98,7 +99,9 @@ def test_names_of_ones_own_have_the_units_of_the_model(node):
 
 
 def test_an_unknown_robot_model_is_answered_with_those_there_are(node):
-    with pytest.raises(FileNotFoundError, match=r'no c9\.yaml in .*c3_a601s, c4_a601s'):
+    with pytest.raises(
+        InputError, match=r'^parameter robot_model = .c9.: no c9\.yaml in .*c3_a601s, c4_a601s'
+    ):
         declare(node(robot_model='c9'))
 
 
@@ -217,5 +220,5 @@ def test_a_controller_of_ones_own(node, tmp_path):
 
 
 def test_an_unknown_controller_lists_those_there_are(node):
-    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*rc620'):
+    with pytest.raises(InputError, match=r'^parameter controller = .rc1.: no rc1\.yaml .*rc620'):
         declare(node(controller='rc1'))

@@ -215,7 +215,7 @@ LIMIT = 'must be a number from 1e-06 to 1e+06 in its unit'
 LENGTH = 'must be a number from -100 to 100 m'
 TURN = 'must be a number from -10 to 10 rad'
 AXIS = 'must be a number from -1 to 1'
-PULSES = 'must be a number from -1e+09 to 1e+09 pulses'
+ENCODER = 'must be a number from -1e+09 to 1e+09 pulses'
 WEIGHT = 'must be a number from 0.001 to 100000 kg'
 NAMES = JOINT_NAMES.text
 CONFIDENCE = f'{ONE}, or a list of one per joint'
@@ -263,7 +263,7 @@ LOAD = {'source': 's', 'confidence': 'low'}
         ('limits.jerk.max', [1.0, 1e300], f'limits.jerk.max = 1e+300: {LIMIT}'),
         ('limits.jerk.max', [1.0, 1e-300], f'limits.jerk.max = 1e-300: {LIMIT}'),
         ('limits.position.min', [1.0, -1e300], f'limits.position.min = -1e+300: {REACHED}'),
-        ('pulses_per_degree.value', [1.0, NAN], f'pulses_per_degree.value = nan: {PULSES}'),
+        ('pulses_per_degree.value', [1.0, NAN], f'pulses_per_degree.value = nan: {ENCODER}'),
         (
             'pulses_per_degree.value',
             [1.0, 0],

@@ -1,0 +1,36 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rules of arguments: argparse says which argument it was, and ends with 2."""
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+from epson_driver.inputs import HOST, Rule, count, printable, shown
+
+PORT = Rule(count(1, 65_535).read, 'must be a port from 1 to 65535')
+FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
+"""0 for any free one."""
+
+
+def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callable[[str], Any]:
+    """Return the `type` of an argument: a number, or what `parse` makes of it, under a rule."""
+
+    def read(text: str) -> Any:
+        try:
+            return rule.read((parse or _number)(text))
+        except (TypeError, ValueError, KeyError, OverflowError):
+            said = text if text and len(text) < 100 else shown(text)
+            raise argparse.ArgumentTypeError(f'{printable(said)}: {rule.text}') from None
+
+    return read
+
+
+host = argument(HOST, str)
+
+
+def _number(text: str) -> int | float:
+    try:
+        return int(text)
+    except ValueError:
+        return float(text)
