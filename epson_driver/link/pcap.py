@@ -288,6 +288,8 @@ class Stream:
         if segment.data:
             held = self.waiting.get(sequence, b'')
             self.waiting[sequence] = max(held, segment.data, key=len)
+        if self._ahead(sequence) > 0:  # behind a gap: nothing is in order because of it
+            return b''
         fresh = bytearray()
         for start in sorted(self.waiting, key=self._ahead):
             if self._ahead(start) > 0:

@@ -1,0 +1,203 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""docs/invariants.md, 7, for files: whatever is in one, it is read, or refused in one sentence.
+
+Real files are changed: keys taken away or doubled, values replaced by anything that YAML can hold,
+bytes replaced. Every reader of YAML, and the reader of recordings, takes each of them.
+"""
+
+import copy
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.controllers import load_controller_profile
+from epson_driver.error_texts import read_error_texts
+from epson_driver.inputs import InputError
+from epson_driver.motion import problems
+from epson_driver.robots import load_robot_model
+from epson_driver.share import share_folder
+
+
+def _trajectory(path: Path) -> None:
+    for timed in (True, False):
+        trajectory = read_trajectory(path, timed=timed)
+        limits = load_robot_model('c3_a601s').limits
+        if set(trajectory.joint_names) == set(limits.names):
+            assert all(isinstance(text, str) for text in problems(trajectory, limits))
+
+
+def _model(path: Path) -> None:
+    model = load_robot_model(str(path))
+    assert model.confidence
+    assert model.kind
+    assert (model.reach >= 0.0).all()
+
+
+READERS: dict[str, tuple[Callable[[Path], object], Path]] = {
+    'robot': (_model, share_folder('config', 'robots') / 'c3_a601s.yaml'),
+    'controller': (
+        lambda path: load_controller_profile(str(path)),
+        share_folder('config', 'controllers') / 'rc620.yaml',
+    ),
+    'errors': (read_error_texts, share_folder('config', 'errors') / 'epson.yaml'),
+    'trajectory': (
+        _trajectory,
+        share_folder('config', 'trajectories') / 'around_pillar_11_points.yaml',
+    ),
+}
+
+SCALARS = st.sampled_from(
+    [
+        '',
+        '~',
+        'true',
+        '.nan',
+        '-.inf',
+        '-0.0',
+        '5e-324',
+        '1e300',
+        '1e-300',
+        '1e999',
+        '9' * 400,
+        '9' * 5000,
+        '0x' + 'f' * 5000,
+        '2026-99-99',
+        '2026-01-01',
+        '1:30',
+        '010',
+        '1_000',
+        '"\\0"',
+        '"\\ud800"',
+        '"a\\nb"',
+        '"' + 'x' * 20_000 + '"',
+        'Gelenk ä',
+        '=',
+        '<<',
+        '!!python/object/apply:os.system [true]',
+        '!!timestamp 2026-99-99',
+        '!!int x',
+        '!!binary ====',
+        '*nothing',
+        '&a [*a]',
+        '../../etc/passwd',
+        '/dev/zero',
+        '/tmp',
+        'like.yaml',
+        'nothing.yaml',
+    ]
+)
+COLLECTIONS = st.sampled_from(
+    ['[]', '{}', '[1]', '[[1]]', '{a: 1}', '[~, x]', '{sec: x}', '[' * 30 + ']' * 30, '[' * 5000]
+)
+VALUES = SCALARS | COLLECTIONS
+
+
+def _places(data: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    yield place
+    if isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _places(value, (*place, key))
+
+
+@cache
+def _original(path: Path) -> tuple[Any, list[tuple[Any, ...]]]:
+    content = yaml.safe_load(path.read_text('utf-8'))
+    return content, list(_places(content))
+
+
+PLACEHOLDER = 'PLACEHOLDER'
+
+
+def _changed(data: Any, place: tuple[Any, ...], value: str | None) -> str:
+    """Return the file with the value at a place replaced; None: taken away."""
+    whole = {'root': copy.deepcopy(data)}
+    inner: Any = whole
+    path = ('root', *place)
+    for key in path[:-1]:
+        inner = inner[key]
+    if value is None:
+        del inner[path[-1]]
+    else:
+        inner[path[-1]] = PLACEHOLDER
+    if 'root' not in whole:
+        return ''
+    # one flow collection: what replaces a value stands in a valid file
+    text = yaml.safe_dump(whole['root'], default_flow_style=True, width=10**6, sort_keys=False)
+    return text.replace(PLACEHOLDER, value or '')
+
+
+def taken_or_refused(reader: Callable[[Path], object], path: Path) -> bool:
+    """Return whether the file was read; otherwise it was refused as it must be."""
+    try:
+        reader(path)
+    except FileNotFoundError as error:  # like: a profile that is not there
+        text = str(error)
+        assert 'there is: ' in text
+    except InputError as error:
+        text = str(error)
+        assert str(path.parent) in text
+    else:
+        return True
+    assert text.isprintable(), text
+    assert len(text) < 1000, text
+    return False
+
+
+ANY_TIME = settings(
+    deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@pytest.mark.parametrize('name', READERS)
+def test_the_file_itself_is_read(name: str, tmp_path: Path) -> None:
+    reader, original = READERS[name]
+    path = tmp_path / 'file.yaml'
+    path.write_text(_changed(yaml.safe_load(original.read_text('utf-8')), (), None))
+    assert not taken_or_refused(reader, path)
+    path.write_bytes(original.read_bytes())
+    assert taken_or_refused(reader, path)
+
+
+@pytest.mark.parametrize('name', READERS)
+@ANY_TIME
+@given(data=st.data())
+def test_inv7_a_value_can_be_anything(name: str, tmp_path: Path, data: Any) -> None:
+    reader, original = READERS[name]
+    content, places = _original(original)
+    place = data.draw(st.sampled_from(places))
+    value = data.draw(st.none() | VALUES)
+    path = tmp_path / 'file.yaml'
+    path.write_text(_changed(content, place, value), encoding='utf-8')
+    taken_or_refused(reader, path)
+
+
+@pytest.mark.parametrize('name', READERS)
+@ANY_TIME
+@given(data=st.data())
+def test_inv7_bytes_can_be_anything(name: str, tmp_path: Path, data: Any) -> None:
+    reader, original = READERS[name]
+    content = original.read_bytes()
+    start = data.draw(st.integers(0, len(content)))
+    length = data.draw(st.integers(0, 40))
+    content = content[:start] + data.draw(st.binary(max_size=20)) + content[start + length :]
+    content = content[: data.draw(st.just(len(content)) | st.integers(0, len(content)))]
+    path = tmp_path / 'file.yaml'
+    path.write_bytes(content)
+    taken_or_refused(reader, path)
+
+
+@pytest.mark.parametrize('name', READERS)
+@ANY_TIME
+@given(text=st.text(alphabet='[]{}:,-#&*!|>\'"%@` \n\tab1.?~', max_size=60))
+def test_inv7_a_file_can_be_anything(name: str, tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'file.yaml'
+    path.write_text(text, encoding='utf-8')
+    assert not taken_or_refused(READERS[name][0], path)
