@@ -21,6 +21,7 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from epson_driver.client.node import ClientNode
+from epson_driver.client.parameter_service import CheckedParameterService
 from epson_driver.client.ros_log import RosLogHandler
 from epson_driver.inputs import printable
 
@@ -83,7 +84,9 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node]) -> bool:
     logger = rclpy.logging.get_logger(DEFAULT_NAME)
     for namespace in namespaces:
         try:
-            nodes.append(Node(DEFAULT_NAME, namespace=namespace))
+            node = Node(DEFAULT_NAME, namespace=namespace, start_parameter_services=False)
+            nodes.append(node)
+            CheckedParameterService(node)
         except NameValidationException as error:
             logger.fatal(printable(f'--namespace {namespace}: {error}'))
             return False
