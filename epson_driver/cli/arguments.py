@@ -3,7 +3,9 @@
 """Rules of arguments: argparse says which argument it was, and ends with 2."""
 
 import argparse
+import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from epson_driver.inputs import HOST, Rule, count, printable, shown
@@ -29,8 +31,25 @@ def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callab
 host = argument(HOST, str)
 
 
+PICTURES = ('.png', '.pdf', '.svg', '.jpg')
+
+
+def picture(text: str) -> Path:
+    """Return the path of a picture, in a format that can be drawn."""
+    path = Path(text)
+    if path.suffix not in PICTURES:
+        rule = f'must end in {" or ".join(PICTURES)}'
+        raise argparse.ArgumentTypeError(f'{printable(shown(text))}: {rule}')
+    return path
+
+
 def _number(text: str) -> int | float:
+    if not text.isascii() or '_' in text:  # Python takes more than people mean
+        raise ValueError
     try:
         return int(text)
     except ValueError:
-        return float(text)
+        number = float(text)
+    if math.isinf(number) and 'inf' not in text.lower():  # more digits than a number can have
+        raise OverflowError
+    return number

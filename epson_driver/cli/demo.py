@@ -25,7 +25,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from epson_driver.cli import processes
-from epson_driver.cli.arguments import argument
+from epson_driver.cli.arguments import argument, picture
 from epson_driver.cli.demo_report import (
     DEVIATION_ALLOWED,
     Drawn,
@@ -116,7 +116,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument(
         '--picture',
-        type=Path,
+        type=picture,
         metavar='FILE',
         default=Path('demo-report.png'),
         help='where to draw positions and velocities (default: %(default)s)',

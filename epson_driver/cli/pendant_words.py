@@ -8,6 +8,9 @@ from typing import NamedTuple
 
 from epson_driver.controller.faults.fault_kinds import FAULTS
 
+LONGEST_SAID = 200
+"""Characters of what was said in an answer to it."""
+
 
 class UsageError(ValueError):
     """Words that mean nothing; the text says what may be said."""
@@ -76,14 +79,16 @@ def request(words: Sequence[str]) -> Request:
         return ACTIONS[said]
     form = FORMS.get(words[0]) if words else None
     if form is None:
-        raise UsageError(f'{said}: must be one of {", ".join(TEXTS)}')
+        raise UsageError(f'{said[:LONGEST_SAID]}: must be one of {", ".join(TEXTS)}')
     if not said.isprintable():
-        raise UsageError(f'{said!r}: must be printable')
+        raise UsageError(f'{said[:LONGEST_SAID]!r}: must be printable')
     try:
         return form.request(words[1:])
     except ValueError as error:
         text = f'{error}: ' if isinstance(error, UsageError) else ''
-        raise UsageError(f'{said}: {text}must be {" or ".join(form.usages)}') from error
+        raise UsageError(
+            f'{said[:LONGEST_SAID]}: {text}must be {" or ".join(form.usages)}'
+        ) from error
 
 
 def points(value: str) -> str:

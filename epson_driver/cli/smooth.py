@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument
+from epson_driver.cli.arguments import argument, picture
 from epson_driver.cli.smooth_report import Study, column, draw, point_to_point, spline
 from epson_driver.cli.trajectory_file import (
     read_trajectory,
@@ -30,6 +30,9 @@ from epson_driver.robots import load_robot_model
 
 FINEST = 0.001
 """The motion is judged and drawn at samples this far apart, s."""
+
+SHORTEST_LOOK_AHEAD = 0.01
+"""As of the simulated controller, s; with less, the arm creeps, and it is planned without end."""
 
 MENTIONED = 3
 """So many of a plan's faults are spelled out."""
@@ -188,20 +191,6 @@ def _table(study: Study, planner: _CountingPlanner, look_ahead: float) -> Table:
     return table
 
 
-def _look_ahead(text: str) -> float:
-    value = _number(text)
-    if not value > 0.0:
-        raise argparse.ArgumentTypeError(f'{text}: must be a time above 0 s')
-    return value
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver smooth',
@@ -219,7 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--look-ahead',
-        type=_look_ahead,
+        type=argument(number(SHORTEST_LOOK_AHEAD, np.inf, 's')),
         default=np.inf,
         metavar='S',
         help='so much is known ahead of the arm, s, as in a stream (all points)',
@@ -227,7 +216,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--output', type=Path, metavar='FILE', help='the smooth trajectory (NAME_smooth.yaml)'
     )
-    parser.add_argument('--picture', type=Path, metavar='FILE', help='(NAME_smooth.png)')
+    parser.add_argument('--picture', type=picture, metavar='FILE', help='(NAME_smooth.png)')
     parser.add_argument(
         '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
     )

@@ -113,6 +113,11 @@ def run_client(*arguments: str) -> subprocess.CompletedProcess[str]:
         ('joint_names:=[a, b]', ('joint_names', '2 names', '6 joints')),
         ('state_timeout:=0.0', ('state_timeout', '0.0')),
         ('motion_port:=eleven', ('motion_port', 'eleven')),
+        ('robot_ip:=a..b', ("parameter robot_ip = 'a..b'", 'must be an IP address')),
+        ('robot_ip:=' + 'x' * 64, ('parameter robot_ip', 'must be an IP address')),
+        ('joint_names:=[]', ('parameter joint_names = []', 'must be a list of names')),
+        ('joint_signs:=[]', ('parameter joint_signs = []', 'needs one number')),
+        ('robot_ip:=', ('Failed to parse ROS arguments', 'robot_ip')),
     ],
 )
 def test_wrong_parameter_is_refused_with_its_name(setting: str, words: tuple[str, ...]) -> None:
@@ -120,6 +125,15 @@ def test_wrong_parameter_is_refused_with_its_name(setting: str, words: tuple[str
     assert run.returncode == 1, run.stderr
     for word in words:
         assert word in run.stderr
+    assert 'Traceback' not in run.stderr
+
+
+def test_a_folder_is_no_robot_model(tmp_path: Path) -> None:
+    folder = tmp_path / 'arm.yaml'
+    folder.mkdir()
+    run = run_client('--ros-args', '-p', f'robot_model:={folder}')
+    assert run.returncode == 1
+    assert f'parameter robot_model = {str(folder)!r}: {folder}: is a folder, not a' in run.stderr
     assert 'Traceback' not in run.stderr
 
 

@@ -1,0 +1,90 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""No argument of an executable ends in a traceback: 2 and a sentence, 1 for a bad file."""
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+PLAN = str(Path(__file__).parents[2] / 'config' / 'trajectories' / 'around_pillar_11_points.yaml')
+DIGITS = '9' * 400
+TOO_LONG = '9' * 5000  # more than Python reads
+
+HOSTS = ('', ' ', 'a..b', '.', 'x' * 64, 'a\nb', 'a\0b', '\udc80', '999.1.1.1', '1.2.3.4.5', 'a b')
+NUMBERS = (DIGITS, TOO_LONG, 'nan', '-inf', '-1e300', '', 'x', '1_0', '٣', '0x10')
+FILES = (
+    '',
+    '/tmp',
+    '/dev/zero',
+    '/nowhere/x.yaml',
+    '[/red]x.yaml',
+    'a\nb.yaml',
+    'a\0b.yaml',
+    'x' * 300,
+    'x' * 300 + '.yaml',
+    '\udc80.yaml',
+)
+
+TABLE = (
+    ('pendant', HOSTS, '--host={}', 'status'),
+    ('pendant', NUMBERS, '--port={}', 'status'),
+    ('pendant', NUMBERS, 'io', 'out', '{}', 'x'),
+    ('pendant', ('nan', 'inf', 'x', TOO_LONG[:30] + 'x'), 'disturb', '1', '{}'),
+    ('sim_controller', HOSTS, '--host={}'),
+    ('sim_controller', NUMBERS, '--motion-port={}'),
+    ('sim_controller', NUMBERS, '--state-period={}'),
+    ('sim_controller', NUMBERS, '--look-ahead={}'),
+    ('sim_controller', NUMBERS, '--seed={}'),
+    ('sim_controller', NUMBERS, '--fault={}'),
+    ('sim_controller', NUMBERS, '--start={}'),
+    ('sim_controller', (DIGITS, TOO_LONG, 'nan', '-inf', '', 'x'), '--start={},0,0,0,0,0'),
+    ('sim_controller', FILES, '--robot={}'),
+    ('sim_controller', FILES, '--controller={}'),
+    ('replay', FILES, '{}'),
+    ('replay', HOSTS, '--host={}', PLAN),
+    ('replay', NUMBERS, '--state-port={}', PLAN),
+    ('replay', NUMBERS, '--speed={}', PLAN),
+    ('smooth', FILES, '{}'),
+    ('smooth', FILES, PLAN, '--robot={}'),
+    ('smooth', NUMBERS, PLAN, '--rate={}'),
+    ('smooth', (*NUMBERS, '1e-300', '0'), PLAN, '--look-ahead={}'),
+    ('smooth', ('x.foo', '/tmp', '', '\udc80'), PLAN, '--picture={}'),
+    ('robots', FILES[1:], '{}'),  # without a name it lists all
+    ('demo', FILES, '--trajectory={}'),
+    ('demo', (*NUMBERS, '0'), '--seed={}'),
+    ('demo', (*NUMBERS, '0'), '--seeds={}'),
+    ('demo', ('x.foo', '/tmp', ''), '--picture={}'),
+)
+BAD_FILE = {'demo': 1}
+"""What ends with 1 for a bad file; the others end with 2, as their pages say."""
+
+
+@pytest.mark.parametrize(
+    ('name', 'values', 'words'),
+    [(name, values, words) for name, values, *words in TABLE],
+    ids=[f'{name} {" ".join(words)[-30:]}' for name, _, *words in TABLE],
+)
+def test_inv7_whatever_an_argument_is_it_is_refused_in_a_sentence(
+    name: str,
+    values: tuple[str, ...],
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    main = import_module(f'epson_driver.cli.{name}').main
+    for value in values:
+        monkeypatch.setattr(sys, 'argv', [name, *(word.replace('{}', value) for word in words)])
+        try:
+            code = main()
+        except SystemExit as end:
+            code = end.code
+        said = capsys.readouterr()
+        sentence = ' '.join((said.out + said.err).split())
+        assert code in (2, BAD_FILE.get(name, 2)), (value[:50], sentence)
+        assert 'error: ' in sentence or 'demo failed: ' in sentence
+        assert len(sentence) < 3000
+    assert not list(tmp_path.iterdir())
