@@ -42,6 +42,7 @@ GROUND = frozenset(
     {
         'controllers',
         'error_texts',
+        'log_lines',
         'motion',
         'remote_errors',
         'robots',
@@ -53,6 +54,7 @@ GROUND = frozenset(
 ROOMS = {
     'share': Room(0, NOTHING),
     'remote_errors': Room(0, NOTHING),
+    'log_lines': Room(0, NOTHING),
     'error_texts': Room(0, frozenset({'share'}), frozenset({'yaml'})),
     'simple_message': Room(0, NOTHING),
     'motion': Room(0, NOTHING, frozenset({'numpy', 'ruckig'})),

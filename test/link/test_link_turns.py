@@ -9,7 +9,7 @@ import time
 from link_bench import Bench, Peer, frame, joints, run, until
 
 from epson_driver.link.link import FRAMES_A_TURN
-from epson_driver.link.log_pace import PERIOD, LogPace
+from epson_driver.log_lines import PERIOD, LogPace
 
 MANY = 1000
 
