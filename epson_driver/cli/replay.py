@@ -14,6 +14,7 @@ from epson_driver.link.pcap import PcapError
 from epson_driver.link.player import Order, Player, Score
 from epson_driver.link.recording import read_recording
 from epson_driver.link.script import ROLES, Kind, Script, ScriptError, make_script
+from epson_driver.log_lines import printable
 
 TELL_AFTER = 2.0
 """What the recording waits for is told when it has waited this long, s."""
@@ -26,7 +27,7 @@ def main() -> int:
     try:
         script = make_script(read_recording(args.file), args.controller)
     except (PcapError, ScriptError) as error:
-        parser.error(f'{args.file}: {error}')
+        parser.error(printable(f'{args.file}: {error}'))
     except OSError as error:
         parser.error(f'{args.file}: {error.strerror}')
     player = Player(script, args.speed, _tell)

@@ -173,7 +173,7 @@ class Lines:
             line.hang_up()
 
     def dismiss_remote(self, why: str) -> None:
-        """Close the connection of the remote client with the least claim to it, if there is one."""
+        """Close the connection of the remote client with the least claim to it, if any."""
         line = min(self._remote, key=lambda line: line.claim, default=None)
         if line is not None:
             known = 'is logged in' if line.claim[1] else 'is not logged in'

@@ -13,12 +13,20 @@ import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 
+from epson_driver.log_lines import printable
 from epson_driver.remote_errors import MEANINGS
 
 _LONGEST_LINE = 65_536
+_SHOWN = 100
+"""How much of an answer that is none is shown, characters."""
+_DIGITS = 5
+"""At most, of an error number."""
 
 Ask = Callable[[str], Awaitable[str]]
-"""Gives a command without its `$`; returns the value of the answer, or raises RemoteError."""
+"""Gives a command without its `$`; returns the value of the answer, or raises RemoteError.
+
+The value is printable, as `log_lines.printable` has it, whatever the controller sends.
+"""
 
 
 class RemoteError(Exception):
@@ -93,7 +101,7 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
     except ValueError as error:
         shown = _without_password(command)
         raise ConnectionError(f'the answer to {shown} does not end') from error
-    answer = line.decode(errors='replace').strip()
+    answer = printable(line.decode(errors='replace').strip())
     if not line.endswith(b'\n'):
         shown = _without_password(command)
         raise ConnectionError(f'closed by the controller before it answered {shown}')
@@ -101,9 +109,10 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
     if name.lower() == command.partition(',')[0].lower():
         if answer.startswith('#'):
             return value
-        if answer.startswith('!') and value.isdecimal():
+        if answer.startswith('!') and value.isdecimal() and len(value) <= _DIGITS:
             raise RemoteError(command, int(value))
-    raise ConnectionError(f'{answer!r} is no answer to {_without_password(command)}')
+    shown = answer if len(answer) <= _SHOWN else f'{answer[:_SHOWN]}…'
+    raise ConnectionError(f"'{shown}' is no answer to {_without_password(command)}")
 
 
 def _without_password(command: str) -> str:

@@ -64,7 +64,6 @@ class Connection:
 
     async def receive(self) -> bytes:
         """Return the next bytes, none when the client has closed or is lost."""
-        await asyncio.sleep(0)  # a client that never pauses does not keep the others waiting
         try:
             return await self._reader.read(self._chunk)
         except OSError as error:

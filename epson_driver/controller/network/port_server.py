@@ -205,6 +205,7 @@ class PortServer:
         try:
             while data := await connection.receive():
                 async with self._turn:
+                    await asyncio.sleep(0)  # so it is a turn of the loop, and the next waits
                     with self._pacer.present():
                         began = time.thread_time()
                         line.receive(data)
