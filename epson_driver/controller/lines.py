@@ -28,6 +28,12 @@ _log = logging.getLogger(__name__)
 REMOTE_CLIENTS = 16
 """How many remote clients are served at once. One more takes the place of another."""
 
+GRACE = 0.1
+"""How long a remote client keeps its place before it need make room, s: to be heard at all."""
+
+NEWCOMERS = REMOTE_CLIENTS // 2
+"""Of a full port, how many may have come within GRACE: the others give them their places."""
+
 _SERVERS: dict[str, Task | None] = {
     'motion': MOTION_SERVER,
     'state': STATE_SERVER,
@@ -46,6 +52,7 @@ class Line(Session):
     def __init__(self, controller: 'Controller', port: str, client: Client) -> None:
         self.port = port
         self.local = client.local
+        self._begun = controller.clock.now
         self._abort = client.abort
         self._controller = controller
         by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
@@ -61,16 +68,18 @@ class Line(Session):
         self._open = True
 
     @property
-    def claim(self) -> tuple[bool, bool, float]:
+    def claim(self) -> tuple[bool, bool, bool, float]:
         """How good a claim to its place a remote client has: the least one has to make room.
 
-        A client of this machine has a better one, then one that is logged in, then the one that
-        was heard last. No command is ever under way: each is answered when it has come.
+        A client that has just come has the best one, then one of this machine, then one that is
+        logged in, then the one that was heard last. No command is ever under way: each is answered
+        when it has come.
         """
         session = self._session
         if not isinstance(session, RemoteSession):
             raise TypeError(f'a client of the {self.port} port keeps its place')
-        return self.local, session.logged_in, session.heard
+        new = self._controller.clock.now < self._begun + GRACE
+        return new, self.local, session.logged_in, session.heard
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the client. Raises FrameError as the session does.
@@ -176,7 +185,7 @@ class Lines:
         """Close the connection of the remote client with the least claim to it, if any."""
         line = min(self._remote, key=lambda line: line.claim, default=None)
         if line is not None:
-            known = 'is logged in' if line.claim[1] else 'is not logged in'
+            known = 'is logged in' if line.claim[2] else 'is not logged in'
             _log.warning('a remote client makes room, which %s: %s', known, why)
             line.hang_up()
 

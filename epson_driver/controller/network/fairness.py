@@ -5,12 +5,15 @@
 SAVED = 0.1
 """Time that a client may use at once after it was quiet, s."""
 
+FIRST = 0.002
+"""What it may use at once when it has just come, s: to come again and again does not pay."""
+
 
 class Share:
     """What a client has used lately. It pays for more than its share by waiting."""
 
     def __init__(self, now: float) -> None:
-        self._saved = SAVED
+        self._saved = FIRST
         self._at = now
 
     def used(self, seconds: float, share: float, now: float) -> float:

@@ -8,8 +8,10 @@ import logging
 import os
 import socket
 import time
+from collections import deque
 from typing import NamedTuple
 
+from epson_driver.controller.lines import GRACE, NEWCOMERS, REMOTE_CLIENTS
 from epson_driver.controller.network.connection import Connection
 from epson_driver.controller.network.fairness import Share
 from epson_driver.controller.network.pacer import Pacer
@@ -23,7 +25,7 @@ HANDOVER = 0.1
 WAITING = 4
 """How many may wait for a place; who comes then is refused at once."""
 
-BACKLOG = 128
+BACKLOG = 64
 """How many the system may keep until they are accepted, one in a turn of the loop."""
 
 RETRY = 0.05
@@ -85,6 +87,8 @@ class PortServer:
         self._retry: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         clients = rules.max_clients
+        self._admitted: deque[float] = deque([-GRACE] * NEWCOMERS, NEWCOMERS)
+        """When the last clients came, as many as may be new where each gets in."""
         self._spare = Spare()
         """What a client gets in with when no descriptor is left, where each gets in."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
@@ -127,6 +131,12 @@ class PortServer:
 
     def _accept(self, listening: socket.socket) -> None:
         """Take one client of those that the system keeps; what cannot be taken now stays there."""
+        limit = self._rules.max_clients
+        if limit is None and len(self._tasks) >= REMOTE_CLIENTS:
+            wait = self._admitted[0] + GRACE - time.monotonic()
+            if wait > 0.0:  # too many have just come: let them be heard
+                self._pause(listening, wait)
+                return
         try:
             try:
                 sock, address = listening.accept()
@@ -136,9 +146,9 @@ class PortServer:
                 sock, address = listening.accept()
         except OSError as error:
             if error.errno not in _GONE:
-                self._pause(listening, error.strerror or str(error))
+                self._cannot(listening, error.strerror or str(error))
             return
-        limit = self._rules.max_clients
+        self._admitted.append(time.monotonic())
         if limit is not None and len(self._tasks) >= limit + WAITING:
             sock.close()
             _log.warning(
@@ -156,15 +166,19 @@ class PortServer:
         if self._rules.max_clients is None and self._sock is not None:
             self._spare.keep()
 
-    def _pause(self, listening: socket.socket, why: str) -> None:
-        """Accept nobody for a while: the system would offer the same client all the time."""
+    def _cannot(self, listening: socket.socket, why: str) -> None:
+        """Say what keeps clients out; the system would offer the same one all the time."""
         _log.error('%s port: nobody can be accepted now: %s', self._rules.name, why)
-        loop = asyncio.get_running_loop()
-        loop.remove_reader(listening)
-        self._retry = loop.call_later(RETRY, self._listen)
+        self._pause(listening, RETRY)
         if self._rules.max_clients is None:
             with self._pacer.present() as controller:
                 controller.lines.dismiss_remote(why)
+
+    def _pause(self, listening: socket.socket, seconds: float) -> None:
+        """Accept nobody for a while."""
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(listening)
+        self._retry = loop.call_later(seconds, self._listen)
 
     async def _admit(self, sock: socket.socket) -> None:
         rules = self._rules

@@ -5,17 +5,17 @@
 import pytest
 from controller_bench import Bench, Peer
 
-from epson_driver.controller.lines import REMOTE_CLIENTS
+from epson_driver.controller.lines import GRACE, REMOTE_CLIENTS
 
 
 class Client:
     """A remote client that says nothing of itself."""
 
-    def __init__(self, bench, local=True):
+    def __init__(self, bench, local=True, stays=2 * GRACE):
         self.bench = bench
         self.peer = Peer(local)
         self.line = bench.controller.connect('remote', self.peer)
-        bench.step(0.1, 0.1)
+        bench.step(stays, GRACE)
 
     @property
     def gone(self):
@@ -23,7 +23,7 @@ class Client:
 
     def says(self, command):
         self.line.receive(f'${command}\r\n'.encode())
-        self.bench.step(0.1, 0.1)
+        self.bench.step(GRACE, GRACE)
         return self.peer.take().decode().strip()
 
 
@@ -93,6 +93,18 @@ def test_clients_of_other_machines_make_room_first_be_they_logged_in(bench):
     Client(bench, local=False)
     assert gone(far) == [0, 1]
     assert not near.gone
+
+
+def test_who_has_just_come_is_heard_before_it_makes_room(bench, idle):
+    for client in idle[: REMOTE_CLIENTS // 2]:
+        client.says('Login')
+    new = [Client(bench, stays=0.0) for _ in range(REMOTE_CLIENTS // 2 + 2)]
+    assert not any(client.gone for client in new)
+    assert gone(idle) == [0, 1, *range(REMOTE_CLIENTS // 2, REMOTE_CLIENTS)]
+    bench.step(2 * GRACE, GRACE)
+    Client(bench, stays=0.0)
+    assert gone(new) == [0]
+    assert len(gone(idle)) == REMOTE_CLIENTS // 2 + 2
 
 
 def test_other_ports_keep_their_clients(bench):
