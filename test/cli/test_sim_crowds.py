@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process `sim_controller` in a crowd of hostile clients, and the process `pendant` there."""
 
-import os
 import socket
 import subprocess
 import threading
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from sim_process import COMMAND, FREE, LINE, PORTS, connect, receive
@@ -91,7 +91,7 @@ def flooding():
 
 
 def descriptors(process):
-    return len(os.listdir(f'/proc/{process.pid}/fd'))
+    return len(list(Path(f'/proc/{process.pid}/fd').iterdir()))
 
 
 def pressed(port):
