@@ -64,7 +64,7 @@ class PortRules(NamedTuple):
 def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
     """Return the rules of all ports, in the order of `servers.Ports`."""
     return (
-        PortRules('motion', 1, share=None),  # nothing may hold up its STOP
+        PortRules('motion', 1, chunk=4096, share=None),  # nothing may hold up its STOP
         PortRules('state', server.state_clients, 4096, 16_384, half_closed=True),  # a third of a s
         PortRules('io', server.io_clients, 16_384),
         PortRules('remote', None, 16_384, chunk=128),  # a command may have two characters
