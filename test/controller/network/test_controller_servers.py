@@ -192,7 +192,12 @@ async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(se
 
 def test_invariant_7_a_client_that_does_not_read_its_replies_is_disconnected(caplog):
     async def test(served):
-        reader, writer = await served.connect()
+        sock = socket.socket()
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # full before TCP gives up
+        sock.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.motion))
+        reader, writer = await asyncio.open_connection(sock=sock)
+        served.writers.append(writer)
         reader._transport.pause_reading()
         served.controller.apply(Event.MOTORS_ON)
         pings = frame(1, 2, 0, bytes(40)) * 1000
