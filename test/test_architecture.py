@@ -43,6 +43,7 @@ GROUND = frozenset(
         'controllers',
         'error_texts',
         'inputs',
+        'log_lines',
         'motion',
         'remote_errors',
         'robots',
@@ -54,6 +55,7 @@ GROUND = frozenset(
 ROOMS = {
     'share': Room(0, NOTHING),
     'remote_errors': Room(0, NOTHING),
+    'log_lines': Room(0, frozenset({'inputs'})),
     'inputs': Room(0, NOTHING, frozenset({'yaml'})),
     'error_texts': Room(0, frozenset({'inputs', 'share'})),
     'simple_message': Room(0, NOTHING),

@@ -58,10 +58,13 @@ def main() -> int:
 
 async def _do(asked: Request | None, host: str, port: int, password: str) -> str:
     async with logged_in(host, port, _TIMEOUT, password) as ask:
-        if asked is None:
-            return await status(ask)
-        value = await _first_known(ask, asked.commands)
-    return asked.done if isinstance(asked.done, str) else asked.done(value)
+        try:
+            if asked is None:
+                return await status(ask)
+            value = await _first_known(ask, asked.commands)
+            return asked.done if isinstance(asked.done, str) else asked.done(value)
+        except (ValueError, KeyError) as error:
+            raise ConnectionError(f'{host}:{port}: an answer makes no sense: {error}') from error
 
 
 async def _first_known(ask: Ask, commands: Sequence[str]) -> str:

@@ -18,6 +18,9 @@ _ESTOP = {
 _JOINTS = (6, 4)
 """How many joints a robot has, most likely first."""
 
+_DIGITS = 5
+"""At most, of an error number."""
+
 _INDENT = '\n' + ' ' * 8
 
 
@@ -55,8 +58,9 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
-    if not number.isdecimal() or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
-        raise ConnectionError(f'{value!r} is no status')
+    known = number.isdecimal() and len(number) <= _DIGITS
+    if not known or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
+        raise ConnectionError(f"'{value[:40]}' is no status")
     named = zip(tuple(FLAGS)[-len(bits) :], bits, strict=True)
     return tuple(name for name, bit in named if bit == '1'), int(number)
 

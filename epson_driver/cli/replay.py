@@ -28,7 +28,7 @@ def main() -> int:
     try:
         script = make_script(read_recording(args.file), args.controller)
     except (PcapError, ScriptError) as error:
-        parser.error(f'{printable(args.file)}: {error}')
+        parser.error(printable(f'{args.file}: {error}'))
     except InputError as error:
         parser.error(str(error))
     player = Player(script, args.speed, _tell)

@@ -22,8 +22,8 @@ from epson_driver.client.joint_mapping import unmapped
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.smoothing_process import SmoothingProcess
 from epson_driver.link import Link, LinkState, Trace
-from epson_driver.link.log_pace import LogPace
 from epson_driver.link.trace import END_TIMEOUT
+from epson_driver.log_lines import LogPace
 from epson_driver.simple_message import (
     CommType,
     Dialect,

@@ -10,6 +10,8 @@ import logging
 from contextvars import Context, ContextVar, copy_context
 from typing import Any
 
+from epson_driver.log_lines import PrintableFormatter
+
 _LOGGER: ContextVar[Any] = ContextVar('ros_logger')
 
 
@@ -25,6 +27,7 @@ class RosLogHandler(logging.Handler):
 
     def __init__(self, logger: Any) -> None:
         super().__init__()
+        self.setFormatter(PrintableFormatter())
         self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:

@@ -25,6 +25,15 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
+REMOTE_CLIENTS = 16
+"""How many remote clients are served at once. One more takes the place of another."""
+
+GRACE = 0.1
+"""How long a remote client keeps its place before it need make room, s: to be heard at all."""
+
+NEWCOMERS = REMOTE_CLIENTS // 2
+"""Of a full port, how many may have come within GRACE: the others give them their places."""
+
 _SERVERS: dict[str, Task | None] = {
     'motion': MOTION_SERVER,
     'state': STATE_SERVER,
@@ -42,6 +51,8 @@ class Line(Session):
 
     def __init__(self, controller: 'Controller', port: str, client: Client) -> None:
         self.port = port
+        self.local = client.local
+        self._begun = controller.clock.now
         self._abort = client.abort
         self._controller = controller
         by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
@@ -55,6 +66,20 @@ class Line(Session):
         )
         self._session = _open(controller, port, self._wire.send, client)
         self._open = True
+
+    @property
+    def claim(self) -> tuple[bool, bool, bool, float]:
+        """How good a claim to its place a remote client has: the least one has to make room.
+
+        A client that has just come has the best one, then one of this machine, then one that is
+        logged in, then the one that was heard last. No command is ever under way: each is answered
+        when it has come.
+        """
+        session = self._session
+        if not isinstance(session, RemoteSession):
+            raise TypeError(f'a client of the {self.port} port keeps its place')
+        new = self._controller.clock.now < self._begun + GRACE
+        return new, self.local, session.logged_in, session.heard
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the client. Raises FrameError as the session does.
@@ -105,9 +130,12 @@ class Lines:
         """Begin to serve a client of `port`: motion, state, io or remote.
 
         When its connection ends, whoever ended it, the line's `closed` must be called. Raises
-        ConnectionRefusedError, which says why, if nobody serves the port now.
+        ConnectionRefusedError, which says why, if nobody serves the port now. A remote client too
+        many takes the place of another one, so that whoever wants to press the E-stop gets in.
         """
         reason = self._refusal(port)
+        if reason is None and port == 'remote':
+            reason = self._make_room(client)
         if reason is not None:
             raise ConnectionRefusedError(reason)
         line = Line(self._controller, port, client)
@@ -153,6 +181,18 @@ class Lines:
         for line in [line for line in self._lines if line.port in ports]:
             line.hang_up()
 
+    def dismiss_remote(self, why: str) -> None:
+        """Close the connection of the remote client with the least claim to it, if any."""
+        line = min(self._remote, key=lambda line: line.claim, default=None)
+        if line is not None:
+            known = 'is logged in' if line.claim[2] else 'is not logged in'
+            _log.warning('a remote client makes room, which %s: %s', known, why)
+            line.hang_up()
+
+    @property
+    def _remote(self) -> list[Line]:
+        return [line for line in self._lines if line.port == 'remote']
+
     def boot(self, seconds: float) -> None:
         """Close all connections and refuse others for `seconds`; then serve all ports."""
         if self._boot is not None:
@@ -176,6 +216,16 @@ class Lines:
             return 'its task does not run'
         if port == 'motion' and any(line.port == port for line in self._lines):
             return 'there is a motion client already'
+        return None
+
+    def _make_room(self, client: Client) -> str | None:
+        """Have a place for one more remote client; return None, or why there is none."""
+        held = self._remote
+        if len(held) < REMOTE_CLIENTS:
+            return None
+        if not client.local and all(line.local for line in held):
+            return f'{len(held)} clients of this machine are connected'
+        self.dismiss_remote(f'{len(held)} are connected')
         return None
 
     def _down(self, port: str) -> bool:

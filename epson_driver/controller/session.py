@@ -27,7 +27,11 @@ class Session(Protocol):
 
 
 class Client(Protocol):
-    """Where a client's bytes go, and how its connection ends."""
+    """Where a client's bytes go, how its connection ends, and whether it is of this machine."""
+
+    @property
+    def local(self) -> bool:
+        """Whether the client runs on the machine that the controller runs on."""
 
     def send(self, data: bytes) -> None:
         """Send bytes; to a closed connection, drop them."""

@@ -63,11 +63,14 @@ def shown(value: object) -> str:
 
 def printable(text: object) -> str:
     """Return a text as one line that every terminal and log takes; odd characters are escaped."""
+    text = str(text)
+    if text.isprintable():
+        return text
     return ''.join(
         character
         if character.isprintable()
         else character.encode('unicode_escape', 'backslashreplace').decode()
-        for character in str(text)
+        for character in text
     )
 
 

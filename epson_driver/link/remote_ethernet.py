@@ -11,14 +11,29 @@ has no such port.
 import asyncio
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from functools import partial
 
+from epson_driver.inputs import printable
 from epson_driver.remote_errors import MEANINGS
 
 _LONGEST_LINE = 65_536
+_SHOWN = 100
+"""How much of an answer that is none is shown, characters."""
+_DIGITS = 5
+"""At most, of an error number."""
+
+LOGINS = 5
+"""How often a login is tried on a controller that hangs up: its places may all be taken."""
+
+AGAIN = 0.2
+"""How long after a controller hung up the next login is tried, s."""
 
 Ask = Callable[[str], Awaitable[str]]
-"""Gives a command without its `$`; returns the value of the answer, or raises RemoteError."""
+"""Gives a command without its `$`; returns the value of the answer, or raises RemoteError.
+
+The value is printable, as `log_lines.printable` has it, whatever the controller sends.
+"""
 
 
 class RemoteError(Exception):
@@ -53,28 +68,49 @@ async def logged_in(
 ) -> AsyncIterator[Ask]:
     """Be logged in for several commands; what they have in common is one `timeout`, s.
 
+    A controller that hangs up before the login is answered is tried again, `LOGINS` times in all:
+    nothing was asked of it yet. One that does so at the logout has answered everything.
+
     Raises RemoteError for a command that is refused, TimeoutError if all together took longer
     than `timeout`, and ConnectionError if the controller cannot be reached, hangs up or answers
     something else.
     """
     async with asyncio.timeout(timeout):
-        try:
-            reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
-        except (OSError, OverflowError, ValueError) as error:
-            raise ConnectionError(f'{host}:{port}: {_reason(error)}') from error
-
-        async def ask(command: str) -> str:
+        for left in reversed(range(LOGINS)):
             try:
-                return await _ask(reader, writer, command)
-            except ConnectionError as error:
-                raise ConnectionError(f'{host}:{port}: {error}') from error
+                reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
+            except (OSError, OverflowError, ValueError) as error:
+                raise ConnectionError(f'{host}:{port}: {_reason(error)}') from error
+            ask = partial(_ask_at, f'{host}:{port}', reader, writer)
+            try:
+                try:
+                    await ask(f'Login,{password}')
+                except _HungUpError:
+                    if not left:
+                        raise
+                    await asyncio.sleep(AGAIN)
+                    continue
+                yield ask
+                with suppress(_HungUpError):
+                    await ask('Logout')
+                return
+            finally:
+                writer.close()
 
-        try:
-            await ask(f'Login,{password}')
-            yield ask
-            await ask('Logout')
-        finally:
-            writer.close()
+
+class _HungUpError(ConnectionError):
+    """The controller has closed the connection."""
+
+
+async def _ask_at(
+    where: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str
+) -> str:
+    try:
+        return await _ask(reader, writer, command)
+    except (_HungUpError, ConnectionResetError, BrokenPipeError) as error:
+        raise _HungUpError(f'{where}: {error}') from error
+    except ConnectionError as error:
+        raise ConnectionError(f'{where}: {error}') from error
 
 
 def _reason(error: Exception) -> str:
@@ -93,17 +129,18 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
     except ValueError as error:
         shown = _without_password(command)
         raise ConnectionError(f'the answer to {shown} does not end') from error
-    answer = line.decode(errors='replace').strip()
+    answer = printable(line.decode(errors='replace').strip())
     if not line.endswith(b'\n'):
         shown = _without_password(command)
-        raise ConnectionError(f'closed by the controller before it answered {shown}')
+        raise _HungUpError(f'closed by the controller before it answered {shown}')
     name, _, value = answer[1:].partition(',')
     if name.lower() == command.partition(',')[0].lower():
         if answer.startswith('#'):
             return value
-        if answer.startswith('!') and value.isdecimal():
+        if answer.startswith('!') and value.isdecimal() and len(value) <= _DIGITS:
             raise RemoteError(command, int(value))
-    raise ConnectionError(f'{answer!r} is no answer to {_without_password(command)}')
+    shown = answer if len(answer) <= _SHOWN else f'{answer[:_SHOWN]}…'
+    raise ConnectionError(f"'{shown}' is no answer to {_without_password(command)}")
 
 
 def _without_password(command: str) -> str:

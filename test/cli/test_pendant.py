@@ -453,3 +453,50 @@ def test_the_password_is_sent_and_not_shown(monkeypatch, capsys):
     output = capsys.readouterr()
     assert 'the password is wrong (error 13)' in output.err
     assert 'secret' not in output.out + output.err
+
+
+# ---- what a hostile controller answers
+
+HOSTILE = {
+    'escapes': b'#%s,\x1b]0;owned\x07\x9b2J\r\n',
+    'a number of 5000 digits': b'!%s,' + b'9' * 5000 + b'\r\n',
+    'a status of 5000 digits': b'#%s,1,' + b'9' * 5000 + b'\r\n',
+    'nothing of sense': b'#%s,=;,;==,\xff\r\n',
+    'nothing at all': b'#%s\r\n',
+    'escapes instead of an answer': b'\x1b[2J\x07' * 1000 + b'\r\n',
+}
+
+
+@pytest.mark.parametrize('name', HOSTILE)
+@pytest.mark.parametrize(
+    'words', ['status', 'io', 'io in 1', 'fault', 'estop press', 'fault clear']
+)
+def test_what_a_hostile_controller_answers_is_printed_harmlessly(ask_of, name, words):
+    code, text = ask_of(HOSTILE[name], words)
+    assert code in (0, 1)
+    assert text.replace('\n', '').isprintable()
+    assert len(text) < 20_000
+
+
+@pytest.fixture
+def ask_of(said):
+    """Return exit code and output of the pendant on a controller with one answer to everything."""
+
+    def say(answer, words):
+        with socket.create_server(('127.0.0.1', 0)) as server:
+            threading.Thread(target=_answer_all, args=(server, answer), daemon=True).start()
+            return said(server.getsockname()[1], *words.split())
+
+    return say
+
+
+def _answer_all(server, answer):
+    """Log a client in, and give it the same answer to every command."""
+    with suppress(OSError):
+        sock, _ = server.accept()
+        with sock, sock.makefile('rwb') as lines:
+            for line in lines:
+                name = line.strip().lstrip(b'$').split(b',')[0]
+                usual = name in (b'Login', b'Logout')
+                lines.write(b'#%s,0\r\n' % name if usual else answer.replace(b'%s', name))
+                lines.flush()

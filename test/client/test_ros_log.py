@@ -37,6 +37,12 @@ def test_severities_stay(made, severity):
     assert nobody.lines == [(severity, 'text 1')]
 
 
+def test_what_a_controller_sent_does_nothing_to_the_terminal(made):
+    log, nobody = made
+    log.warning('it said %s', '\x1b[2J\x07\n[INFO] forged')
+    assert nobody.lines == [('warning', r'it said \x1b[2J\x07\n[INFO] forged')]
+
+
 def test_tasks_and_callbacks_of_two_nodes_in_one_loop(made):
     log, nobody = made
     loggers = [Logger(), Logger()]

@@ -102,7 +102,8 @@ class InlinePlanner:
 class Peer:
     """What a client of a port got, and whether its connection was ended."""
 
-    def __init__(self):
+    def __init__(self, local=True):
+        self.local = local
         self.got = bytearray()
         self.ended = None
 

@@ -9,7 +9,6 @@ import time
 from link_bench import Bench, Peer, frame, joints, run, until
 
 from epson_driver.link.link import FRAMES_A_TURN
-from epson_driver.link.log_pace import PERIOD, LogPace
 
 MANY = 1000
 
@@ -65,12 +64,3 @@ def test_many_bad_frames_are_counted_and_the_log_has_a_line(caplog):
     with caplog.at_level(logging.WARNING):
         run(scenario())
     assert 1 <= len([text for text in caplog.messages if 'bad frame' in text]) < MANY / 10
-
-
-def test_a_line_in_a_period_and_the_next_one_counts():
-    pace = LogPace()
-    assert pace.line('first', 100.0) == 'first'
-    assert pace.line('second', 100.1) is None
-    assert pace.line('third', 100.0 + 0.9 * PERIOD) is None
-    assert pace.line('fourth', 100.0 + PERIOD) == 'fourth (and 2 like it before)'
-    assert pace.line('fifth', 100.0 + 3 * PERIOD) == 'fifth'

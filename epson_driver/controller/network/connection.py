@@ -3,13 +3,14 @@
 """One client's TCP connection, from the controller's side."""
 
 import asyncio
+import ipaddress
 import logging
 import socket
 import struct
 from contextlib import suppress
 
 CHUNK = 4096
-"""Bytes taken at once: how long one client can keep the others waiting is bounded."""
+"""Bytes taken at once, where the rules of a port say nothing else."""
 
 _KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
 """A peer that is gone without a word is noticed after about 4 s; where the system has these."""
@@ -30,12 +31,16 @@ class Connection:
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
         max_unsent: int,
+        chunk: int = CHUNK,
     ) -> None:
         host, port = writer.get_extra_info('peername')[:2]
         self.name = f'{name} client {host}:{port}'
+        self.local = _is_loopback(host)
+        """Whether it runs on this machine."""
         self._reader = reader
         self._writer = writer
         self._max_unsent = max_unsent
+        self._chunk = chunk
         sock: socket.socket = writer.get_extra_info('socket')
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -59,9 +64,8 @@ class Connection:
 
     async def receive(self) -> bytes:
         """Return the next bytes, none when the client has closed or is lost."""
-        await asyncio.sleep(0)  # a client that never pauses does not keep the others waiting
         try:
-            return await self._reader.read(CHUNK)
+            return await self._reader.read(self._chunk)
         except OSError as error:
             _log.info('%s: %s', self.name, error)
             return b''
@@ -84,3 +88,9 @@ class Connection:
         if sock.fileno() >= 0:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
         self._writer.transport.abort()
+
+
+def _is_loopback(host: str) -> bool:
+    address = ipaddress.ip_address(host.partition('%')[0])  # an IPv6 address may name its zone
+    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    return (mapped or address).is_loopback

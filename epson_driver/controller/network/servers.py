@@ -28,7 +28,8 @@ class ControllerServers:
         self._planner = planner
         self.pacer = Pacer(controller)
         rules = port_rules(controller.profile.server)
-        self._servers = tuple(PortServer(each, self.pacer) for each in rules)
+        turn = asyncio.Lock()
+        self._servers = tuple(PortServer(each, self.pacer, turn) for each in rules)
 
     async def open(self, host: str, ports: Ports) -> Ports:
         """Start the planner, listen on all ports, and return them.

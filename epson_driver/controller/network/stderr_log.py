@@ -1,15 +1,23 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log lines to stderr that never wait for whoever reads them.
+"""Log lines to stderr that never wait for whoever reads them, however many there are.
 
-A pipe that nobody reads would otherwise stop the whole controller at its 64 KiB.
+A pipe that nobody reads would otherwise stop the whole controller at its 64 KiB, and a client that
+is refused all the time would fill the disk.
 """
 
 import logging
 import os
 import queue
 import threading
+import time
+from collections.abc import Callable
 from contextlib import suppress
+
+from epson_driver.log_lines import LogPace, PrintableFormatter, counted
+
+BURST = 20
+"""Lines that each place in the code may write at once; then one a second."""
 
 _STDERR = 2  # the file descriptor
 _CAPACITY = 1000
@@ -17,19 +25,31 @@ _LAST_WORDS = 0.5  # s
 
 
 class StderrLog(logging.Handler):
-    """Writes records from a thread of its own; drops them while 1000 wait."""
+    """Writes records from a thread of its own; drops them while 1000 wait.
 
-    def __init__(self) -> None:
+    What one line of code logs has a pace of its own, on `clock`, s, which never goes back.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
-        self.setFormatter(logging.Formatter('%(asctime)s %(levelname)s %(message)s'))
+        self.setFormatter(PrintableFormatter('%(asctime)s %(levelname)s %(message)s'))
+        self._clock = clock
+        self._paces: dict[tuple[str, int], LogPace] = {}
         self._lines: queue.Queue[bytes | None] = queue.Queue(_CAPACITY)
         self._thread = threading.Thread(target=self._write, name='stderr log', daemon=True)
         self._thread.start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Hand the line to the thread, or drop it."""
+        """Hand the line to the thread, hold it back, or drop it."""
+        where = (record.pathname, record.lineno)
+        if where not in self._paces:
+            self._paces[where] = LogPace(BURST)
+        held = self._paces[where].passes(self._clock())
+        if held is None:
+            return
+        line = counted(self.format(record), held)
         with suppress(queue.Full):
-            self._lines.put_nowait(self.format(record).encode(errors='replace') + b'\n')
+            self._lines.put_nowait(line.encode(errors='replace') + b'\n')
 
     def finish(self) -> None:
         """Write what waits, but not for longer than half a second."""

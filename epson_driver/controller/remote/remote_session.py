@@ -46,6 +46,16 @@ class RemoteSession:
         self._timer: Timer | None = None
         self._watch()
 
+    @property
+    def logged_in(self) -> bool:
+        """Whether the client has logged in, and not out again."""
+        return self._dialogue.logged_in
+
+    @property
+    def heard(self) -> float:
+        """When the last command came, or else the client, on the controller's clock, s."""
+        return self._heard
+
     def receive(self, data: bytes) -> None:
         """Answer every line that is complete now."""
         for byte in data:

@@ -15,7 +15,7 @@ from epson_driver.controller.arm.planner_process import PlannerProcess
 from epson_driver.controller.core import Controller
 from epson_driver.controller.network.servers import ControllerServers, Ports
 from epson_driver.controller.states import Event, Motors
-from epson_driver.link.remote_ethernet import RemoteError, execute
+from epson_driver.link.remote_ethernet import LOGINS, RemoteError, execute
 
 HOST = '127.0.0.1'
 FREE = Ports(0, 0, 0, 0)
@@ -192,7 +192,12 @@ async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(se
 
 def test_invariant_7_a_client_that_does_not_read_its_replies_is_disconnected(caplog):
     async def test(served):
-        reader, writer = await served.connect()
+        sock = socket.socket()
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # full before TCP gives up
+        sock.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.motion))
+        reader, writer = await asyncio.open_connection(sock=sock)
+        served.writers.append(writer)
         reader._transport.pause_reading()
         served.controller.apply(Event.MOTORS_ON)
         pings = frame(1, 2, 0, bytes(40)) * 1000
@@ -463,6 +468,38 @@ def test_what_else_may_answer_a_remote_command(answer, error, text):
         port = server.sockets[0].getsockname()[1]
         with pytest.raises(error, match=text):
             await execute(HOST, port, ['Reset'], 20)
+        server.close()
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize('how', ['end', 'reset'])
+def test_invariant_9_a_controller_that_hangs_up_before_the_login_is_tried_again(how):
+    async def main():
+        comes = 0
+        asked = []
+
+        async def serve(reader, writer):
+            nonlocal comes
+            comes += 1
+            if comes < LOGINS:
+                if how == 'reset':
+                    writer.transport.abort()
+                writer.close()
+                return
+            for name in (b'Login', b'Reset'):
+                asked.append(await reader.readline())
+                writer.write(b'#%s,0\r\n' % name)
+            writer.close()  # and no answer to the logout: all that was asked for is done
+
+        server = await asyncio.start_server(serve, HOST, 0)
+        port = server.sockets[0].getsockname()[1]
+        assert await execute(HOST, port, ['Reset'], 20) == ['0']
+        assert asked == [b'$Login,\r\n', b'$Reset\r\n']
+        assert comes == LOGINS
+        with pytest.raises(ConnectionError, match=f'{HOST}:{port}: .*'):
+            await execute(HOST, port, ['Reset', 'Stop'], 20)
+        assert comes == LOGINS + 1  # a command is never given twice
         server.close()
 
     asyncio.run(main())

@@ -1,0 +1,68 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Log lines that others cause: how many there are, and what they do to a terminal."""
+
+import logging
+
+import pytest
+
+from epson_driver.inputs import printable
+from epson_driver.log_lines import PERIOD, LogPace, PrintableFormatter
+
+
+def test_a_line_in_a_period_and_the_next_one_counts():
+    pace = LogPace()
+    assert pace.line('first', 100.0) == 'first'
+    assert pace.line('second', 100.1) is None
+    assert pace.line('third', 100.0 + 0.9 * PERIOD) is None
+    assert pace.line('fourth', 100.0 + PERIOD) == 'fourth (and 2 like it before)'
+    assert pace.line('fifth', 100.0 + 3 * PERIOD) == 'fifth'
+
+
+def test_a_burst_passes_and_is_saved_up_again():
+    pace = LogPace(burst=5)
+    passed = [pace.passes(100.0) for _ in range(1000)]
+    assert passed == [0] * 5 + [None] * 995
+    assert pace.passes(100.0 + PERIOD) == 995
+    assert pace.passes(100.0 + PERIOD) is None
+    assert [pace.passes(1000.0) for _ in range(6)] == [1, 0, 0, 0, 0, None]
+
+
+def test_at_most_the_burst_and_one_in_each_period_pass_however_often_they_are_asked_for():
+    pace = LogPace(burst=5)
+    passed = [pace.passes(0.001 * tick) for tick in range(10_001)]
+    assert sum(held is not None for held in passed) == 5 + 10
+    assert sum(held for held in passed if held is not None) >= 10_001 - 15 - 1000
+
+
+@pytest.mark.parametrize(
+    ('text', 'shown'),
+    [
+        ('plain, µ and °', 'plain, µ and °'),
+        ('\x1b[2J\x07', r'\x1b[2J\x07'),
+        ('one\r\ntwo\tthree\0', r'one\r\ntwo\tthree\x00'),
+        ('\x9b31m', r'\x9b31m'),
+        ('\u202egnp.exe', r'\u202egnp.exe'),
+        ('\udcff', r'\udcff'),
+        ('\u2028', r'\u2028'),
+    ],
+)
+def test_what_is_not_printable_is_shown_as_python_writes_it(text, shown):
+    assert printable(text) == shown
+    assert printable(printable(text)) == shown
+
+
+def test_a_record_is_one_printable_line_and_a_traceback_printable_lines():
+    formatter = PrintableFormatter('%(levelname)s %(message)s')
+    try:
+        raise ValueError('\x1b]0;title\x07')
+    except ValueError as error:
+        wrong = (type(error), error, error.__traceback__)
+    arguments = ('x', logging.ERROR, __file__, 1, 'it said %s', ('\x1b[2J\nINFO forged',))
+    assert formatter.format(logging.LogRecord(*arguments, None)) == (
+        r'ERROR it said \x1b[2J\nINFO forged'
+    )
+    lines = formatter.format(logging.LogRecord(*arguments, wrong)).split('\n')
+    assert lines[1] == 'Traceback (most recent call last):'
+    assert lines[-1] == r'ValueError: \x1b]0;title\x07'
+    assert all(line.isprintable() for line in lines)
