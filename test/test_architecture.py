@@ -80,6 +80,7 @@ BESIDE = {
     ('robots', 'inputs'),
     ('robots', 'motion'),
     ('robots', 'share'),
+    ('log_lines', 'inputs'),
     ('error_texts', 'inputs'),
     ('error_texts', 'share'),
     ('controllers', 'inputs'),
