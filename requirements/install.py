@@ -42,6 +42,7 @@ ROOM = 1.3
 class Step(NamedTuple):
     """Something that is installed in one go."""
 
+    name: str
     title: str
     files: tuple[str, ...]
     """Requirement files, from the project's folder."""
@@ -49,15 +50,41 @@ class Step(NamedTuple):
     """What pip downloads, MB, as measured on Linux, x86-64 (test_install.py compares)."""
     disk: int
     """What it takes in .venv, MB, likewise."""
+    alone: str = ''
+    """A package of it; where that one is there before, so is more of the step."""
 
 
 STEPS = {
-    'runtime': Step('ROS 2 Jazzy, numpy, matplotlib', ('requirements/runtime.txt',), 0, 0),
-    'interfaces': Step('ROS messages', ('interfaces/requirements-build.txt',), 0, 0),
-    'driver': Step('epson_driver', (), 0, 0),
-    'planning': Step('planner', ('requirements/planning.txt',), 0, 0),
-    'dev': Step('test tools, planner, mesh tools', ('requirements/dev.txt',), 0, 0),
-    'bench': Step('what the benchmarks compare with', ('requirements/bench.txt',), 0, 0),
+    step.name: step
+    for step in (
+        Step(
+            'runtime',
+            'ROS 2 Jazzy, numpy, matplotlib',
+            ('requirements/runtime.txt',),
+            59,
+            256,
+            'ros-jazzy-rclpy',
+        ),
+        Step(
+            'interfaces',
+            'ROS messages, built with CMake',
+            ('interfaces/requirements-build.txt',),
+            29,
+            10,
+            'scikit-build-core',
+        ),
+        Step('driver', 'epson_driver', (), 0, 0),
+        Step('planning', 'planner', ('requirements/planning.txt',), 0, 0, 'py-opw-kinematics'),
+        Step(
+            'dev',
+            'test tools, planner, mesh tools',
+            ('requirements/dev.txt',),
+            0,
+            0,
+            'py-opw-kinematics',
+        ),
+        Step('bench', 'what is compared', ('requirements/bench.txt',), 0, 0, 'scipy'),
+    )
 }
 
 # Not needed once installed: headers and static libraries (nothing is compiled against the
@@ -68,7 +95,7 @@ SURPLUS = ('cmeel.prefix/include', 'numpy/**/tests', 'scipy/**/tests', 'matplotl
 HINTS = (
     ('No space left on device|Errno 28|[Qq]uota exceeded', 'The disk is full: make room.'),
     (
-        r'this machine lacks|No CMAKE_C|Python\.h|CompileError|command .*(cc|g\+\+|clang).* failed',
+        r'this machine lacks|No CMAKE_C|Python\.h|CompileError|(cc|g\+\+|clang).* failed',
         'Building failed: a C and a C++ compiler and the headers of Python are needed (Debian, '
         'Ubuntu: apt install build-essential python3-dev; macOS: xcode-select --install).',
     ),
@@ -136,6 +163,7 @@ def missing(free: float, needed: float) -> Iterator[str]:
 # --- What pip says ----------------------------------------------------------------------------
 UNITS = {'bytes': 1e-6, 'kB': 1e-3, 'MB': 1.0, 'GB': 1e3}
 FILE = re.compile(r'\s*(Downloading|Using cached) (\S+) \(([\d.]+) (bytes|kB|MB|GB)\)')
+LOCAL = re.compile(r'\s*Processing (\S+\.whl)')  # an index on this machine
 PROGRESS = re.compile(r'Progress (\d+) of (\d+)')
 UNPACKING = re.compile(r'Installing collected packages: (.*)')
 BUILDING = re.compile(r'\s*(?:Building wheel for|Building editable for) (\S+)')
@@ -167,6 +195,9 @@ class Pip:
             if not match[2].endswith('.metadata'):
                 self._size = float(match[3]) * UNITS[match[4]]
                 self.doing = re.split(r'-\d', match[2])[0]
+        elif (match := LOCAL.match(text)) and Path(match[1]).is_file():
+            self._size = Path(match[1]).stat().st_size / MEGABYTE
+            self.doing = re.split(r'-\d', Path(match[1]).name)[0]
         elif match := UNPACKING.match(text):
             self.unpacking = len(match[1].split(','))
             self.doing = 'unpacking'
@@ -377,8 +408,6 @@ def runtime(bar: Bar) -> Pip:
     run(
         [pip('install', '--no-compile', '--progress-bar=off', pinned('pip'))],
         bar,
-        Pip(),
-        lambda: None,
     )
     return install('runtime', bar)
 
@@ -414,18 +443,6 @@ def driver(bar: Bar) -> Pip:
 SPECIAL = {'runtime': runtime, 'interfaces': interfaces, 'driver': driver}
 
 
-def requirement_names(files: Sequence[str]) -> set[str]:
-    """Return the names in requirement files, and in those that they include."""
-    names: set[str] = set()
-    for file in files:
-        for line in (ROOT / file).read_text(encoding='utf-8').splitlines():
-            if line.startswith('-r '):
-                names |= requirement_names([str(Path(file).parent / line[3:].strip())])
-            elif match := re.match(r'[A-Za-z0-9._-]+', line):
-                names.add(match[0].lower().replace('_', '-'))
-    return names
-
-
 def carry_out(name: str, stream: IO[str]) -> None:
     """Do a step, and leave its stamp: what it took, if nothing of it was there before."""
     step = STEPS[name]
@@ -439,7 +456,7 @@ def carry_out(name: str, stream: IO[str]) -> None:
     finally:
         bar.end(well)
     took = {}
-    if step.files and not seen.satisfied & requirement_names(step.files):
+    if step.files and step.alone not in seen.satisfied:
         took = {'download': round(seen.downloaded, 1), 'disk': round(disk_use(VENV) - before, 1)}
     (VENV / f'.{name}').write_text(json.dumps(took) + '\n', encoding='utf-8')
 
