@@ -12,6 +12,16 @@ PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 # two at a time: most tests wait for real time to pass
 ALL_TESTS := --numprocesses 2 --dist loadfile
 
+# An environment stays with the Python that made it: PYTHON=... with another one is a mistake to be told of.
+ifneq ($(origin PYTHON),file)
+ifneq ($(and $(wildcard $(VENV)/pyvenv.cfg),$(filter-out clean help,$(or $(MAKECMDGOALS),help))),)
+SERIES := $(shell $(PYTHON) -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
+ifeq ($(wildcard $(VENV)/lib/$(SERIES)),)
+$(error $(VENV) was made with another Python than $(PYTHON) ($(notdir $(wildcard $(VENV)/lib/python3*))): make clean, then again)
+endif
+endif
+endif
+
 # Fast DDS would multicast on every network otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
