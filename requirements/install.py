@@ -61,29 +61,29 @@ STEPS = {
             'runtime',
             'ROS 2 Jazzy, numpy, matplotlib',
             ('requirements/runtime.txt',),
-            59,
-            256,
+            92,
+            265,
             'ros-jazzy-rclpy',
         ),
         Step(
             'interfaces',
             'ROS messages, built with CMake',
             ('interfaces/requirements-build.txt',),
-            29,
-            10,
+            30,
+            15,
             'scikit-build-core',
         ),
         Step('driver', 'epson_driver', (), 0, 0),
-        Step('planning', 'planner', ('requirements/planning.txt',), 0, 0, 'py-opw-kinematics'),
+        Step('planning', 'planner', ('requirements/planning.txt',), 122, 262, 'py-opw-kinematics'),
         Step(
             'dev',
             'test tools, planner, mesh tools',
             ('requirements/dev.txt',),
-            0,
-            0,
+            170,
+            410,
             'py-opw-kinematics',
         ),
-        Step('bench', 'what is compared', ('requirements/bench.txt',), 0, 0, 'scipy'),
+        Step('bench', 'what is compared', ('requirements/bench.txt',), 118, 246, 'scipy'),
     )
 }
 
@@ -180,7 +180,7 @@ class Pip:
         """Of the one on its way, MB."""
         self.unpacking = 0
         """Number of packages that are being unpacked."""
-        self.doing = 'looking up versions'
+        self.doing = ''
         self.satisfied: set[str] = set()
         self._size = 0.0
 
@@ -216,6 +216,7 @@ class Bar:
         self.live = stream.isatty() and os.environ.get('TERM') != 'dumb'
         self._title, self._sizes, self._stream = title, sizes, stream
         self._begin = time.monotonic()
+        self._drawn = -1.0
         self._say(f'{title}{sizes}', end='' if self.live else '\n')
 
     def _say(self, text: str, end: str) -> None:
@@ -227,9 +228,10 @@ class Bar:
 
     def draw(self, share: float | None, doing: str) -> None:
         """Show how much is done, 0 to 1 (None: unknown), and what is being done."""
-        if not self.live:
-            return
         passed = time.monotonic() - self._begin
+        if not self.live or passed < self._drawn + 0.1:
+            return
+        self._drawn = passed
         if share is None:
             drawn = '|/-\\'[int(passed * 5) % 4]
         else:
@@ -385,6 +387,7 @@ def install(name: str, bar: Bar) -> Pip:
     """Install the requirements of a step."""
     step = STEPS[name]
     seen = Pip()
+    seen.doing = 'looking up versions'
     before = 0
 
     def share() -> float | None:

@@ -193,7 +193,9 @@ def test_a_terminal_gets_a_bar_and_one_line_in_the_end() -> None:
         bar = install.Bar('tools', ' (1 MB)', terminal)
         bar.draw(0.5, 'numpy')
         bar.end(well=True)
-        written = os.read(master, 65536).decode()
+        written = ''
+        while '\n' not in written:
+            written += os.read(master, 65536).decode()
     os.close(master)
     assert f'[{"#" * 12}{"." * 12}] 0:00 numpy' in written
     last = written.rstrip('\r\n').rpartition('\r\x1b[K')[2]
