@@ -2,9 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
-# byte code is made when a module is first used: most of what is installed never is
-INSTALL := $(PIP) install --no-compile
+INSTALL := $(BIN)/python requirements/install.py
 
 INTERFACES := interfaces/control_msgs interfaces/epson_msgs interfaces/industrial_msgs
 INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
@@ -13,6 +11,16 @@ PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 
 # two at a time: most tests wait for real time to pass
 ALL_TESTS := --numprocesses 2 --dist loadfile
+
+# An environment stays with the Python that made it: PYTHON=... with another one is a mistake to be told of.
+ifneq ($(origin PYTHON),file)
+ifneq ($(and $(wildcard $(VENV)/pyvenv.cfg),$(filter-out clean help,$(or $(MAKECMDGOALS),help))),)
+SERIES := $(shell $(PYTHON) -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
+ifeq ($(wildcard $(VENV)/lib/$(SERIES)),)
+$(error $(VENV) was made with another Python than $(PYTHON) ($(notdir $(wildcard $(VENV)/lib/python3*))): make clean, then again)
+endif
+endif
+endif
 
 # Fast DDS would multicast on every network otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -33,7 +41,12 @@ help:
 	@echo "make clean   remove what the others made"
 	@echo "PYTHON=...   the interpreter to use, 3.11 or newer (now: $(PYTHON))"
 
-demo: $(VENV)/.run $(if $(findstring --plan,$(ARGS)),$(VENV)/.planning)
+# ALSO: what is to come after the driver, so that all sizes are named before the first download
+demo: ALSO := $(if $(findstring --plan,$(ARGS)),planning)
+test lint generate pictures: ALSO := dev
+bench bench-motion: ALSO := bench
+
+demo: $(VENV)/.driver $(if $(findstring --plan,$(ARGS)),$(VENV)/.planning)
 	$(BIN)/epson_driver demo $(ARGS)
 
 test: $(VENV)/.dev
@@ -67,41 +80,24 @@ clean:
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-report.png
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(VENV)/.packages: requirements/runtime.txt requirements/constraints.txt interfaces/requirements-build.txt
+# What make installs in one go, each with a stamp. The lines, sizes and bars are install.py's.
+$(VENV)/.runtime: requirements/runtime.txt requirements/constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "no $(PYTHON): Python 3.11 or newer is needed (make PYTHON=...)" >&2; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "$(PYTHON) is too old: Python 3.11 or newer is needed (make PYTHON=...)" >&2; exit 1; }
-	@for compiler in "$${CC:-cc}" "$${CXX:-c++}"; do command -v $$compiler >/dev/null || \
-		{ echo "no $$compiler: the ROS message packages need a C and a C++ compiler (Debian: apt install build-essential)" >&2; exit 1; }; done
-	@echo "installing into $(VENV), about a minute on first use"
-	@$(PYTHON) -m venv $(VENV)
-	@$(INSTALL) -c requirements/constraints.txt -r requirements/runtime.txt -r interfaces/requirements-build.txt
-	@touch $@
+	@$(PYTHON) requirements/install.py runtime --all runtime interfaces $(ALSO)
 
-$(VENV)/.interfaces: $(VENV)/.packages $(INTERFACE_FILES)
-	@echo "building control_msgs, epson_msgs and industrial_msgs"
-	@rm -rf $(VENV)/wheels
-	@for package in $(INTERFACES); do \
-		$(PIP) wheel --no-build-isolation --no-deps -w $(VENV)/wheels ./$$package & builds="$$builds $$!"; \
-	done; for build in $$builds; do wait $$build || exit 1; done
-	@$(INSTALL) --no-deps --force-reinstall $(VENV)/wheels/*.whl
-	@touch $@
+$(VENV)/.interfaces: $(VENV)/.runtime interfaces/requirements-build.txt $(INTERFACE_FILES)
+	@$(INSTALL) interfaces
 
-$(VENV)/.run: $(VENV)/.interfaces $(PACKAGE_FILES)
-	@rm -rf build
-	@$(INSTALL) --no-build-isolation --no-deps .
-	@touch $@
+$(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
+	@$(INSTALL) driver
 
-$(VENV)/.dev: $(VENV)/.run requirements/dev.txt requirements/planning.txt requirements/generate.txt
-	@echo "installing the test tools"
-	@$(INSTALL) -c requirements/constraints.txt -r requirements/dev.txt
-	@touch $@
+$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/planning.txt requirements/generate.txt
+	@$(INSTALL) dev
 
-$(VENV)/.planning: $(VENV)/.run requirements/planning.txt
-	@echo "installing the planner"
-	@$(INSTALL) -c requirements/constraints.txt -r requirements/planning.txt
-	@touch $@
+$(VENV)/.planning: $(VENV)/.driver requirements/planning.txt
+	@$(INSTALL) planning
 
-$(VENV)/.bench: $(VENV)/.run requirements/bench.txt
-	@echo "installing what the benchmark compares with"
-	@$(INSTALL) -c requirements/constraints.txt -r requirements/bench.txt
-	@touch $@
+$(VENV)/.bench: $(VENV)/.driver requirements/bench.txt
+	@$(INSTALL) bench

@@ -56,7 +56,7 @@ setup(
     package_data={NAME: ['py.typed']},
     python_requires='>=3.11',
     # ROS's own packages are not listed: on a ROS machine they are no Python distributions.
-    # requirements/ros.txt has them for an environment without ROS.
+    # requirements/runtime.txt has them for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
         'report': ['matplotlib', 'rosbags'],

@@ -49,7 +49,10 @@ MOST_SEEDS = 1_000_000
 PLANNING = ('coal', 'ompl', 'pinocchio', 'py_opw_kinematics', 'scipy')
 """The modules that --plan needs beyond the rest."""
 
-INSTALL = "pip install 'epson_driver[planning]' (in the source tree: make demo ARGS=--plan)"
+INSTALL = (
+    "pip install 'epson_driver[planning]' (in the source tree: make demo ARGS=--plan); "
+    'OMPL comes for Python up to 3.13'
+)
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth'}
 

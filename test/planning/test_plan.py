@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from planning_bench import MODEL, PART, PILLAR, scene, task
 
+pytest.importorskip('ompl')  # no wheel for Python 3.14
+
 from epson_driver.motion import problems
 from epson_driver.motion.smoothed import measure
 from epson_driver.planning.path import dense

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from planning_bench import LEFT, MODEL, PILLAR, RIGHT, scene
 
+pytest.importorskip('ompl')  # no wheel for Python 3.14
+
 from epson_driver.planning.path import dense, line, rounded, thinned
 from epson_driver.planning.planner import FINE, find_way
 from epson_driver.planning.shapes import standing
