@@ -26,7 +26,7 @@ BACKWARD = 1e-9
 ROUNDING = 1e-7
 """Relative excess of a limit that is taken for rounding."""
 
-POSITION_ROUNDING = 1e-9
+POSITION_ROUNDING = 5e-10
 """The same for positions, rad: less than a message (float32) can tell."""
 
 SAME = 1e-12
