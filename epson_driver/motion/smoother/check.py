@@ -26,8 +26,11 @@ BACKWARD = 1e-9
 ROUNDING = 1e-7
 """Relative excess of a limit that is taken for rounding."""
 
-POSITION_ROUNDING = 5e-10
-"""The same for positions, rad: less than a message (float32) can tell."""
+POSITION_ROUNDING = 1e-12
+"""The same for positions, rad."""
+
+GAP = 1e-9
+"""Jump of u from one piece of a law to the next that is taken for rounding."""
 
 SAME = 1e-12
 """Difference in u between a knot of the path and a breakpoint of the law that is rounding."""
@@ -215,7 +218,7 @@ def _continuous(law: Law) -> bool:
     largest = float(np.max(np.abs(law.accelerations)))
     return bool(
         t.min() >= 0.0
-        and np.max(np.abs(gaps[0])) <= POSITION_ROUNDING
+        and np.max(np.abs(gaps[0])) <= GAP
         and np.max(np.abs(gaps[1])) <= ROUNDING
         and np.max(np.abs(gaps[2])) <= ROUNDING * max(largest, 1.0)
         and law.velocities[-1] == 0.0 == law.accelerations[-1]

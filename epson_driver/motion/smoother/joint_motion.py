@@ -17,8 +17,11 @@ State = tuple[Array, Array, Array]
 ROUNDING = 1e-6
 """Relative excess of a limit that is taken for rounding: the state to start from may have some."""
 
-POSITION_ROUNDING = 2e-9
+POSITION_ROUNDING = 1e-11
 """The same for positions, rad."""
+
+ON_TARGET = 1e-9
+"""How near a move ends to its target, rad."""
 
 AT_REST = 1e-9
 """Share of the limits of velocity and acceleration that is no motion."""
@@ -135,7 +138,7 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
     motion = _solved(inp, state)
     if motion is None or not motion.within(limits):
         return None
-    return motion if np.max(np.abs(motion.end - target)) <= POSITION_ROUNDING else None
+    return motion if np.max(np.abs(motion.end - target)) <= ON_TARGET else None
 
 
 def _from(limits: JointLimits, state: State) -> InputParameter:

@@ -50,7 +50,7 @@ PARTS = 16
 _HULL = _hull_of(0.0, 1.0)
 _HULLS = np.concatenate([_hull_of(i / PARTS, (i + 1) / PARTS) for i in range(PARTS)])
 
-INSIDE = 5e-10
+INSIDE = 5e-13
 """How far outside a position limit counts as on it, rad."""
 
 AT_LIMIT = 1e-6

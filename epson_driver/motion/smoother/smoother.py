@@ -45,10 +45,8 @@ RESERVE = 2.5
 """A plan that rests later than in so many times the time of a stop need not be replaced yet."""
 
 SHORTEST = 1e-9
-"""A way shorter than this (rad, in every joint) is no way."""
-
-ON_LIMIT = 2e-9
-"""A position that is no farther outside its limit, rad, is on it: a rest may be there."""
+"""A way shorter than this (rad, in every joint) is no way. A point that is no farther outside the
+position limits is on them."""
 
 INSTANT = 1e-6
 """A motion that has begun so recently (s) has not left its rest."""
@@ -95,8 +93,7 @@ class Smoother:
         self.mode = mode
         self.latency = latency
         self._planner = planner
-        self._position = np.array(position, dtype=float)
-        self._check(self._position, 'the start')
+        self._position = self._checked(position, 'the start')
         self._now = 0.0
         self._scale = 1.0
         self._reserve = RESERVE * stopping_time(limits)
@@ -134,8 +131,7 @@ class Smoother:
         ValueError, and takes nothing, for numbers that are wrong or outside the position limits.
         """
         what = f'point {self._count}'
-        position = np.array(position, dtype=float)
-        self._check(position, what)
+        position = self._checked(position, what)
         _check_duration(duration, what)
         if self.mode is Mode.TIME_OPTIMAL:
             duration = None
@@ -190,19 +186,20 @@ class Smoother:
         each = [None] * len(points) if durations is None else durations
         if len(each) != len(points):
             raise ValueError(f'{len(each)} durations for {len(points)} points')
+        checked = []
         for index, (point, duration) in enumerate(zip(points, each, strict=True)):
-            self._check(point, f'point {index}')
+            checked.append(self._checked(point, f'point {index}'))
             _check_duration(duration, f'point {index}')
         move = None
-        if self._in_motion and len(points):
-            move = fastest_move(self.limits, self.motion, points[0])
+        if self._in_motion and checked:
+            move = fastest_move(self.limits, self.motion, checked[0])
         if move is None:
             self.stop()
         else:
             self._forget()
             self._begin_joint_motion(move)
             self._stopping = False
-        for point, duration in zip(points, each, strict=True):
+        for point, duration in zip(checked, each, strict=True):
             self.append(point, duration)
 
     def keep_to(self, limits: JointLimits) -> None:
@@ -280,8 +277,10 @@ class Smoother:
         """Expect to rest at a position, from where the next points go on."""
         self._rest = self._last = Point(self._index(), position, position)
 
-    def _check(self, position: Array, what: str) -> None:
+    def _checked(self, position: Array, what: str) -> Array:
+        """Return a position as it counts: inside the limits, which nothing is clipped to later."""
         limits = self.limits
+        position = np.array(position, dtype=float)
         if np.shape(position) != (len(limits.names),):
             raise ValueError(
                 f'{what}: shape {np.shape(position)} instead of one number for each of '
@@ -290,11 +289,13 @@ class Smoother:
         for name, value, low, high in zip(
             limits.names, position.tolist(), limits.position_min, limits.position_max, strict=True
         ):
-            if not low - ON_LIMIT <= value <= high + ON_LIMIT:  # NaN too
+            if not low - SHORTEST <= value <= high + SHORTEST:  # NaN too
                 raise ValueError(
                     f'{what}, {name}: position {value:.6g} is outside the limits '
                     f'{low:.6g} … {high:.6g} rad'
                 )
+        inside: Array = np.clip(position, limits.position_min, limits.position_max)
+        return inside
 
     @property
     def scale(self) -> float:
