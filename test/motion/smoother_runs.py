@@ -8,6 +8,7 @@ exactly as it is a polynomial, and looked at where its own derivative vanishes.
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,7 @@ SLOW = JointLimits(
 
 
 class Recorded(Smoother):
-    """A smoother that keeps what it executes: (when from, a course, or a joint motion, or rest)."""
+    """A smoother that keeps what it executes: since when, and the course, joint motion or rest."""
 
     executed: list[tuple[float, Committed | JointMotion | None]]
 
@@ -231,9 +232,7 @@ def exact_extrema(run: Run) -> Extrema:
         )
         state = last
         q, v, a, j = derivatives(durations[:, None] * _S)
-        outside = np.maximum(
-            _largest(q - limits.position_max), _largest(limits.position_min - q)
-        )
+        outside = np.maximum(_largest(q - limits.position_max), _largest(limits.position_min - q))
         found.add(
             outside=outside,
             velocity=max(_largest(v / limits.velocity), _largest(-v / limits.velocity)),
@@ -310,7 +309,7 @@ def _course_spans(course: Committed, begin: float, end: float) -> Any:
                 guess -= (u - knot + guess * (v + guess * (a / 2 + guess * j / 6))) / speed
             assert cuts[0] < guess < cuts[-1]
             cuts.insert(-1, guess)
-        for t, t_end in zip(cuts[:-1], cuts[1:], strict=True):
+        for t, t_end in pairwise(cuts):
             middle = (t + t_end) / 2.0
             where = u + middle * (v + middle * (a / 2 + middle * j / 6))
             segment = int(np.clip(np.sum(knots <= where) - 1, 0, len(knots) - 2))

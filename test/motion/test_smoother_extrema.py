@@ -9,11 +9,10 @@ import pytest
 from smoother_runs import exact_extrema, random_run, sampled_extrema
 
 QUICK = 40
-FINE = 5
-"""Of the quick runs are sampled at 10 kHz, the others at 1 kHz."""
+"""Plans of the quick run, every tenth sampled at 10 kHz, the others at 1 kHz."""
 
 BLOCKS, SIZE = 20, 100
-"""The long run: 2,000 plans, all sampled at 10 kHz."""
+"""The long run: 2,000 plans, every tenth sampled at 10 kHz, the others at 1 kHz."""
 
 
 def assert_within_all_limits(seed: int, dt: float) -> None:
@@ -34,7 +33,7 @@ def assert_within_all_limits(seed: int, dt: float) -> None:
 @pytest.mark.parametrize('first', range(0, QUICK, 10))
 def test_no_limit_is_exceeded_at_any_instant(first: int) -> None:
     for seed in range(first, first + 10):
-        assert_within_all_limits(seed, 1e-4 if seed % 10 < FINE * 10 // QUICK else 1e-3)
+        assert_within_all_limits(seed, 1e-3 if seed % 10 else 1e-4)
 
 
 @pytest.mark.slow
@@ -42,4 +41,4 @@ def test_no_limit_is_exceeded_at_any_instant(first: int) -> None:
 @pytest.mark.parametrize('block', range(BLOCKS))
 def test_no_limit_is_exceeded_at_any_instant_in_2000_plans(block: int) -> None:
     for seed in range(1000 + SIZE * block, 1000 + SIZE * (block + 1)):
-        assert_within_all_limits(seed, 1e-4)
+        assert_within_all_limits(seed, 1e-3 if seed % 10 else 1e-4)

@@ -207,7 +207,9 @@ SIM_COMMANDS: dict[str, SimCommand] = {
     'condition': SimCommand('condition', 'what the controller is in, by region', _condition),
     'tasks': SimCommand('tasks', 'number=name,type,state of each task', _tasks),
     'timing': SimCommand(
-        'timing', 'late motion cycles, late plans, failures of the planner, limit violations averted', _timing
+        'timing',
+        'late motion cycles, late plans, failures of the planner, limit violations averted',
+        _timing,
     ),
     'print': SimCommand('print,function,…', 'as the statement Print, in any condition', _print),
 }

@@ -163,9 +163,7 @@ def _spans(path: Path, law: Law) -> _Spans:
     until = durations[piece]
     until[:-1] = np.where(piece[1:] == piece[:-1], start[1:], until[:-1])
     v, a, j = law.velocities[piece], law.accelerations[piece], law.jerks[piece]
-    offset = np.where(
-        knot == 1, 0.0, law.positions[piece] - knots[segment] + _way(start, v, a, j)
-    )
+    offset = np.where(knot == 1, 0.0, law.positions[piece] - knots[segment] + _way(start, v, a, j))
     spans = _Spans(
         segment,
         offset,
@@ -282,9 +280,7 @@ class _Use:
     undecided: npt.NDArray[np.bool_]
 
 
-def _use(
-    path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[np.bool_]
-) -> _Use:
+def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[np.bool_]) -> _Use:
     powers, half = _powers(spans)
     slopes = path.derivatives(spans.segment, spans.offset)  # (m, 6, n)
     taylor = (slopes / _FACTORIALS[:, None]).transpose(0, 2, 1)
@@ -318,5 +314,5 @@ def _confined(path: Path, limits: JointLimits) -> npt.NDArray[np.bool_]:
     """Return which segments are surely within the position limits all the way, shape (k - 1,)."""
     hulls = path.hulls()
     within = (hulls >= limits.position_min) & (hulls <= limits.position_max)
-    confined: npt.NDArray[np.bool_] = within.all(axis=(1, 2))
+    confined: npt.NDArray[np.bool_] = np.all(within, axis=(1, 2))
     return confined

@@ -42,7 +42,8 @@ class JointMotion:
         self._states[:, :, 0] = state
         for piece in range(pieces):
             t, j = durations[:, piece], jerks[:, piece]
-            self._states[:, :, piece + 1] = _after(t, *self._states[:, :, piece], j)
+            p, v, a = self._states[:, :, piece]
+            self._states[:, :, piece + 1] = _after(t, p, v, a, j)
         self.duration = float(self._times[:, -1].max())
         self.end: Array = self._states[0, :, -1].copy()
 
@@ -57,9 +58,8 @@ class JointMotion:
         resting = piece == self._jerks.shape[1]
         piece[resting] -= 1
         since = time - self._times[joints, piece]
-        position, velocity, acceleration = _after(
-            since, *self._states[:, joints, piece], self._jerks[joints, piece]
-        )
+        p, v, a = self._states[:, joints, piece]
+        position, velocity, acceleration = _after(since, p, v, a, self._jerks[joints, piece])
         position[resting] = self.end[resting]
         velocity[resting] = acceleration[resting] = 0.0
         return position, velocity, acceleration
@@ -75,7 +75,9 @@ class JointMotion:
             root = -(a + np.copysign(np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0)), a))
             turns = (_between(root / j, t), _between(2.0 * v / root, t))
         speeds = np.concatenate([velocity, _after(fastest, p, v, a, j)[1]], axis=1)
-        places = np.concatenate([position, *(_after(turn, p, v, a, j)[0] for turn in turns)], axis=1)
+        places = np.concatenate(
+            [position, *(_after(turn, p, v, a, j)[0] for turn in turns)], axis=1
+        )
         slack = 1.0 + ROUNDING
         return bool(
             np.all(np.abs(j).max(axis=1) <= slack * limits.jerk)

@@ -141,7 +141,6 @@ class Path:
             (6.0 * c3 + s * (24.0 * c4 + s * 60.0 * c5)) / h**3,
         )
 
-
     def derivatives(self, segment: npt.NDArray[np.intp], offset: Array) -> Array:
         """Return position and five derivatives by u in given segments, shape (m, 6, n).
 
@@ -168,7 +167,8 @@ class Path:
         """Return which joints may leave their position limits where, shape (k - 1, n)."""
         low, high = limits.position_min - INSIDE, limits.position_max + INSIDE
         hulls = self.hulls()
-        outside: npt.NDArray[np.bool_] = ((hulls < low) | (hulls > high)).any(axis=1)
+        beyond: npt.NDArray[np.bool_] = (hulls < low) | (hulls > high)
+        outside: npt.NDArray[np.bool_] = np.any(beyond, axis=1)
         doubtful = np.flatnonzero(outside.any(axis=1))
         if len(doubtful):
             finer = _HULLS @ self._coefficients[doubtful]
