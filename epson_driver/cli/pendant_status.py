@@ -129,5 +129,6 @@ def _late(value: str | None) -> str | None:
     """Return what the simulated controller says of its timing since it was started."""
     if value is None:
         return None
-    cycles, plans, failures = value.split(',')
-    return f'{cycles} cycles, {plans} plans; {failures} plans failed'
+    cycles, plans, failures, violations = value.split(',')
+    text = f'{cycles} cycles, {plans} plans; {failures} plans failed'
+    return text if violations == '0' else f'{text}; {violations} limit violations averted'

@@ -26,7 +26,7 @@ class JointStop:
     """A stop as a function of the time since it began. `duration` is in s, `end` in rad."""
 
     def __init__(self, courses: list[RuckigTrajectory]) -> None:
-        self._courses = courses
+        self.courses = courses
         self.duration: float = max(course.duration for course in courses)
         self.end: Array = np.array([course.at_time(course.duration)[0][0] for course in courses])
 
@@ -36,7 +36,7 @@ class JointStop:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
         states = np.array(
-            [course.at_time(min(max(time, 0.0), course.duration)) for course in self._courses]
+            [course.at_time(min(max(time, 0.0), course.duration)) for course in self.courses]
         )
         return states[:, 0, 0], states[:, 1, 0], states[:, 2, 0]
 

@@ -45,7 +45,7 @@ def smoothed(
     It begins and ends at rest, at the first and the last point. Its joints are in the order of
     the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
     TIME_OPTIMAL takes the positions only. Raises ValueError that names point, joint, value and
-    limit for a trajectory that cannot be smoothed.
+    limit for a trajectory that cannot be smoothed, or if its motion would break a limit.
     """
     if not period > 0.0:
         raise ValueError(f'period = {period} s: must be positive')
@@ -67,6 +67,8 @@ def smoothed(
                 if fed == len(positions):
                     smoother.finish()
             motion = smoother.step(period / steps)
+            if smoother.violation is not None:
+                raise ValueError(f'the smooth motion breaks a limit: {smoother.violation}')
         samples.append(motion)
     position, velocity, acceleration = (np.array(column) for column in zip(*samples, strict=True))
     offset = 0.0 if mode is Mode.TIME_OPTIMAL else float(times[0])

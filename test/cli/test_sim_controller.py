@@ -133,7 +133,7 @@ def test_a_killed_planner_stops_the_arm_and_comes_back(start):
         (planner,) = children(process.pid)
         os.kill(planner, signal.SIGKILL)
         until(lambda: remote(ports['remote'], '$GetStatus') == ['#GetStatus,00100001001,8001'])
-        assert remote(ports['remote'], '$Sim,timing')[0].endswith(',1')
+        assert remote(ports['remote'], '$Sim,timing')[0].endswith(',1,0')
         until(lambda: children(process.pid) not in ([], [planner]))
         until(lambda: ask(sock, point(0, (0.1, 0, 0, 0, 0, 0))) == 1)
         until(lambda: remote(ports['remote'], '$GetStatus') == ['#GetStatus,00100000001,0000'])

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whole trajectories through the smoother, and the figures of motions that are known."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from epson_driver.motion.smoothed import (
     retimed,
     smoothed,
 )
-from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode
+from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 
 NAMES = ('a', 'b')
 LIMITS = JointLimits(
@@ -176,3 +178,19 @@ def test_retimed_leaves_out_points_that_count_as_one():
     plan = retimed(Trajectory(NAMES, np.zeros(24), doubled), LIMITS)
     assert len(plan.times) == 12
     assert np.array_equal(plan.positions[-1], doubled[-1])
+
+
+def test_a_motion_that_would_break_a_limit_is_refused() -> None:
+    """Invariant 2: whoever plans wrongly, nothing of it is handed on."""
+
+    def too_fast(request: Request, limits: JointLimits) -> Plan | None:
+        faster = dataclasses.replace(
+            limits,
+            velocity=10.0 * limits.velocity,
+            acceleration=10.0 * limits.acceleration,
+            jerk=10.0 * limits.jerk,
+        )
+        return plan(request, faster)
+
+    with pytest.raises(ValueError, match=r'breaks a limit: .* is beyond the limit'):
+        smoothed(PLAN, LIMITS, Mode.TIME_OPTIMAL, planner=too_fast)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parts of the smoother: path, laws, the judge, the linear solver."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from epson_driver.motion.smoother import filtered, optimal, ruckig_move
 from epson_driver.motion.smoother.banded import solve_pentadiagonal
 from epson_driver.motion.smoother.check import loads
 from epson_driver.motion.smoother.joint_motion import fastest_move, fastest_stop
-from epson_driver.motion.smoother.law import from_accelerations, from_pieces
+from epson_driver.motion.smoother.law import Law, from_accelerations, from_pieces
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.profile import Course
@@ -152,6 +154,110 @@ def test_the_judge_sees_every_excess() -> None:
         LIMITS.jerk,
     )
     assert not loads(path, law, narrow).allowed
+
+
+def sampled_loads(path: Path, law: Law) -> list[float]:
+    """Return the largest multiples of the limits of velocity, acceleration, jerk in samples."""
+    times = np.linspace(0.0, law.duration, 100_001)
+    u, v, a, j = (values[:, None] for values in law.sample(times))
+    _, first, second, third = path.sample(u[:, 0])
+    values = (
+        first * v / LIMITS.velocity,
+        (first * a + second * v**2) / LIMITS.acceleration,
+        (first * j + 3.0 * second * v * a + third * v**3) / LIMITS.jerk,
+    )
+    return [float(np.max(np.abs(value))) for value in values]
+
+
+@pytest.mark.parametrize('gap', [3e-4, 1e-3, 3e-3])
+def test_the_judge_sees_what_happens_on_a_segment_that_is_driven_in_no_time(gap: float) -> None:
+    """Invariant 2: no sample can miss what no sample is needed for."""
+    points = np.array([[0.8, 0.6], [0.8 + gap, 0.6 - gap / 2.0], [1.6, -0.4]])
+    path = through(at_rest((-0.5, 0.2)), points, LIMITS, clamped=False)
+    part = 0.08
+    durations = np.array([2.0, 4.0, 2.0]) * part
+    jerk = path.end / 16.0 / part**3
+    # three pieces of the law in all: the segment is somewhere within one of them
+    fast = from_pieces((0.0, 0.0, 0.0), durations, np.array([jerk, -jerk, jerk]))
+    assert fast.end == pytest.approx(path.end, rel=1e-9)
+    for pace in (1.0, 0.5, 0.2):
+        law = slowed(fast, pace)
+        sampled = sampled_loads(path, law)
+        judged = loads(path, law, LIMITS)
+        assert not judged.allowed
+        names = ('velocity', 'acceleration', 'jerk')
+        for most, name in zip(sampled, names, strict=True):
+            bound = float(getattr(judged, name).max())
+            assert bound >= most * (1.0 - 1e-6)
+            assert bound <= max(most * 1.03, 1.0)
+
+
+def test_the_judge_allows_exactly_what_the_limits_allow() -> None:
+    """Slowed down until it is allowed, a law uses a limit to the full: nothing is given away."""
+    path = bow()
+    law = ruckig_move.move((0.0, 0.0, 0.0), path.end, 0.5, 3.0, 40.0)
+    assert law is not None
+    low, high = 0.01, 1.0
+    for _ in range(40):
+        pace = (low + high) / 2.0
+        if loads(path, slowed(law, pace), LIMITS).allowed:
+            low = pace
+        else:
+            high = pace
+    assert max(sampled_loads(path, slowed(law, low))) == pytest.approx(1.0, abs=1e-4)
+
+
+def slowed(law: Law, pace: float) -> Law:
+    return Law(
+        law.times / pace,
+        law.positions,
+        law.velocities * pace,
+        law.accelerations * pace**2,
+        law.jerks * pace**3,
+    )
+
+
+@pytest.mark.parametrize('quantity', ['positions', 'velocities', 'accelerations'])
+@pytest.mark.parametrize('where', [3, -1])
+def test_the_judge_sees_a_jump_of_the_law(quantity: str, where: int) -> None:
+    path = bow()
+    problem = unbound(path)
+    law = ruckig_move.propose(problem, Course(problem))
+    assert law is not None
+    assert loads(path, law, LIMITS).allowed
+    values = getattr(law, quantity).copy()
+    values[where] += 1e-5
+    assert not loads(path, dataclasses.replace(law, **{quantity: values}), LIMITS).allowed
+
+
+def test_the_judge_sees_a_position_limit_grazed_between_two_instants() -> None:
+    path = through(
+        at_rest((0.0, 0.0)), np.array([[1.0, 0.5], [1.99, 1.0], [1.0, 1.5]]), LIMITS, clamped=False
+    )
+    problem = unbound(path)
+    law = ruckig_move.move((0.0, 0.0, 0.0), path.end, 0.2, 0.5, 5.0)
+    assert law is not None
+    highest = float(path.sample(np.linspace(0.0, path.end, 200_001))[0].max())
+    for excess, allowed in ((2e-9, False), (-2e-9, True)):
+        grazed = dataclasses.replace(
+            problem.limits, position_max=np.array([highest - excess, 2.0])
+        )
+        assert loads(path, law, grazed).inside is allowed
+
+
+@given(st.integers(0, 10_000))
+def test_a_path_never_leaves_the_position_limits(seed: int) -> None:
+    """Whatever points: those at the limits, and those as near to them as a hair."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-2.0, 2.0, (8, 2))
+    near = rng.random((8, 2)) < 0.6
+    hair = rng.choice([0.0, 1e-9, 1e-5, 1e-2], (8, 2))
+    points[near] = (np.sign(points) * (2.0 - hair))[near]
+    apart = np.abs(np.diff(points, axis=0)).max(axis=1) > 2.5e-4  # as the smoother merges them
+    points = points[np.append(True, apart)]
+    path = through(at_rest((0.0, 0.0)), points, LIMITS, clamped=False)
+    positions = path.sample(np.linspace(0.0, path.end, 20_001))[0]
+    assert np.all(np.abs(positions) <= 2.0 + 1e-12)
 
 
 @given(st.integers(1, 40), st.integers(0, 1000))

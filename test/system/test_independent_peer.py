@@ -221,8 +221,9 @@ def test_smooth_motion_as_a_standard_library_peer_sees_it(
         pairs = list(zip(points.tolist(), durations.tolist(), strict=True))
         seen = json.loads(run_peer(STREAM, controller, json.dumps(pairs)).stdout)
     times, samples = np.array(seen['samples'])[:, 0], np.array(seen['samples'])[:, 1:]
-    _, late_plans, planner_failures = seen['timing']
+    _, late_plans, planner_failures, violations = seen['timing']
     assert planner_failures == 0
+    assert violations == 0
     # inside the limits, whatever the stamps say: what arrives late was measured at most this early
     assert np.all(samples >= limits.position_min - 1e-6)
     assert np.all(samples <= limits.position_max + 1e-6)

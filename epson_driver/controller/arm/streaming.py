@@ -9,7 +9,6 @@ import numpy as np
 
 from epson_driver.controller.arm.executor import Point
 from epson_driver.controller.arm.planning_latency import PlanningLatency
-from epson_driver.controller.programs.points import clipped
 from epson_driver.controller.timing import Timing
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
@@ -61,7 +60,8 @@ class Streaming:
     `low_power_limits` count instead of `limits` in every motion that begins at rest while
     `low_power` is set; their position limits must be the same. None: low power is no less.
 
-    `failed` is told why when no plan is found at rest again and again. Raises ValueError for a
+    `failed` is told why when no plan is found at rest again and again, and when the smoother
+    averted the violation of a limit. Raises ValueError for a
     start that is not n finite angles within the limits, and for other values of `acknowledge` and
     `uses`.
     """
@@ -127,7 +127,7 @@ class Streaming:
 
     def _look(self) -> None:
         motion = self._smoother.motion
-        self._position = clipped(motion.position, self.limits)
+        self._position = motion.position
         self._velocity = motion.velocity
 
     @property
@@ -223,8 +223,11 @@ class Streaming:
     def step(self, dt: float) -> None:
         """Let `dt` ≥ 0 s pass, and ask for a plan if there is something to plan."""
         self._now += dt
+        violations = self._smoother.violations
         self._smoother.step(dt)
         self._look()
+        if self._smoother.violations > violations:
+            self._averted()
         self._braking = self._braking and self._smoother.moving
         ahead = max(self._smoother.waiting - 1, 0)
         self.begun = max(self.begun, self._taken - ahead)
@@ -235,6 +238,14 @@ class Streaming:
                 self._request = request
                 self._asked_at = self._now
                 self._planner.ask(request, self._smoother.limits, self._answered)
+
+    def _averted(self) -> None:
+        """Say that the smoother brakes instead of breaking a limit: its points are lost."""
+        self._timing.violations += 1
+        self._forget_request()
+        self._braking = self._smoother.moving
+        self._goal = None
+        self._failed(f'the arm brakes: {self._smoother.violation}')
 
     def _keep_to_power(self) -> None:
         """Change to the limits of low or high power, at rest only."""

@@ -160,7 +160,10 @@ def _tasks(controller: 'Controller', parameters: list[str]) -> str:
 def _timing(controller: 'Controller', parameters: list[str]) -> str:
     expect(parameters, 0)
     timing = controller.timing
-    return f'{timing.deadline_misses},{timing.late_plans},{timing.planner_failures}'
+    return (
+        f'{timing.deadline_misses},{timing.late_plans},{timing.planner_failures},'
+        f'{timing.violations}'
+    )
 
 
 def _print(controller: 'Controller', parameters: list[str]) -> str:
@@ -204,7 +207,9 @@ SIM_COMMANDS: dict[str, SimCommand] = {
     'condition': SimCommand('condition', 'what the controller is in, by region', _condition),
     'tasks': SimCommand('tasks', 'number=name,type,state of each task', _tasks),
     'timing': SimCommand(
-        'timing', 'late motion cycles, late plans, failures of the planner', _timing
+        'timing',
+        'late motion cycles, late plans, failures of the planner, limit violations averted',
+        _timing,
     ),
     'print': SimCommand('print,function,…', 'as the statement Print, in any condition', _print),
 }

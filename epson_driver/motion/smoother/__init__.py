@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streaming smoother: through all points without a stop, inside every limit."""
 
+from epson_driver.motion.smoother.output_guard import Motion
 from epson_driver.motion.smoother.planner import Plan, Request, plan
-from epson_driver.motion.smoother.smoother import MERGE_TOLERANCE, Mode, Motion, Smoother
+from epson_driver.motion.smoother.smoother import MERGE_TOLERANCE, Mode, Smoother
 
 __all__ = ['MERGE_TOLERANCE', 'Mode', 'Motion', 'Plan', 'Request', 'Smoother', 'plan']

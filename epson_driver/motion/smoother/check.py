@@ -1,23 +1,24 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The judge of every plan: whether a law on a path stays within the limits of all joints."""
+"""The judge of every plan: whether a law on a path stays within the limits of all joints.
+
+It holds for every instant, not for samples. The law's breakpoints and the times when the motion
+passes the path's knots cut it into spans; in each the path is one polynomial of u and the law one
+of the time, so the joints' positions are polynomials of degree 15, and their derivatives are of
+14, 13, 12. A polynomial lies in the hull of its Bernstein coefficients (Farouki, Rajan 1987), of
+which the first and the last are its values at the ends. A span whose hull is beyond a limit is
+halved until that is decided.
+"""
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.law import Law
-from epson_driver.motion.smoother.path import Path
-
-INTERVAL = 1e-3
-"""Time between the samples that are checked, s. The breakpoints of law and path come on top."""
-
-MOST_SAMPLES = 4000
-"""A law that takes longer is slow: it changes less from sample to sample."""
-
-SEAM = 2e-5
-"""Jerk jumps where pieces of law or path meet: both sides are checked, this far away, s."""
+from epson_driver.motion.smoother.path import DEGREE, Path
 
 BACKWARD = 1e-9
 """u̇ below this negative is a way back."""
@@ -25,16 +26,34 @@ BACKWARD = 1e-9
 ROUNDING = 1e-7
 """Relative excess of a limit that is taken for rounding."""
 
-POSITION_ROUNDING = 1e-9
-"""The same for positions, rad: less than a message (float32) can tell."""
+POSITION_ROUNDING = 1e-12
+"""The same for positions, rad."""
+
+GAP = 1e-9
+"""Jump of u from one piece of a law to the next that is taken for rounding."""
+
+SAME = 1e-12
+"""Difference in u between a knot of the path and a breakpoint of the law that is rounding."""
+
+PASSED = 1e-15
+"""How exactly the passage of a knot is found, in u or in s."""
+
+HALVINGS = 16
+"""How often a span is halved before it counts as what its hull says."""
+
+TIGHT = 1.02
+"""A hull that is beyond a limit by a value at an end, and by no more than this times it, stays."""
+
+Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loads:
-    """How much of the limits a law on a path uses: the worst joint at each of m samples.
+    """How much of the limits a law on a path uses: the worst joint in each of m parts of it.
 
-    positions: u, shape (m,). velocity, acceleration, jerk: multiples of the limits, shape (m,).
-    inside: whether every joint stays within its position limits, and the law never turns back.
+    positions: u in the middle of the part, shape (m,). velocity, acceleration, jerk: multiples of
+    the limits that are not exceeded in the part, shape (m,). inside: whether every joint stays
+    within its position limits, and the law neither jumps nor turns back.
     """
 
     positions: Array
@@ -53,21 +72,247 @@ class Loads:
 
 def loads(path: Path, law: Law, limits: JointLimits) -> Loads:
     """Return what a law on a path asks of the joints, from the law's start to its end."""
+    spans = _spans(path, law)
+    confined = _confined(path, limits)
+    inside = _forward(law) and _continuous(law)
+    parts: list[tuple[Array, Array]] = []
+    for left in range(HALVINGS, -1, -1):
+        used = _use(path, spans, limits, confined)
+        undecided = used.undecided & (left > 0)
+        inside = inside and not bool(np.any(used.outside & ~undecided))
+        parts.append((used.middles[~undecided], used.hull[~undecided]))
+        if not undecided.any():
+            break
+        spans = spans[undecided].halves()
+    middles = np.concatenate([middle for middle, _ in parts])
+    velocity, acceleration, jerk = np.concatenate([hull for _, hull in parts]).T
+    return Loads(middles, velocity, acceleration, jerk, inside)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spans:
+    """m intervals of time in each of which one piece of the law is on one segment of the path.
+
+    segment: of the path. offset: u at the start, from the segment's first knot. speed,
+    acceleration, jerk: of u. duration in s. All of shape (m,).
+    """
+
+    segment: Indices
+    offset: Array
+    speed: Array
+    acceleration: Array
+    jerk: Array
+    duration: Array
+
+    def __getitem__(self, some: npt.NDArray[np.bool_]) -> '_Spans':
+        return _Spans(
+            self.segment[some],
+            self.offset[some],
+            self.speed[some],
+            self.acceleration[some],
+            self.jerk[some],
+            self.duration[some],
+        )
+
+    def halves(self) -> '_Spans':
+        """Return each of them as two."""
+        t = self.duration / 2.0
+        v, a, j = self.speed, self.acceleration, self.jerk
+        return _Spans(
+            np.tile(self.segment, 2),
+            np.append(self.offset, self.offset + _way(t, v, a, j)),
+            np.append(v, v + t * (a + t * j / 2.0)),
+            np.append(a, a + t * j),
+            np.tile(j, 2),
+            np.tile(t, 2),
+        )
+
+
+def _way(t: Array, v: Array, a: Array, j: Array) -> Array:
+    """Return how far u goes in a time from a state."""
+    way: Array = t * (v + t * (a / 2.0 + t * j / 6.0))
+    return way
+
+
+def _spans(path: Path, law: Law) -> _Spans:
+    """Return the spans of a law on a path.
+
+    Which segment a span is on follows from counting the knots before it, not from a rounded u.
+    """
+    durations = np.diff(law.times)
+    reached = np.maximum.accumulate(law.positions)
     knots = path.knots.u
-    knots = knots[(knots > law.positions[0]) & (knots < law.end)]
-    seams = np.concatenate([law.times, np.interp(knots, law.positions, law.times)])
-    count = min(int(law.duration / INTERVAL) + 2, MOST_SAMPLES)
-    times = np.concatenate([np.linspace(0.0, law.duration, count), seams - SEAM, seams + SEAM])
-    u, v, a, j = law.sample(np.clip(times, 0.0, law.duration))
-    forward = bool(min(v.min(), law.velocities.min()) >= -BACKWARD)
-    q, first, second, third = path.sample(u)
-    v, a, j = v[:, None], a[:, None], j[:, None]
-    slack = POSITION_ROUNDING
-    inside = (q >= limits.position_min - slack) & (q <= limits.position_max + slack)
-    return Loads(
-        u,
-        np.max(np.abs(first * v) / limits.velocity, axis=1),
-        np.max(np.abs(first * a + second * v**2) / limits.acceleration, axis=1),
-        np.max(np.abs(first * j + 3.0 * second * v * a + third * v**3) / limits.jerk, axis=1),
-        forward and bool(inside.all()),
+    begin, end = np.searchsorted(knots, (reached[0], reached[-1]), side='right')
+    first = int(np.clip(begin - 1, 0, len(knots) - 2))
+    last = int(np.clip(end - 1, first, len(knots) - 2))
+    passed = np.arange(first + 1, last + 1)
+    # a knot within rounding of a breakpoint is at it, at the one after it first
+    within = reached.searchsorted(knots[passed] + SAME, side='right') - 1
+    within = np.clip(within, 0, len(durations) - 1)
+    since = np.zeros(len(passed))
+    inside = reached[within] < knots[passed] - SAME
+    since[inside] = _passages(law, within[inside], knots[passed[inside]])
+    # every span begins at a breakpoint of the law, or at a knot
+    count = len(durations)
+    piece = np.append(np.arange(count), within)
+    start = np.append(np.zeros(count), since)
+    knot = np.append(np.zeros(count, dtype=np.intp), np.ones(len(passed), dtype=np.intp))
+    order = np.lexsort((knot, start, piece))
+    piece, start, knot = piece[order], start[order], knot[order]
+    segment = first + np.cumsum(knot)
+    until = durations[piece]
+    until[:-1] = np.where(piece[1:] == piece[:-1], start[1:], until[:-1])
+    v, a, j = law.velocities[piece], law.accelerations[piece], law.jerks[piece]
+    offset = np.where(knot == 1, 0.0, law.positions[piece] - knots[segment] + _way(start, v, a, j))
+    spans = _Spans(
+        segment,
+        offset,
+        v + start * (a + start * j / 2.0),
+        a + start * j,
+        j,
+        until - start,
     )
+    return spans[spans.duration > 0.0]
+
+
+def _passages(law: Law, piece: Indices, us: Array) -> Array:
+    """Return when pieces of a law pass some u, s from the pieces' starts, to rounding."""
+    ways = us - law.positions[piece]
+    durations = law.times[piece + 1] - law.times[piece]
+    v, a, j = law.velocities[piece], law.accelerations[piece], law.jerks[piece]
+    low, high = np.zeros_like(durations), durations.copy()
+    t = durations / 2.0
+    for _ in range(100):  # Newton's method, bisection where that leaves the bracket
+        over = _way(t, v, a, j) - ways
+        high, low = np.where(over > 0.0, t, high), np.where(over > 0.0, low, t)
+        if np.all((np.abs(over) <= PASSED) | (high - low <= PASSED)):
+            break
+        with np.errstate(divide='ignore', invalid='ignore'):
+            better = t - over / (v + t * (a + t * j / 2.0))
+        middle = (low + high) / 2.0
+        t = np.where((better > low) & (better < high), better, middle)
+    return t
+
+
+def _forward(law: Law) -> bool:
+    """Return whether a law never turns back."""
+    v, a, j = law.velocities[:-1], law.accelerations[:-1], law.jerks
+    with np.errstate(divide='ignore', invalid='ignore'):
+        turn = np.nan_to_num(-a / j, nan=0.0, posinf=0.0, neginf=0.0)
+    turn = np.clip(turn, 0.0, np.diff(law.times))
+    lowest = v + turn * (a + turn * j / 2.0)
+    return bool(min(lowest.min(), law.velocities.min()) >= -BACKWARD)
+
+
+def _continuous(law: Law) -> bool:
+    """Return whether each piece of a law ends where the next one, or the rest, begins."""
+    t = np.diff(law.times)
+    v, a, j = law.velocities[:-1], law.accelerations[:-1], law.jerks
+    gaps = (
+        law.positions[:-1] + _way(t, v, a, j) - law.positions[1:],
+        v + t * (a + t * j / 2.0) - law.velocities[1:],
+        a + t * j - law.accelerations[1:],
+    )
+    largest = float(np.max(np.abs(law.accelerations)))
+    return bool(
+        t.min() >= 0.0
+        and np.max(np.abs(gaps[0])) <= GAP
+        and np.max(np.abs(gaps[1])) <= ROUNDING
+        and np.max(np.abs(gaps[2])) <= ROUNDING * max(largest, 1.0)
+        and law.velocities[-1] == 0.0 == law.accelerations[-1]
+    )
+
+
+def _bernstein(derivative: int) -> Array:
+    """Return what gives the Bernstein coefficients of a derivative of Σ cₙ sⁿ, n = 1 … degree.
+
+    On 0 ≤ s ≤ 1; shape (degree, degree + 1 - derivative).
+    """
+    size = 3 * DEGREE
+    degree = size - derivative
+    matrix = np.zeros((size, degree + 1))
+    for n in range(max(derivative, 1), size + 1):
+        factor = float(np.prod(np.arange(n, n - derivative, -1.0)))
+        k = n - derivative
+        for i in range(k, degree + 1):
+            matrix[n - 1, i] = factor * comb(i, k) / comb(degree, k)
+    return matrix
+
+
+_POSITION = _bernstein(0)
+_DERIVATIVES = np.concatenate([_bernstein(order) for order in (1, 2, 3)], axis=1)
+_PARTS = np.cumsum([0] + [3 * DEGREE + 1 - order for order in (1, 2, 3)])
+_FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
+
+
+def _powers(spans: _Spans) -> tuple[Array, Array]:
+    """Return w, w² … w⁵ of the way w(s) in u since each span's start, s = 0 … 1.
+
+    As coefficients of s … s¹⁵, shape (m, 5, 15); and the half-way w, shape (m,).
+    """
+    t = spans.duration
+    linear = spans.speed * t
+    square = spans.acceleration * t**2 / 2.0
+    cube = spans.jerk * t**3 / 6.0
+    powers = np.zeros((len(t), DEGREE, 3 * DEGREE))
+    powers[:, 0, 0], powers[:, 0, 1], powers[:, 0, 2] = linear, square, cube
+    linear, square, cube = linear[:, None], square[:, None], cube[:, None]
+    for n in range(1, DEGREE):
+        before, here = powers[:, n - 1, n - 1 : 3 * n], powers[:, n]
+        here[:, n : 3 * n + 1] += linear * before
+        here[:, n + 1 : 3 * n + 2] += square * before
+        here[:, n + 2 : 3 * n + 3] += cube * before
+    return powers, _way(t / 2.0, spans.speed, spans.acceleration, spans.jerk)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Use:
+    """What m spans use of the limits.
+
+    middles: u, shape (m,). hull: multiples of the limits of velocity, acceleration and jerk that
+    are not exceeded, shape (m, 3). outside: whether a position may leave its limits, shape (m,).
+    undecided: whether halving would tell more that counts.
+    """
+
+    middles: Array
+    hull: Array
+    outside: npt.NDArray[np.bool_]
+    undecided: npt.NDArray[np.bool_]
+
+
+def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[np.bool_]) -> _Use:
+    powers, half = _powers(spans)
+    slopes = path.derivatives(spans.segment, spans.offset)  # (m, 6, n)
+    taylor = (slopes / _FACTORIALS[:, None]).transpose(0, 2, 1)
+    t = spans.duration
+    coefficients = taylor[:, :, 1:] @ (powers @ _DERIVATIVES)  # (m, n, 15 + 14 + 13)
+    np.abs(coefficients, out=coefficients)
+    hull, ends = np.empty((len(t), 3)), np.empty((len(t), 3))
+    for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk)):
+        part = coefficients[:, :, _PARTS[order] : _PARTS[order + 1]]
+        scale = t ** (order + 1)
+        hull[:, order] = np.max(part.max(axis=2) / limit, axis=1) / scale
+        corner = np.maximum(part[:, :, 0], part[:, :, -1])
+        ends[:, order] = np.max(corner / limit, axis=1) / scale
+    most = 1.0 + ROUNDING
+    exceeded = (ends > most) & (hull <= TIGHT * ends)
+    undecided = np.any((hull > most) & ~exceeded, axis=1)
+    outside = np.zeros(len(t), dtype=bool)
+    open_ = np.flatnonzero(~confined[spans.segment])
+    if len(open_):
+        at = taylor[open_, :, :1] + taylor[open_, :, 1:] @ (powers[open_] @ _POSITION)
+        excess = np.maximum(
+            limits.position_min[:, None] - at, at - limits.position_max[:, None]
+        ).max(axis=1)
+        outside[open_] = excess.max(axis=1) > POSITION_ROUNDING
+        certain = np.maximum(excess[:, 0], excess[:, -1]) > POSITION_ROUNDING
+        undecided[open_] |= outside[open_] & ~certain
+    return _Use(path.knots.u[spans.segment] + spans.offset + half, hull, outside, undecided)
+
+
+def _confined(path: Path, limits: JointLimits) -> npt.NDArray[np.bool_]:
+    """Return which segments are surely within the position limits all the way, shape (k - 1,)."""
+    hulls = path.hulls()
+    within = (hulls >= limits.position_min) & (hulls <= limits.position_max)
+    confined: npt.NDArray[np.bool_] = np.all(within, axis=(1, 2))
+    return confined

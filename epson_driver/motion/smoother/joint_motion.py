@@ -2,89 +2,165 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions off the path, from a moving state: the fastest stop, and the move to another start."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization
 from ruckig import Trajectory as RuckigTrajectory
 
+from epson_driver.motion.joint_stop import stop_joints
 from epson_driver.motion.limits import Array, JointLimits
 
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
 
+ROUNDING = 1e-6
+"""Relative excess of a limit that is taken for rounding: the state to start from may have some."""
+
+POSITION_ROUNDING = 1e-11
+"""The same for positions, rad."""
+
+ON_TARGET = 1e-9
+"""How near a move ends to its target, rad."""
+
+AT_REST = 1e-9
+"""Share of the limits of velocity and acceleration that is no motion."""
+
 
 class JointMotion:
-    """A motion of n joints as a function of the time since it began. `duration` is in s."""
+    """A motion of n joints from a state to rest, each by k pieces of constant jerk.
 
-    def __init__(self, course: RuckigTrajectory) -> None:
-        self._course = course
-        self.duration: float = course.duration
-        self.end: Array = np.array(course.at_time(course.duration)[0])
+    durations, jerks: shape (n, k), s and rad/s³. It starts in exactly the state given; `duration`
+    is in s, `end` where it rests, rad.
+    """
+
+    def __init__(self, state: State, durations: Array, jerks: Array) -> None:
+        count, pieces = durations.shape
+        self._times = np.concatenate([np.zeros((count, 1)), np.cumsum(durations, axis=1)], axis=1)
+        self._jerks = jerks
+        self._states = np.empty((3, count, pieces + 1))
+        self._states[:, :, 0] = state
+        for piece in range(pieces):
+            t, j = durations[:, piece], jerks[:, piece]
+            p, v, a = self._states[:, :, piece]
+            self._states[:, :, piece + 1] = _after(t, p, v, a, j)
+        self.duration = float(self._times[:, -1].max())
+        self.end: Array = self._states[0, :, -1].copy()
 
     def at(self, time: float) -> State:
         """Return position, velocity, acceleration at a time, shapes (n,)."""
         if time >= self.duration:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
-        position, velocity, acceleration = self._course.at_time(max(time, 0.0))
-        return np.array(position), np.array(velocity), np.array(acceleration)
+        time = max(time, 0.0)
+        joints = np.arange(len(self.end))
+        piece = np.sum(self._times[:, 1:] <= time, axis=1)
+        resting = piece == self._jerks.shape[1]
+        piece[resting] -= 1
+        since = time - self._times[joints, piece]
+        p, v, a = self._states[:, joints, piece]
+        position, velocity, acceleration = _after(since, p, v, a, self._jerks[joints, piece])
+        position[resting] = self.end[resting]
+        velocity[resting] = acceleration[resting] = 0.0
+        return position, velocity, acceleration
 
     def within(self, limits: JointLimits) -> bool:
-        """Return whether all positions are within the limits (Ruckig minds the others)."""
-        low, high = np.array(
-            [(extrema.min, extrema.max) for extrema in self._course.position_extrema]
-        ).T
-        slack = 1e-9
-        return bool(
-            np.all(low >= limits.position_min - slack)
-            and np.all(high <= limits.position_max + slack)
+        """Return whether it keeps all limits at every instant, and rests in the end."""
+        position, velocity, acceleration = self._states
+        t, j = np.diff(self._times, axis=1), self._jerks
+        p, v, a = self._states[:, :, :-1]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            fastest = _between(-a / j, t)
+            # both zeros of v + a t + j t² / 2
+            root = -(a + np.copysign(np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0)), a))
+            turns = (_between(root / j, t), _between(2.0 * v / root, t))
+        speeds = np.concatenate([velocity, _after(fastest, p, v, a, j)[1]], axis=1)
+        places = np.concatenate(
+            [position, *(_after(turn, p, v, a, j)[0] for turn in turns)], axis=1
         )
+        slack = 1.0 + ROUNDING
+        return bool(
+            np.all(np.abs(j).max(axis=1) <= slack * limits.jerk)
+            and np.all(np.abs(acceleration).max(axis=1) <= slack * limits.acceleration)
+            and np.all(np.abs(speeds).max(axis=1) <= slack * limits.velocity)
+            and np.all(places.min(axis=1) >= limits.position_min - POSITION_ROUNDING)
+            and np.all(places.max(axis=1) <= limits.position_max + POSITION_ROUNDING)
+            and np.all(np.abs(velocity[:, -1]) <= AT_REST * limits.velocity)
+            and np.all(np.abs(acceleration[:, -1]) <= AT_REST * limits.acceleration)
+        )
+
+
+def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
+    """Return the state a time after another, with constant jerk."""
+    return (
+        p + t * (v + t * (a / 2.0 + t * j / 6.0)),
+        v + t * (a + t * j / 2.0),
+        a + t * j,
+    )
+
+
+def _between(times: Array, durations: Array) -> Array:
+    """Return times within 0 … duration; 0 for what is no number."""
+    between: Array = np.clip(np.nan_to_num(times, nan=0.0), 0.0, durations)
+    return between
 
 
 def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
     """Return the fastest stop of all joints together.
 
-    Each by itself where together a joint would leave its position limits on the longer way.
+    Each by itself where together a joint would leave its position limits on the longer way; and
+    with a way back where that alone keeps it inside.
     """
-    together = _stop(limits, state, Synchronization.Time)
-    if together.within(limits):
-        return together
-    return _stop(limits, state, Synchronization.No)
-
-
-def _stop(limits: JointLimits, state: State, synchronization: Synchronization) -> JointMotion:
-    inp = _from(limits, state)
-    inp.control_interface = ControlInterface.Velocity
-    inp.target_velocity = [0.0] * len(limits.names)
-    inp.synchronization = synchronization
-    motion = _solved(inp)
+    motion = None
+    for motion in _stops(limits, state):
+        if motion.within(limits):
+            return motion
     if motion is None:
         raise RuntimeError(f'ruckig found no stop from {state}')
     return motion
+
+
+def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
+    """Yield stops, what is wanted most first; the last one brakes as hard as can be."""
+    inp = _from(limits, state)
+    inp.control_interface = ControlInterface.Velocity
+    inp.target_velocity = [0.0] * len(limits.names)
+    for synchronization in (Synchronization.Time, Synchronization.No):
+        inp.synchronization = synchronization
+        motion = _solved(inp, state)
+        if motion is not None:
+            yield motion
+    yield _motion(state, stop_joints(limits, *state).courses)
 
 
 def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotion | None:
     """Return the fastest move to rest at `target`, or None if it would leave position limits."""
     inp = _from(limits, state)
     inp.target_position = target.tolist()
-    motion = _solved(inp)
-    return motion if motion is not None and motion.within(limits) else None
+    motion = _solved(inp, state)
+    if motion is None or not motion.within(limits):
+        return None
+    return motion if np.max(np.abs(motion.end - target)) <= ON_TARGET else None
 
 
 def _from(limits: JointLimits, state: State) -> InputParameter:
+    """Return the input of Ruckig for a motion from a state.
+
+    The state is not changed, as that would be a jump: where it is beyond a limit by rounding, the
+    limit is as much higher.
+    """
     inp = InputParameter(len(limits.names))
     position, velocity, acceleration = state
     inp.current_position = position.tolist()
-    inp.current_velocity = np.clip(velocity, -limits.velocity, limits.velocity).tolist()
-    inp.current_acceleration = np.clip(
-        acceleration, -limits.acceleration, limits.acceleration
-    ).tolist()
-    inp.max_velocity = limits.velocity.tolist()
-    inp.max_acceleration = limits.acceleration.tolist()
+    inp.current_velocity = velocity.tolist()
+    inp.current_acceleration = acceleration.tolist()
+    inp.max_velocity = np.maximum(limits.velocity, np.abs(velocity)).tolist()
+    inp.max_acceleration = np.maximum(limits.acceleration, np.abs(acceleration)).tolist()
     inp.max_jerk = limits.jerk.tolist()
     return inp
 
 
-def _solved(inp: InputParameter) -> JointMotion | None:
+def _solved(inp: InputParameter, state: State) -> JointMotion | None:
     course = RuckigTrajectory(inp.degrees_of_freedom)
     try:
         result = Ruckig(inp.degrees_of_freedom).calculate(inp, course)
@@ -92,4 +168,12 @@ def _solved(inp: InputParameter) -> JointMotion | None:
         return None
     if result not in (Result.Working, Result.Finished):
         return None
-    return JointMotion(course)
+    return _motion(state, [course])
+
+
+def _motion(state: State, courses: list[RuckigTrajectory]) -> JointMotion:
+    """Return the motion of all joints of Ruckig's courses."""
+    profiles = [profile for course in courses for profile in course.profiles[0]]
+    durations = [[*profile.brake.t, *profile.t] for profile in profiles]
+    jerks = [[*profile.brake.j, *profile.j] for profile in profiles]
+    return JointMotion(state, np.array(durations), np.array(jerks))

@@ -10,8 +10,10 @@ path is this spline.
 """
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 
@@ -26,9 +28,30 @@ _QUINTIC = np.array(
         [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
     ]
 )
-_POWERS = np.arange(6)
-_NEAR_ENDS = np.array([0.003, 0.01, 0.025, 0.04])
-_INSIDE = np.concatenate((_NEAR_ENDS, np.linspace(0.0, 1.0, 17)[1:-1], 1.0 - _NEAR_ENDS))
+DEGREE = 5
+"""Of a segment."""
+
+
+def _hull_of(begin: float, end: float) -> Array:
+    """Return what gives a quintic's Bernstein coefficients on begin ≤ s ≤ end, shape (6, 6)."""
+    matrix = np.zeros((DEGREE + 1, DEGREE + 1))
+    for i in range(DEGREE + 1):  # the blossom of sⁿ with i arguments at the end, the others before
+        polynomial = np.array([1.0])
+        for argument in [end] * i + [begin] * (DEGREE - i):
+            polynomial = np.convolve(polynomial, [1.0, argument])
+        for n in range(DEGREE + 1):
+            matrix[i, n] = polynomial[n] / comb(DEGREE, n)
+    return matrix
+
+
+PARTS = 16
+"""In so many parts a segment is looked at for where it leaves the position limits."""
+
+_HULL = _hull_of(0.0, 1.0)
+_HULLS = np.concatenate([_hull_of(i / PARTS, (i + 1) / PARTS) for i in range(PARTS)])
+
+INSIDE = 5e-13
+"""How far outside a position limit counts as on it, rad."""
 
 AT_LIMIT = 1e-6
 """A joint closer than this to its position limit at a knot, rad, must not move there."""
@@ -63,16 +86,17 @@ class Path:
         h = self._lengths[:, None]
         ends = np.stack(
             [
-                knots.position[:-1],
+                np.zeros_like(knots.position[:-1]),
                 knots.first[:-1] * h,
                 knots.second[:-1] * h**2,
-                knots.position[1:],
+                np.diff(knots.position, axis=0),
                 knots.first[1:] * h,
                 knots.second[1:] * h**2,
             ],
             axis=1,
         )
         self._coefficients = _QUINTIC @ ends  # (k - 1, 6, n)
+        self._coefficients[:, 0] = knots.position[:-1]  # so that short segments lose no digits
 
     @property
     def end(self) -> float:
@@ -117,6 +141,40 @@ class Path:
             (6.0 * c3 + s * (24.0 * c4 + s * 60.0 * c5)) / h**3,
         )
 
+    def derivatives(self, segment: npt.NDArray[np.intp], offset: Array) -> Array:
+        """Return position and five derivatives by u in given segments, shape (m, 6, n).
+
+        offset: u from the segment's first knot; both of shape (m,).
+        """
+        h = self._lengths[segment][:, None]
+        s = offset[:, None] / h
+        c = np.moveaxis(self._coefficients[segment], 1, 0)
+        result = np.empty((len(segment), DEGREE + 1, c.shape[2]))
+        for order in range(DEGREE + 1):
+            value = c[-1]
+            for coefficient in c[-2::-1]:
+                value = coefficient + s * value
+            result[:, order] = value / h**order
+            c = c[1:] * np.arange(1.0, len(c))[:, None, None]
+        return result
+
+    def hulls(self) -> Array:
+        """Return six positions for each segment whose hull it does not leave, (k - 1, 6, n)."""
+        hulls: Array = _HULL @ self._coefficients
+        return hulls
+
+    def outside(self, limits: JointLimits) -> npt.NDArray[np.bool_]:
+        """Return which joints may leave their position limits where, shape (k - 1, n)."""
+        low, high = limits.position_min - INSIDE, limits.position_max + INSIDE
+        hulls = self.hulls()
+        beyond: npt.NDArray[np.bool_] = (hulls < low) | (hulls > high)
+        outside: npt.NDArray[np.bool_] = np.any(beyond, axis=1)
+        doubtful = np.flatnonzero(outside.any(axis=1))
+        if len(doubtful):
+            finer = _HULLS @ self._coefficients[doubtful]
+            outside[doubtful] = ((finer < low) | (finer > high)).any(axis=1)
+        return outside
+
 
 def chord_lengths(points: Array, limits: JointLimits) -> Array:
     """Return the lengths between consecutive points, shape (k, n) to (k - 1,), s at full speed."""
@@ -142,9 +200,7 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
     first[turning] = second[turning] = 0.0
     path = Path(Knots(u, chain, first, second))
     for _ in range(points.size):
-        inside = path._coefficients.transpose(0, 2, 1) @ _INSIDE ** _POWERS[:, None]  # (k, n, s)
-        outside = (inside < limits.position_min[:, None]) | (inside > limits.position_max[:, None])
-        segments, joints = np.nonzero(outside.any(axis=2))
+        segments, joints = np.nonzero(path.outside(limits))
         if not len(segments):
             break
         for knots in (segments, segments + 1):

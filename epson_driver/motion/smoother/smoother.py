@@ -3,10 +3,10 @@
 """The smoother: points in as they come, one smooth motion out."""
 
 import dataclasses
+import logging
 from collections import deque
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.committed import Asked, Committed, Point
 from epson_driver.motion.smoother.joint_motion import JointMotion, fastest_move, fastest_stop
 from epson_driver.motion.smoother.law import Law
+from epson_driver.motion.smoother.output_guard import Motion, OutputGuard, Violation
 from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.planner import Plan, Request, plan, stopping_time
 from epson_driver.motion.smoother.problem import UNBOUND, Problem
@@ -44,7 +45,8 @@ RESERVE = 2.5
 """A plan that rests later than in so many times the time of a stop need not be replaced yet."""
 
 SHORTEST = 1e-9
-"""A way shorter than this (rad, in every joint) is no way."""
+"""A way shorter than this (rad, in every joint) is no way. A point that is no farther outside the
+position limits is on them."""
 
 INSTANT = 1e-6
 """A motion that has begun so recently (s) has not left its rest."""
@@ -60,12 +62,7 @@ class Mode(StrEnum):
     """Nothing: as fast as the limits allow."""
 
 
-class Motion(NamedTuple):
-    """Where the joints are to be now: shapes (n,), in rad, rad/s, rad/s²."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
+log = logging.getLogger(__name__)
 
 
 class Smoother:
@@ -77,6 +74,9 @@ class Smoother:
     `take`; `latency` is how long that may take then.
 
     Whatever happens to the stream, the arm comes to rest at the last point known, never beyond.
+    Should what `step` is about to give out break a limit, the arm brakes from what it gave out
+    last, all points are forgotten, an error is logged, and `violations` counts it: that is a
+    defect of this package. `violation` says what the last one was.
     Raises ValueError for a start that is not n finite numbers within the limits.
     """
 
@@ -93,8 +93,7 @@ class Smoother:
         self.mode = mode
         self.latency = latency
         self._planner = planner
-        self._position = np.array(position, dtype=float)
-        self._check(self._position, 'the start')
+        self._position = self._checked(position, 'the start')
         self._now = 0.0
         self._scale = 1.0
         self._reserve = RESERVE * stopping_time(limits)
@@ -118,6 +117,10 @@ class Smoother:
         self._asked_at = -np.inf
         self._next: Committed | None = None
         self._news = False
+        # The second line of defence.
+        self.violations = 0
+        self.violation: Violation | None = None
+        self._guard = OutputGuard(self.motion)
 
     # What comes in.
 
@@ -128,8 +131,7 @@ class Smoother:
         ValueError, and takes nothing, for numbers that are wrong or outside the position limits.
         """
         what = f'point {self._count}'
-        position = np.array(position, dtype=float)
-        self._check(position, what)
+        position = self._checked(position, what)
         _check_duration(duration, what)
         if self.mode is Mode.TIME_OPTIMAL:
             duration = None
@@ -184,19 +186,20 @@ class Smoother:
         each = [None] * len(points) if durations is None else durations
         if len(each) != len(points):
             raise ValueError(f'{len(each)} durations for {len(points)} points')
+        checked = []
         for index, (point, duration) in enumerate(zip(points, each, strict=True)):
-            self._check(point, f'point {index}')
+            checked.append(self._checked(point, f'point {index}'))
             _check_duration(duration, f'point {index}')
         move = None
-        if self._in_motion and len(points):
-            move = fastest_move(self.limits, self.motion, points[0])
+        if self._in_motion and checked:
+            move = fastest_move(self.limits, self.motion, checked[0])
         if move is None:
             self.stop()
         else:
             self._forget()
             self._begin_joint_motion(move)
             self._stopping = False
-        for point, duration in zip(points, each, strict=True):
+        for point, duration in zip(checked, each, strict=True):
             self.append(point, duration)
 
     def keep_to(self, limits: JointLimits) -> None:
@@ -272,11 +275,12 @@ class Smoother:
 
     def _settle(self, position: Array) -> None:
         """Expect to rest at a position, from where the next points go on."""
-        position = np.clip(position, self.limits.position_min, self.limits.position_max)
         self._rest = self._last = Point(self._index(), position, position)
 
-    def _check(self, position: Array, what: str) -> None:
+    def _checked(self, position: Array, what: str) -> Array:
+        """Return a position as it counts: inside the limits, which nothing is clipped to later."""
         limits = self.limits
+        position = np.array(position, dtype=float)
         if np.shape(position) != (len(limits.names),):
             raise ValueError(
                 f'{what}: shape {np.shape(position)} instead of one number for each of '
@@ -290,6 +294,8 @@ class Smoother:
                     f'{what}, {name}: position {value:.6g} is outside the limits '
                     f'{low:.6g} … {high:.6g} rad'
                 )
+        inside: Array = np.clip(position, limits.position_min, limits.position_max)
+        return inside
 
     @property
     def scale(self) -> float:
@@ -338,7 +344,27 @@ class Smoother:
             self._plan_here()
         self._now = end
         self._pass()
-        return self.motion
+        return self._guarded(dt)
+
+    def _guarded(self, dt: float) -> Motion:
+        """Return the motion now if that can follow what was given out `dt` s ago, or a braking."""
+        motion = self.motion
+        violation = self._guard.violation(motion, dt, self.limits)
+        if violation is None:
+            return motion
+        self.violations += 1
+        self.violation = violation
+        log.error(
+            'the smooth motion is not what was planned, and the arm brakes: %s (violation %d)',
+            violation,
+            self.violations,
+        )
+        self._forget()
+        self._begin_joint_motion(fastest_stop(self.limits, self._guard.last))
+        self._joint_begin -= dt
+        self._stopping = True
+        self._guard.last = motion = self.motion
+        return motion
 
     @property
     def motion(self) -> Motion:
@@ -350,8 +376,6 @@ class Smoother:
             return Motion(self._position.copy(), zeros, zeros.copy())
         u, v, a = self._course.law.at(self._now - self._course.begin)
         q, first, second = self._course.path.at(u)
-        # between the instants that were checked, a joint could graze its limit by some µrad
-        q = np.minimum(np.maximum(q, self.limits.position_min), self.limits.position_max)
         return Motion(q, first * v, first * a + second * (v * v))
 
     @property
@@ -545,7 +569,7 @@ class Smoother:
 
     def _arrive(self, position: Array, point: Point | None = None) -> None:
         """Come to rest at a position; at a point of the path, or where `_settle` said."""
-        self._position = np.clip(position, self.limits.position_min, self.limits.position_max)
+        self._position = position
         if point is not None:
             self._rest = point
         while self._ahead and self._ahead[0].index <= self._rest.index:

@@ -450,7 +450,7 @@ def test_late_plans_are_counted_and_told_once(caplog):
     bench.send(*stream(points[::-1]))
     bench.rest()
     assert 'in this motion' not in caplog.text
-    assert bench.remote('Sim,timing') == [f'#Sim,0,{late},0']
+    assert bench.remote('Sim,timing') == [f'#Sim,0,{late},0,0']
 
 
 def test_invariant_3_and_4_a_planner_that_dies_in_motion_stops_the_arm(caplog):

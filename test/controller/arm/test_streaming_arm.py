@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smoothly moving arm alone: power, what counts of a point, when it is answered, settling."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from streaming_bench import (
@@ -15,6 +17,7 @@ from streaming_bench import (
 
 from epson_driver.controller.arm.low_power import LowPower
 from epson_driver.controller.arm.streaming import ATTEMPTS
+from epson_driver.motion.smoother import plan
 
 REACH = np.array([0.8, 0.7, 0.5, 0.35, 0.33, 0.1])
 FRACTION, TOOL_SPEED = 0.05, 0.25
@@ -335,3 +338,32 @@ def test_a_planner_that_finds_nothing_is_a_failure_after_some_attempts():
         bench.run(0.001)
     assert len(bench.planner.limits) == ATTEMPTS
     assert bench.arm.position.tolist() == HOME.tolist()
+
+
+def test_a_plan_that_would_break_a_limit_is_braked_told_and_counted():
+    """Invariants 2 and 9: the arm trusts no planner."""
+    bench = StreamingBench()
+    faster = dataclasses.replace(
+        LIMITS,
+        velocity=5.0 * LIMITS.velocity,
+        acceleration=5.0 * LIMITS.acceleration,
+        jerk=5.0 * LIMITS.jerk,
+    )
+    bench.planner.plan = lambda request, limits: plan(request, faster)
+    bench.send(FAST, period=0.0)
+    bench.waiting.clear()
+    while not bench.failures:
+        bench.run(0.001)
+    assert bench.timing.violations == 1
+    (failure,) = bench.failures
+    assert failure.startswith('the arm brakes: joint_')
+    assert 'is beyond the limit' in failure
+    assert bench.arm.still or not bench.arm.has_room  # no point is taken by an arm that brakes
+    bench.rest()
+    assert_within_limits(bench)
+    # and it goes on from where it stands
+    bench.planner.plan = plan
+    bench.send(bench.arm.position + way(40), first=0)
+    bench.rest()
+    assert bench.timing.violations == 1
+    assert_within_limits(bench)

@@ -378,10 +378,11 @@ def test_tasks_with_type_and_state(remote):
 
 
 def test_what_came_too_late_can_be_asked_for(remote):
-    assert remote('Sim,timing') == '#Sim,0,0,0'
+    assert remote('Sim,timing') == '#Sim,0,0,0,0'
     timing = remote.controller.timing
     timing.deadline_misses, timing.late_plans, timing.planner_failures = 7, 2, 1
-    assert remote('Sim,timing') == '#Sim,7,2,1'
+    timing.violations = 3
+    assert remote('Sim,timing') == '#Sim,7,2,1,3'
 
 
 def test_faults_begin_are_listed_and_cleared(remote):

@@ -1,0 +1,131 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The second line of defence: what is given out is held against what was given out before.
+
+It trusts no planner and no judge. Two outputs and the time dt between them tell what the motion
+between them must at least have asked of the joints. For a jerk of J at most
+
+- the acceleration changes by no more than J dt, say by x J dt;
+- the velocity changes as it would with a linear acceleration, give or take (1 - x²) J dt²/4;
+- the position likewise, give or take (1 - x²) (1 + |x|/3) J dt³/8:
+
+the acceleration is farthest from the line between its ends if it rises with J, then falls with J.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from epson_driver.motion.limits import Array, JointLimits
+
+ROUNDING = 1e-6
+"""Share of a limit that is taken for rounding."""
+
+POSITION_ROUNDING = 5e-9
+"""The same for positions, rad."""
+
+
+class Motion(NamedTuple):
+    """Where the joints are to be now: shapes (n,), in rad, rad/s, rad/s²."""
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A limit that an output does not keep."""
+
+    joint: str
+    quantity: str
+    value: float
+    limit: float
+    unit: str
+
+    def __str__(self) -> str:
+        """Return it as a part of a sentence."""
+        return (
+            f'{self.joint}: {self.quantity} {self.value:.6g} {self.unit} is beyond the limit '
+            f'{self.limit:.6g} {self.unit}'
+        )
+
+
+_QUANTITIES = (
+    ('position', ''),
+    ('position', ''),
+    ('velocity', '/s'),
+    ('acceleration', '/s²'),
+    ('change of acceleration', '/s²'),
+    ('change of velocity beside the acceleration', '/s'),
+    ('change of position beside the velocity', ''),
+)
+"""What the rows of values and bounds are, and the unit after the joint's."""
+
+_ABOVE, _BELOW, _CHANGE, _SLIP_OF_VELOCITY, _SLIP_OF_POSITION = 0, 1, 4, 5, 6
+
+
+class OutputGuard:
+    """Holds each output against the limits and the output before it."""
+
+    def __init__(self, motion: Motion) -> None:
+        self.last = motion
+        self._bounds_of: tuple[JointLimits, float] | None = None
+        self._bounds = self._rounding = np.empty(0)
+
+    def violation(self, motion: Motion, dt: float, limits: JointLimits) -> Violation | None:
+        """Return the first limit that the next output, `dt` ≥ 0 s after the last, does not keep.
+
+        None: it keeps all, and is the last output from now on.
+        """
+        if self._bounds_of is None or self._bounds_of[0] is not limits or self._bounds_of[1] != dt:
+            self._bounds, self._rounding = _bounds(limits, dt), _rounding(limits, dt)
+            self._bounds_of = limits, dt
+        q, v, a = motion
+        q0, v0, a0 = self.last
+        values = np.empty_like(self._bounds)
+        np.subtract(q, limits.position_max, out=values[_ABOVE])
+        np.subtract(limits.position_min, q, out=values[_BELOW])
+        values[2], values[3] = v, a
+        change = values[_CHANGE] = a - a0
+        values[_SLIP_OF_VELOCITY] = v - v0 - (dt / 2.0) * (a0 + a)
+        values[_SLIP_OF_POSITION] = q - q0 - dt * (v0 + (dt / 6.0) * (a0 + a0 + a))
+        np.abs(values[2:], out=values[2:])
+        bounds = self._bounds.copy()
+        if dt > 0.0:
+            x = np.minimum(np.abs(change) / bounds[_CHANGE], 1.0)
+            bounds[_SLIP_OF_VELOCITY] *= 1.0 - x * x
+            bounds[_SLIP_OF_POSITION] *= (1.0 - x * x) * (1.0 + x / 3.0)
+        bounds += self._rounding
+        if not (values <= bounds).all():  # NaN too
+            return _violation(values, bounds, limits)
+        self.last = motion
+        return None
+
+
+def _bounds(limits: JointLimits, dt: float) -> Array:
+    """Return the bounds without rounding, for x = 0, shape (7, n)."""
+    zeros, change = np.zeros_like(limits.jerk), limits.jerk * dt
+    rows = [zeros, zeros, limits.velocity, limits.acceleration, change]
+    return np.array([*rows, change * dt / 4.0, change * dt**2 / 8.0])
+
+
+def _rounding(limits: JointLimits, dt: float) -> Array:
+    """Return what is allowed beyond the bounds, shape (7, n)."""
+    position = np.full_like(limits.jerk, POSITION_ROUNDING)
+    v, a = ROUNDING * limits.velocity, ROUNDING * limits.acceleration
+    return np.array([position, position, v, a, a, v + a * dt, position + (v + a * dt) * dt])
+
+
+def _violation(values: Array, bounds: Array, limits: JointLimits) -> Violation:
+    row, joint = (int(index) for index in np.argwhere(~(values <= bounds))[0])
+    value, bound = float(values[row, joint]), float(bounds[row, joint])
+    if row == _ABOVE:
+        bound = float(limits.position_max[joint])
+        value += bound
+    elif row == _BELOW:
+        bound = float(limits.position_min[joint])
+        value = bound - value
+    quantity, per = _QUANTITIES[row]
+    return Violation(limits.names[joint], quantity, value, bound, limits.units[joint] + per)

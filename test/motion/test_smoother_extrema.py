@@ -1,0 +1,44 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Random plans with close pairs amid long ways, and the exact extrema of what is executed.
+
+Invariant 2 of docs/invariants.md.
+"""
+
+import pytest
+from smoother_runs import exact_extrema, random_run, sampled_extrema
+
+QUICK = 40
+"""Plans of the quick run, every tenth sampled at 10 kHz, the others at 1 kHz."""
+
+BLOCKS, SIZE = 20, 100
+"""The long run: 2,000 plans, every tenth sampled at 10 kHz, the others at 1 kHz."""
+
+
+def assert_within_all_limits(seed: int, dt: float) -> None:
+    run = random_run(seed, dt)
+    exact, sampled = exact_extrema(run), sampled_extrema(run)
+    what = f'seed {seed}: {exact}; sampled every {dt} s: {sampled}'
+    assert exact.worst <= 1.0 + 1e-6, what
+    assert exact.outside <= 1e-10, what
+    assert exact.position_jump <= 1e-11, what
+    assert exact.velocity_jump <= 1e-8, what
+    assert exact.acceleration_jump <= 1e-4, what  # a start that is taken back within 1 µs
+    assert sampled.worst <= 1.0 + 1e-4, what
+    assert sampled.outside <= 1e-10, what
+    assert run.smoother.violations == 0, what
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize('first', range(0, QUICK, 10))
+def test_no_limit_is_exceeded_at_any_instant(first: int) -> None:
+    for seed in range(first, first + 10):
+        assert_within_all_limits(seed, 1e-3 if seed % 10 else 1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize('block', range(BLOCKS))
+def test_no_limit_is_exceeded_at_any_instant_in_2000_plans(block: int) -> None:
+    for seed in range(1000 + SIZE * block, 1000 + SIZE * (block + 1)):
+        assert_within_all_limits(seed, 1e-3 if seed % 10 else 1e-4)
