@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from epson_driver.client.io_results import sentence
+from epson_driver.client.parts import report_failure
 from epson_driver.link import Link, LinkState
 from epson_driver.simple_message import (
     ByteOrder,
@@ -308,7 +309,7 @@ class IoDriver:
             self._published = -math.inf
             self.reason = 'connected; no values yet'
             self._watch = asyncio.get_running_loop().create_task(self._keep_subscribed())
-            self._watch.add_done_callback(_tell_crash)
+            self._watch.add_done_callback(report_failure)
             return
         if self._watch is not None:
             self._watch.cancel()
@@ -320,11 +321,6 @@ class IoDriver:
             self._lose(f'no I/O link: {why}', logging.WARNING if self.states else logging.INFO)
         elif state is LinkState.DISCONNECTED:
             self._lose('the driver ended', logging.DEBUG)
-
-
-def _tell_crash(task: asyncio.Task[None]) -> None:
-    if not task.cancelled() and (error := task.exception()) is not None:
-        _log.error('watching the I/O ended: %r', error)
 
 
 def _check_number(points: int) -> None:

@@ -17,6 +17,12 @@ from epson_driver.remote_errors import MEANINGS
 
 _LONGEST_LINE = 65_536
 
+_MOST_DIGITS = 9
+"""Of an error number. (`int` raises ValueError for more than 4,300.)"""
+
+_MOST_SHOWN = 80
+"""Characters of an answer that makes no sense."""
+
 Ask = Callable[[str], Awaitable[str]]
 """Gives a command without its `$`; returns the value of the answer, or raises RemoteError."""
 
@@ -60,7 +66,7 @@ async def logged_in(
     async with asyncio.timeout(timeout):
         try:
             reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, ValueError) as error:  # ValueError: no name
             raise ConnectionError(f'{host}:{port}: {_reason(error)}') from error
 
         async def ask(command: str) -> str:
@@ -77,7 +83,7 @@ async def logged_in(
             writer.close()
 
 
-def _reason(error: OSError | OverflowError) -> str:
+def _reason(error: OSError | OverflowError | ValueError) -> str:
     number = error.errno if isinstance(error, OSError) else None
     # asyncio's text names the address again; a name that is not found has a negative number.
     return os.strerror(number) if number is not None and number > 0 else str(error)
@@ -101,9 +107,10 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
     if name.lower() == command.partition(',')[0].lower():
         if answer.startswith('#'):
             return value
-        if answer.startswith('!') and value.isdecimal():
+        if answer.startswith('!') and value.isdecimal() and len(value) <= _MOST_DIGITS:
             raise RemoteError(command, int(value))
-    raise ConnectionError(f'{answer!r} is no answer to {_without_password(command)}')
+    shown = repr(answer[:_MOST_SHOWN]) + '…' * (len(answer) > _MOST_SHOWN)
+    raise ConnectionError(f'{shown} is no answer to {_without_password(command)}')
 
 
 def _without_password(command: str) -> str:
