@@ -14,7 +14,7 @@ LEAVE_TIMEOUT = 2.0
 """How long the last answers may take, s."""
 
 ROUNDS = 3
-"""Of the executor's tasks before it ends: what a goal waits for comes in the first, which makes its
+"""Of the executor's tasks before it ends: what a goal waits for comes in the first, that makes its
 answer a task of the second; and one to spare."""
 
 
