@@ -4,8 +4,8 @@
 
 `make soak`: the real client and a simulated controller, 2,000 goals of a tenth of a second each
 and 20,000 calls of `~/read_io`; what counts is the resident memory of the client's process, as
-/proc has it. A goal and its result are kept for a minute for whoever asks late, so the goals of the
-first 75 s are warm-up, and so are the first 2,000 calls. Exit code 1 if the memory grew by more
+/proc has it. A goal and its result are kept for a minute for whoever asks late, so the goals of
+the first 75 s are warm-up, and so are the first 2,000 calls. Exit code 1 if the memory grew by more
 than 1 MB after that. Linux only.
 """
 

@@ -64,5 +64,5 @@ class RosThread:
                         return
         finally:
             if not self._left.is_set():
-                error = RuntimeError('no request of ROS is answered any more')
-                self._on_error('the thread that serves ROS ended', error)
+                end = RuntimeError('no request of ROS is answered any more')
+                self._on_error('the thread that serves ROS ended', end)

@@ -110,8 +110,11 @@ class Serving:
             error = EndedError() if task.cancelled() else task.exception()
             self.keep(done, error if error is not None else (task.result(),))
 
+        async def run() -> T:
+            return await work()
+
         def begin() -> None:
-            self._loop.create_task(work()).add_done_callback(finish)
+            self._loop.create_task(run()).add_done_callback(finish)
 
         self.to_loop(begin)
         (value,) = await self.kept(done)
