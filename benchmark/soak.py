@@ -5,7 +5,7 @@
 `make soak`: the real client and a simulated controller, 2,000 goals of a tenth of a second each
 and 20,000 calls of `~/read_io`; what counts is the resident memory of the client's process, as
 /proc has it. A goal and its result are kept for a minute for whoever asks late, so the goals of
-the first 75 s are warm-up, and so are the first 2,000 calls. Exit code 1 if the memory grew by more
+the first 75 s are warm-up; so are the first 2,000 calls. Exit code 1 if the memory grew by more
 than 1 MB after that. Linux only.
 """
 
@@ -168,7 +168,15 @@ def soak(goals: int, calls: int, folder: Path) -> tuple[list[Memory], list[Memor
     domain = processes.free_ros_domain()
     controller = processes.sim_controller(folder / 'controller.log', '--motion=ptp')
     with processes.ended_at_exit(controller):
-        client = processes.client(folder / 'client.log', controller.ports(), domain)
+        # whatever else the machine does meanwhile: how fast it is does not matter here
+        client = processes.client(
+            folder / 'client.log',
+            controller.ports(),
+            domain,
+            state_timeout=30.0,
+            io_timeout=30.0,
+            reply_timeout=30.0,
+        )
         with processes.ended_at_exit(client):
             user = User(domain)
             try:

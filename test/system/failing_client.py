@@ -6,6 +6,7 @@ At SIGUSR1 it reads from FILE which one, by its name in HOOKS: that raises when 
 """
 
 import asyncio
+import functools
 import signal
 import sys
 import threading
@@ -56,6 +57,7 @@ def hook(
     """Have a method run `action` before its own work, when that is asked for."""
     original = getattr(owner, method)
 
+    @functools.wraps(original)
     def wrapper(*arguments: Any, **named: Any) -> Any:
         if where(*arguments) and taken(name):
             action()
@@ -148,7 +150,13 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('~/set_speed_scaling', speed_node.SpeedInterface, '_set'),
     ('goal', node.ClientNode, '_checked'),
     ('trajectory', node.ClientNode, '_take_trajectory'),
-    ('cancel', node.Serving, 'to_loop', fail, lambda _, function: function.__name__ == 'cancel'),
+    (
+        'cancel',
+        node.Serving,
+        'to_loop',
+        fail,
+        lambda _, function, *__: function.__name__ == 'cancel',
+    ),
     ('parameter', tracing.Tracing, 'change'),
     # what may fail without the arm
     ('trace', Trace, '_record'),

@@ -172,6 +172,8 @@ def test_a_failure_in_any_task_callback_or_thread_stops_the_arm_and_ends_the_pro
 ) -> None:
     goal = robot.move()
     robot.fail(name)
+    if name in THREADS:  # which wait for a request
+        robot.peer.in_executor(goal.handle.get_result_async)
     assert ends(robot) == 1
     robot.assert_stopped()
     log = robot.log_text()
@@ -203,6 +205,17 @@ def test_a_cancel_that_fails_stops_the_arm_and_ends_the_process(robot: Robot, na
     assert goal.result()[0] in ('aborted', 'canceled')
 
 
+def test_a_service_that_leaves_the_loop_is_answered(robot: Robot) -> None:
+    goal = robot.move()
+    robot.fail('exit of ~/reset_error')
+    answer = ask(robot, Trigger, 'epson_driver/reset_error')
+    assert not answer.success
+    assert 'SystemExit' in answer.message
+    assert ends(robot) == 1
+    robot.assert_stopped()
+    assert goal.result()[0] == 'aborted'
+
+
 def ask(robot: Robot, kind: Any, name: str, request: Any = None) -> Any:
     """Call a service and return its response."""
     peer = robot.peer
@@ -220,7 +233,6 @@ REQUESTS = {
     '~/enable': (Trigger, None),
     '~/disable': (Trigger, None),
     '~/reset_error': (Trigger, None),
-    'exit of ~/reset_error': (Trigger, None),
     '~/read_io': (ReadIo, ReadIo.Request(points=POINTS)),
     '~/write_io': (WriteIo, WriteIo.Request(points=POINTS)),
     '~/set_speed_scaling': (SetSpeedScaling, SetSpeedScaling.Request(factor=0.5)),
@@ -254,10 +266,9 @@ def test_a_service_that_fails_says_so_and_the_arm_stops(serving: Robot, name: st
     kind, request = REQUESTS[name]
     goal = serving.move()
     serving.fail(name)
-    service = 'epson_driver/' + name.rpartition('~/')[2]
-    answer = ask(serving, kind, service, request)
+    answer = ask(serving, kind, name.replace('~', 'epson_driver'), request)
     assert not answer.success
-    assert name.rpartition('of ')[2] in answer.message
+    assert name in answer.message
     assert 'injected' in answer.message
     assert 'stopped and disabled' in answer.message
     ended, _, text = goal.result()
