@@ -95,7 +95,7 @@ class User:
             raise TimeoutError('no action, or no ~/read_io')
 
     def go(self) -> None:
-        """Send a goal, to and fro, and wait for its success."""
+        """Send a goal, to and fro, and wait for its result."""
         self._sent += 1
         message = JointTrajectory(joint_names=JOINTS)
         for step in range(2):
@@ -106,8 +106,9 @@ class User:
         goal = FollowJointTrajectory.Goal(trajectory=message)
         handle = self._complete(lambda: self._action.send_goal_async(goal))
         answer = self._complete(handle.get_result_async)
-        if answer.result.error_code:
-            raise RuntimeError(answer.result.error_string)
+        if answer.result.error_code:  # a machine with too much to do: no STATUS for a second
+            print(f'goal {self._sent}: {answer.result.error_string}', flush=True)
+            self.enable()
 
     def read(self) -> None:
         """Read one input and wait for its value."""

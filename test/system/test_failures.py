@@ -3,13 +3,15 @@
 """A failure of any part ends with the arm at rest, and is said; every request has its answer.
 
 Invariant 9. The failures are injected into the real client (failing_client.py), while the arm
-moves fast; what the arm does is seen by another client of the controller.
+moves; what the arm does is seen by another client of the controller.
 """
 
+import json
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +57,8 @@ THREADS = ('executor', 'executor, always', 'exit of the executor', 'thread')
 class Robot:
     """A controller that tells what its arm does, and a client that can be made to fail."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, domain: int | None = None, namespace: str = '') -> None:
+        folder.mkdir(exist_ok=True)
         profile = folder / 'measured.yaml'
         profile.write_text(PROFILE.format(kind='rc620'), encoding='utf-8')
         start = ','.join(map(str, START))
@@ -70,36 +73,50 @@ class Robot:
         self._profile = profile
         self._file = folder / 'fails'
         self._clients = 0
-        self.domain = processes.free_ros_domain()
-        self.peer = RosPeer(self.domain)
+        self.namespace = namespace
+        self.prefix = f'/{namespace}' if namespace else ''
+        self.domain = processes.free_ros_domain() if domain is None else domain
+        self.peer = RosPeer(self.domain, self.prefix)
         self.client: subprocess.Popen[bytes] | None = None
         self.watcher: Watcher | None = None
         self.log = folder / 'none'
 
-    def start_client(self) -> None:
-        """Start a client, watch the arm, and enable it."""
+    def parameters(self) -> dict[str, Any]:
+        """Return what its client must know."""
+        ports = {f'{name}_port': port for name, port in asdict(self.ports).items()}
+        return ports | {'controller': str(self._profile), 'trace_folder': str(self._folder)}
+
+    def start_client(self, *others: 'Robot') -> None:
+        """Start a client, for others as well; watch the arms, and enable them."""
         self._clients += 1
         self.log = self._folder / f'client_{self._clients}.log'
-        values: dict[str, Any] = {
-            f'{name}_port': getattr(self.ports, name)
-            for name in ('motion', 'state', 'io', 'remote')
+        robots = (self, *others)
+        file = self._folder / 'parameters.yaml'
+        content = {
+            f'{robot.prefix}/epson_driver': {'ros__parameters': robot.parameters()}
+            for robot in robots
         }
-        values |= {'controller': self._profile, 'trace_folder': self._folder}
-        arguments = [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
+        file.write_text(json.dumps(content), encoding='utf-8')  # which is YAML as well
         script = Path(__file__).parent / 'failing_client.py'
-        for kept in (self.peer.joint_states, self.peer.robot_status, self.peer.link_states):
-            kept.clear()
+        names = [f'--namespace={robot.namespace}' for robot in robots if robot.namespace]
         with self.log.open('wb') as log:
             self.client = subprocess.Popen(
-                [sys.executable, str(script), str(self._file), '--ros-args', *arguments],
+                [
+                    *(sys.executable, str(script), str(self._file), *names),
+                    *('--ros-args', '--params-file', str(file)),
+                ],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
                 env=processes.ros_environment(self.domain),
             )
-        self.peer.wait_until_ready()
-        self.peer.enable()
-        self.watcher = Watcher(self.ports.state)
+        for robot in robots:
+            peer = robot.peer
+            for kept in (peer.joint_states, peer.robot_status, peer.link_states):
+                kept.clear()
+            peer.wait_until_ready()
+            peer.enable()
+            robot.watcher = Watcher(robot.ports.state)
 
     def fail(self, name: str) -> None:
         """Have something fail when it is next called."""
@@ -108,23 +125,23 @@ class Robot:
         self.client.send_signal(signal.SIGUSR1)
 
     def move(self) -> Any:
-        """Begin a long motion to the far side; return when it is fast."""
+        """Begin a long motion to the far side; return when the arm moves."""
         peer, here = self.peer, self.peer.position()
         far = here.copy()
-        far[0] = -1.5 if here[0] > 0.0 else 1.5
+        far[0] = -2.5 if here[0] > 0.0 else 2.5
         shares = np.linspace(0.0, 1.0, 61)
         smooth = shares**2 * (3.0 - 2.0 * shares)
         places = here + smooth[:, None] * (far - here)
-        times = shares * abs(far[0] - here[0]) * 2.0
+        times = shares * abs(far[0] - here[0]) * 5.0  # so long that a slow machine is in time
         goal = peer.goal(trajectory(*zip(times.tolist(), places.tolist(), strict=True)))
-        peer.wait_for(lambda: abs(peer.joint_states[-1].velocity[0]) > 0.5, 'a fast motion')
+        peer.wait_for(lambda: abs(peer.joint_states[-1].velocity[0]) > 0.15, 'a motion')
         return goal
 
     def assert_stopped(self) -> None:
         """Check that the arm comes to rest, within its limits, and before the end of the way."""
         assert self.watcher is not None
         self.watcher.until_at_rest()
-        assert abs(self.watcher.seen[-1].positions[0]) < 1.4
+        assert abs(self.watcher.seen[-1].positions[0]) < 2.4
         self.watcher.assert_within_limits()
 
     def log_text(self) -> str:
@@ -214,6 +231,24 @@ def test_a_service_that_leaves_the_loop_is_answered(robot: Robot) -> None:
     assert ends(robot) == 1
     robot.assert_stopped()
     assert goal.result()[0] == 'aborted'
+
+
+@pytest.mark.parametrize('name', ['callback', 'executor'])
+def test_a_failure_stops_all_robots_of_the_process(tmp_path: Path, name: str) -> None:
+    left = Robot(tmp_path / 'left', namespace='left')
+    right = Robot(tmp_path / 'right', left.domain, namespace='right')
+    try:
+        left.start_client(right)
+        goals = [robot.move() for robot in (left, right)]
+        left.fail(name)
+        left.peer.in_executor(goals[0].handle.get_result_async)
+        assert ends(left) == 1
+        for robot in (left, right):
+            robot.assert_stopped()
+        assert [goal.result()[0] for goal in goals] == ['aborted', 'aborted']
+    finally:
+        for robot in (left, right):
+            robot.close()
 
 
 def ask(robot: Robot, kind: Any, name: str, request: Any = None) -> Any:
