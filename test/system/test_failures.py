@@ -99,6 +99,10 @@ class Robot:
         file.write_text(json.dumps(content), encoding='utf-8')  # which is YAML as well
         script = Path(__file__).parent / 'failing_client.py'
         names = [f'--namespace={robot.namespace}' for robot in robots if robot.namespace]
+        for robot in robots:
+            peer = robot.peer
+            for kept in (peer.joint_states, peer.robot_status, peer.link_states):
+                kept.clear()
         with self.log.open('wb') as log:
             self.client = subprocess.Popen(
                 [
@@ -112,8 +116,6 @@ class Robot:
             )
         for robot in robots:
             peer = robot.peer
-            for kept in (peer.joint_states, peer.robot_status, peer.link_states):
-                kept.clear()
             peer.wait_until_ready()
             peer.enable()
             robot.watcher = Watcher(robot.ports.state)
