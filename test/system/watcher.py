@@ -65,8 +65,9 @@ class Watcher:
 
     def changes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return steps of time (s), velocities and their changes, one row per message."""
-        times = np.array([each.time for each in self.seen])
-        velocities = np.array([each.velocities[: len(START)] for each in self.seen])
+        seen = list(self.seen)  # more may come meanwhile
+        times = np.array([each.time for each in seen])
+        velocities = np.array([each.velocities[: len(START)] for each in seen])
         return np.diff(times), velocities, np.diff(velocities, axis=0)
 
     def assert_within_limits(self) -> None:
