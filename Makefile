@@ -25,7 +25,7 @@ endif
 # Fast DDS would multicast on every network otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench bench-motion generate pictures clean help
+.PHONY: demo test lint bench bench-motion soak generate pictures clean help
 
 help:
 	@echo "make demo    a planned trajectory through ROS 2 to a simulated EPSON controller, and a report"
@@ -36,6 +36,7 @@ help:
 	@echo "                    driver, and a check for collision with collision meshes and with visual ones"
 	@echo "make bench-motion   the smoother against stop-and-go, splines and optima; tables and pictures in benchmark/results"
 	@echo "             (a part of it: make bench-motion ARGS='--quick'; all of what can be chosen: ARGS=--help)"
+	@echo "make soak           2,000 goals and 20,000 service calls: the driver's memory stays flat (ten minutes)"
 	@echo "make generate       meshes, URDFs and MoveIt files, made again from config/robots"
 	@echo "make pictures       the pictures of the robots in docs"
 	@echo "make clean   remove what the others made"
@@ -65,6 +66,10 @@ bench: $(VENV)/.bench
 
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
+
+# not in the tests, which have a short form of it: ten minutes
+soak: $(VENV)/.run
+	$(BIN)/python -m benchmark.soak $(ARGS)
 
 # in this order: each uses what the one before has made
 generate: $(VENV)/.dev

@@ -4,34 +4,36 @@
 
 import argparse
 import asyncio
-import contextlib
 import gc
 import logging
+import os
 import signal
 import sys
 import threading
 from collections.abc import Sequence
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from epson_driver.client.node import ClientNode
-from epson_driver.client.parameter_service import CheckedParameterService
 from epson_driver.client.ros_log import RosLogHandler
+from epson_driver.client.ros_thread import RosThread
 from epson_driver.inputs import printable
 
 DEFAULT_NAME = 'epson_driver'
+
+_log = logging.getLogger(__name__)
 
 
 def main() -> int:
     """Run until SIGINT or SIGTERM; then stop the arms, end their goals, and leave.
 
-    Returns 0; 1 if a name or a parameter cannot be used. No arm is driven then.
+    Returns 0; 1 if a name or a parameter cannot be used (no arm is driven then), or if any part
+    failed: a thread, a task, a callback. All arms are stopped then before the process ends.
     """
     try:
         namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
@@ -40,26 +42,53 @@ def main() -> int:
     except (RuntimeError, ValueError) as error:  # rcl's, and what is no text
         print(f'client: {printable(error)}', file=sys.stderr)
         return 1
-    executor = SingleThreadedExecutor()
-    served = Future()  # until then; shutting an executor down while it works raises in its thread
-    thread = threading.Thread(target=_spin, args=(executor, served), name='rclpy executor')
     nodes: list[Node] = []
     try:
         if not _make_nodes(namespaces, nodes):
             return 1
-        for node in nodes:
-            executor.add_node(node)
         handler = RosLogHandler(nodes[0].get_logger())
         logging.basicConfig(level=logging.INFO, handlers=[handler], format='%(message)s')
-        return asyncio.run(_drive(nodes, thread))
+        return _run(nodes)
     finally:
-        served.set_result(None)
-        if thread.is_alive():
-            thread.join()
-        executor.shutdown()
         for node in nodes:
             node.destroy_node()
         rclpy.shutdown()
+
+
+class Failures:
+    """What failed in any part of the process: the first one ends it. Lives in the event loop."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._told: list[BaseException] = []
+        self.happened = asyncio.Event()
+
+    def tell(self, what: str, error: BaseException) -> None:
+        """Log a failure, once, and have the process end."""
+        self.happened.set()
+        if not any(error is told for told in self._told):
+            self._told.append(error)
+            _log.critical('%s: all arms are stopped, and the driver ends', what, exc_info=error)
+
+    def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take what asyncio would only log: the loop's exception handler."""
+        error = context.get('exception')
+        if error is None:
+            _log.error('%s', context['message'])
+        else:
+            self.tell(context['message'], error)
+
+    def in_thread(self, what: str, error: BaseException) -> None:
+        """Take what failed in another thread, also when the loop has ended."""
+        try:
+            self._loop.call_soon_threadsafe(self.tell, what, error)
+        except RuntimeError:  # it is closed
+            self.tell(what, error)
+
+    def on_thread_end(self, arguments: Any) -> None:
+        """Take what ended a thread: threading.excepthook."""
+        name = '' if arguments.thread is None else arguments.thread.name
+        self.in_thread(f'the thread {name} ended', arguments.exc_value)
 
 
 def _namespaces(arguments: Sequence[str]) -> list[str]:
@@ -84,17 +113,11 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node]) -> bool:
     logger = rclpy.logging.get_logger(DEFAULT_NAME)
     for namespace in namespaces:
         try:
-            node = Node(DEFAULT_NAME, namespace=namespace, start_parameter_services=False)
-            nodes.append(node)
-            CheckedParameterService(node)
+            nodes.append(Node(DEFAULT_NAME, namespace=namespace))
         except NameValidationException as error:
             logger.fatal(printable(f'--namespace {namespace}: {error}'))
             return False
-        except (
-            ParameterException,
-            RuntimeError,
-            ValueError,
-        ) as error:  # of rclpy's own parameters
+        except (ParameterException, RuntimeError, ValueError) as error:  # rclpy's own parameters
             logger.fatal(printable(error))
             return False
     names = [node.get_fully_qualified_name() for node in nodes]
@@ -104,51 +127,88 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node]) -> bool:
     return not twice
 
 
-def _spin(executor: SingleThreadedExecutor, served: Future) -> None:
-    with contextlib.suppress(ExternalShutdownException):
-        executor.spin_until_future_complete(served)
+def _run(nodes: Sequence[Node]) -> int:
+    """Serve ROS in one thread and drive the controllers in this one; return the exit code."""
+    with asyncio.Runner() as runner:
+        loop = runner.get_loop()
+        signaled = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, signaled.set)
+        failures = Failures(loop)
+        loop.set_exception_handler(failures.in_loop)
+        threading.excepthook = failures.on_thread_end
+        ros = RosThread(failures.in_thread)
+        for node in nodes:
+            ros.executor.add_node(node)
+        clients: list[ClientNode] = []
+        driving = loop.create_task(_drive(nodes, clients, ros, signaled, failures))
+        while not driving.done():
+            try:
+                loop.run_until_complete(driving)
+            except BaseException as error:  # noqa: BLE001 - it is told
+                # asyncio lets the SystemExit of a callback or a task out at once
+                failures.tell('the event loop was left', error)
+    for client in clients:
+        client.end()
+    if not ros.leave():  # no way to end a thread that hangs; the arms stand
+        _log.critical('the thread that serves ROS does not end')
+        logging.shutdown()
+        os._exit(1)
+    ros.executor.shutdown()
+    return 1 if failures.happened.is_set() else driving.result()
 
 
-def _make_clients(nodes: Sequence[Node]) -> list[ClientNode]:
-    """Return the clients of all nodes that have one; the log says why another has none."""
-    clients = []
+def _make_clients(nodes: Sequence[Node], clients: list[ClientNode]) -> bool:
+    """Make the client of each node; return whether all could be made, or log why not."""
     for node in nodes:
         try:
             clients.append(ClientNode(node))
         except (ValueError, FileNotFoundError, ParameterException) as error:
             name = f'{node.get_fully_qualified_name()}: ' if len(nodes) > 1 else ''
             node.get_logger().fatal(printable(f'{name}{error}'))
-    return clients
+    return len(clients) == len(nodes)
 
 
-async def _drive(nodes: Sequence[Node], executor_thread: threading.Thread) -> int:
-    clients = _make_clients(nodes)
-    if len(clients) < len(nodes):
+async def _drive(
+    nodes: Sequence[Node],
+    clients: list[ClientNode],
+    ros: RosThread,
+    signaled: asyncio.Event,
+    failures: Failures,
+) -> int:
+    """Drive until a signal or a failure; then stop all arms."""
+    if not _make_clients(nodes, clients):
         return 1
     gc.collect()
     gc.freeze()  # what start-up made is never freed: searching it would hold the loop for 15 ms
-    executor_thread.start()
+    ros.start()
     running = [asyncio.create_task(client.run()) for client in clients]
-    ended = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, ended.set)
-    waiting = asyncio.create_task(ended.wait())
-    await asyncio.wait([*running, waiting], return_when=asyncio.FIRST_COMPLETED)
+    ends = [asyncio.create_task(event.wait()) for event in (signaled, failures.happened)]
+    await asyncio.wait([*running, *ends], return_when=asyncio.FIRST_COMPLETED)
+    _tell_ends(running, failures)
     # all at once; what is too late (TimeoutError) loses its results, but not the time
-    stopping = [
-        client.shut_down()
-        for client, task in zip(clients, running, strict=True)
-        if not task.done()
-    ]
-    await asyncio.gather(*stopping, return_exceptions=True)
-    for task in (*running, waiting):
+    stopping = [client.shut_down() for client in clients]
+    for outcome in await asyncio.gather(*stopping, return_exceptions=True):
+        if isinstance(outcome, BaseException) and not isinstance(outcome, TimeoutError):
+            failures.tell('stopping an arm failed', outcome)
+    _tell_ends(running, failures)
+    for task in (*running, *ends):
         task.cancel()
-    ends = await asyncio.gather(*running, return_exceptions=True)
-    for end in ends:
-        if isinstance(end, Exception):
-            raise end
+    for outcome in await asyncio.gather(*running, return_exceptions=True):
+        if isinstance(outcome, Exception):
+            failures.tell('a driver failed', outcome)
+    await asyncio.gather(*ends, return_exceptions=True)
     return 0
+
+
+def _tell_ends(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
+    """Tell of each client that has ended by itself: none ever should."""
+    for task in running:
+        if task.cancelled():
+            failures.tell('a driver was cancelled', asyncio.CancelledError())
+        elif task.done():
+            error = task.exception()
+            failures.tell('a driver ended', error or RuntimeError('nobody asked for it'))
 
 
 if __name__ == '__main__':

@@ -19,6 +19,7 @@ from epson_driver.client.goal import Outcome
 from epson_driver.client.goals import Goals
 from epson_driver.client.io_driver import IoDriver
 from epson_driver.client.joint_mapping import unmapped
+from epson_driver.client.parts import run_together
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.smoothing_process import SmoothingProcess
 from epson_driver.link import Link, LinkState, Trace
@@ -124,14 +125,21 @@ class Driver:
         self._missed: set[str] = set()
 
     async def run(self) -> None:
-        """Keep the links alive until cancelled. On the way out the arm is stopped."""
-        self.goals.make_ready()
+        """Keep the links alive until cancelled. On the way out the arm is stopped.
+
+        Raises what a part of it raised, after the arm was stopped over the links that are left.
+        """
         try:
-            async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self.state_link.run())
-                tasks.create_task(self.motion_link.run())
-                tasks.create_task(self.io.run())
-                tasks.create_task(self._watch_status())
+            self.goals.make_ready()
+            await run_together(
+                {
+                    'the state link': self.state_link.run,
+                    'the motion link': self.motion_link.run,
+                    'the I/O': self.io.run,
+                    'watching the status': self._watch_status,
+                },
+                self.shut_down,
+            )
         finally:
             self.fault('the driver ended')
             await self.goals.close()
@@ -140,8 +148,10 @@ class Driver:
     async def shut_down(self) -> None:
         """Stop the arm and end the running goal when it stands, or after half a second."""
         self.gate.close('the driver is shutting down')
-        await self.goals.stop('the driver was shut down', SHUT_DOWN_TIMEOUT)
-        self.fault('the driver was shut down')
+        try:
+            await self.goals.stop('the driver was shut down', SHUT_DOWN_TIMEOUT)
+        finally:
+            self.fault('the driver was shut down')
 
     def fault(self, why: str) -> None:
         """Close the arm gate and end what runs or waits; the arm stays still until enabled."""

@@ -19,6 +19,7 @@ from epson_driver.client.delivery import Delivery
 from epson_driver.client.execution import Execution, Settings
 from epson_driver.client.goal import End, ErrorCode, Goal, GoalRefusedError, Outcome, check_start
 from epson_driver.client.goal_states import State
+from epson_driver.client.parts import report_failure
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.client.speed_scaling import SpeedScaling
@@ -233,6 +234,7 @@ class Goals:
         ticket.preparation = asyncio.create_task(self._prepare(self._smoother, execution, sample))
         self._preparations.add(ticket.preparation)
         ticket.preparation.add_done_callback(self._preparations.discard)
+        ticket.preparation.add_done_callback(report_failure)
 
     def _sample_at_start(self, trajectory: Trajectory) -> JointSample:
         """Return where the arm stands. Raises GoalRefusedError unless it can begin there now."""

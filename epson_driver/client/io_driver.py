@@ -8,7 +8,6 @@ does not run at the moment, is a reason that requests are answered with. docs/io
 
 import asyncio
 import contextlib
-import itertools
 import logging
 import math
 from collections.abc import Callable, Sequence
@@ -16,6 +15,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from epson_driver.client.io_results import sentence
+from epson_driver.client.parts import report_failure
 from epson_driver.link import Link, LinkState
 from epson_driver.simple_message import (
     ByteOrder,
@@ -108,7 +108,7 @@ class IoDriver:
         self._dialect_known = asyncio.Event()
         if byte_order is not None:
             self._dialect_known.set()
-        self._ids = itertools.cycle(range(1, MOST_MESSAGE_IDS))
+        self._last_id = 0
         self._asked: set[asyncio.Future[Packet]] = set()
         self._subscribed: dict[Key, int] = {}
         self._values: dict[Key, IoValues] = {}
@@ -140,7 +140,7 @@ class IoDriver:
     async def read(self, addresses: Sequence[IoAddress]) -> list[IoAnswer]:
         """Return an answer per address, in their order. Raises IoUnavailableError."""
         _check_number(len(addresses))
-        reply = await self._ask(IoRead(next(self._ids), tuple(addresses)), IoReadReply)
+        reply = await self._ask(IoRead(self._next_id(), tuple(addresses)), IoReadReply)
         _check_addresses(reply.items, [(item.io_type, item.index) for item in addresses])
         return [
             self._answer(item.io_type, item.index, item.value, item.result, None)
@@ -153,7 +153,7 @@ class IoDriver:
         Raises IoUnavailableError, which also says if the points may have been written.
         """
         _check_number(len(settings))
-        message = IoWrite(next(self._ids), tuple(settings))
+        message = IoWrite(self._next_id(), tuple(settings))
         reply = await self._ask(message, IoWriteReply, '; the points may have been written')
         _check_addresses(reply.items, [(item.io_type, item.index) for item in settings])
         return [
@@ -166,6 +166,11 @@ class IoDriver:
     ) -> IoAnswer:
         text = sentence(result, io_type, index, written, self.ranges)
         return IoAnswer(io_type, index, value, result, text)
+
+    def _next_id(self) -> int:
+        """Return 1, 2, … and 1 again. Not an itertools.cycle: that keeps all it has returned."""
+        self._last_id = self._last_id % (MOST_MESSAGE_IDS - 1) + 1
+        return self._last_id
 
     async def _ask(self, message: Message, kind: type[R], unsure: str = '') -> R:
         """Return the reply to a request. Raises IoUnavailableError, with `unsure` if it was sent.
@@ -236,7 +241,7 @@ class IoDriver:
 
     async def _subscribe(self) -> None:
         """Ask for all that the controller can publish. Raises IoUnavailableError."""
-        info = await self._ask(IoInfo(next(self._ids)), IoInfoReply)
+        info = await self._ask(IoInfo(self._next_id()), IoInfoReply)
         self.ranges = info.items
         spans = tuple(
             IoSpan(held.io_type, held.start, held.count)
@@ -247,7 +252,7 @@ class IoDriver:
             raise IoUnavailableError('the controller has no I/O that it publishes')
         self._subscribed = {(span.io_type, span.start): span.count for span in spans}
         self._values.clear()
-        reply = await self._ask(IoSubscribe(next(self._ids), spans), IoSubscribeReply)
+        reply = await self._ask(IoSubscribe(self._next_id(), spans), IoSubscribeReply)
         _check_addresses(reply.items, [(span.io_type, span.start) for span in spans])
         refused = [item for item in reply.items if item.result != IoResult.SUCCESS]
         for item in refused:
@@ -308,7 +313,7 @@ class IoDriver:
             self._published = -math.inf
             self.reason = 'connected; no values yet'
             self._watch = asyncio.get_running_loop().create_task(self._keep_subscribed())
-            self._watch.add_done_callback(_tell_crash)
+            self._watch.add_done_callback(report_failure)
             return
         if self._watch is not None:
             self._watch.cancel()
@@ -320,11 +325,6 @@ class IoDriver:
             self._lose(f'no I/O link: {why}', logging.WARNING if self.states else logging.INFO)
         elif state is LinkState.DISCONNECTED:
             self._lose('the driver ended', logging.DEBUG)
-
-
-def _tell_crash(task: asyncio.Task[None]) -> None:
-    if not task.cancelled() and (error := task.exception()) is not None:
-        _log.error('watching the I/O ended: %r', error)
 
 
 def _check_number(points: int) -> None:

@@ -3,7 +3,8 @@
 """The node's I/O: `~/io_states`, `~/read_io` and `~/write_io` over an `IoDriver`."""
 
 from array import array
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
+from functools import partial
 from typing import Any
 
 from epson_msgs.msg import IoPoint, IoRange, IoStates
@@ -11,18 +12,16 @@ from epson_msgs.srv import ReadIo, WriteIo
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from epson_driver.client.io_driver import IoAnswer, IoDriver, IoUnavailableError
+from epson_driver.client.serving import EndedError, Serving
 from epson_driver.simple_message import IoAddress, IoSetting
-
-InLoop = Callable[[Coroutine[Any, Any, Any]], Awaitable[Any]]
-"""Runs a coroutine in the driver's loop; awaited in rclpy's executor."""
 
 
 class IoInterface:
     """Publishes what the driver knows of the I/O, and serves requests. Made in its event loop."""
 
-    def __init__(self, node: Any, io: IoDriver, in_loop: InLoop, callback_group: Any) -> None:
+    def __init__(self, node: Any, io: IoDriver, serving: Serving, callback_group: Any) -> None:
         self._io = io
-        self._in_loop = in_loop
+        self._serving = serving
         self._clock = node.get_clock()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._states = node.create_publisher(IoStates, '~/io_states', latched)
@@ -31,7 +30,7 @@ class IoInterface:
             (ReadIo, '~/read_io', self._read),
             (WriteIo, '~/write_io', self._write),
         ):
-            node.create_service(kind, name, serve, callback_group=callback_group)
+            serving.create_service(kind, name, serve, callback_group)
 
     def _publish(self) -> None:
         message = IoStates(valid=bool(self._io.states), message=self._io.reason)
@@ -44,21 +43,21 @@ class IoInterface:
 
     async def _read(self, request: ReadIo.Request, response: Any) -> Any:
         addresses = [IoAddress(point.type, point.index) for point in request.points]
-        return await self._serve(self._io.read(addresses), request.points, response)
+        return await self._serve(partial(self._io.read, addresses), request.points, response)
 
     async def _write(self, request: WriteIo.Request, response: Any) -> Any:
         settings = [IoSetting(point.type, point.index, point.value) for point in request.points]
-        return await self._serve(self._io.write(settings), request.points, response)
+        return await self._serve(partial(self._io.write, settings), request.points, response)
 
     async def _serve(
         self,
-        answering: Coroutine[Any, Any, list[IoAnswer]],
+        answering: Callable[[], Coroutine[Any, Any, list[IoAnswer]]],
         asked: Sequence[IoPoint],
         response: Any,
     ) -> Any:
         try:
-            answers = await self._in_loop(answering)
-        except IoUnavailableError as error:
+            answers = await self._serving.in_loop(answering)
+        except (IoUnavailableError, EndedError) as error:
             response.success = False
             response.message = str(error)
             response.points = [

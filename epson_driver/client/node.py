@@ -23,7 +23,6 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -50,10 +49,12 @@ from epson_driver.client.goals import Ticket
 from epson_driver.client.io_node import IoInterface
 from epson_driver.client.joint_mapping import joint_mapping
 from epson_driver.client.pace import Pace
+from epson_driver.client.parts import report_failure, run_together
 from epson_driver.client.point_streams import PointStreams
 from epson_driver.client.robot_state import JointSample
 from epson_driver.client.ros_log import context_of
 from epson_driver.client.services import ServiceError, Services
+from epson_driver.client.serving import REQUESTS, EndedError, Serving
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.client.speed_node import SpeedInterface
 from epson_driver.client.tolerances import tolerances
@@ -96,6 +97,7 @@ class ClientNode:
         self.driver = Driver(self._configuration(), self, self._settings())
         self._apply_settings()
         self._tracing = self._context.run(Tracing, self.driver.trace, self._parameters)
+        self._serving = Serving(node, self._context, self.driver.fault)
         self._services = Services(self.driver)
         self._tickets: dict[bytes, Ticket] = {}
         self._feedback_pace = Pace()
@@ -109,10 +111,10 @@ class ClientNode:
         self.on_link_state(self.driver.state_link.state.value, 'starting')
 
     async def run(self) -> None:
-        """Drive the controller until cancelled."""
-        async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self.driver.run(), context=self._context)
-            tasks.create_task(self._publish_diagnostics(), context=self._context)
+        """Drive the controller until cancelled. Raises what a part of it raised."""
+        parts = {'the driver': self.driver.run, 'diagnostics': self._publish_diagnostics}
+        together = run_together(parts, self.driver.shut_down)
+        await self._loop.create_task(together, context=self._context)
 
     async def shut_down(self) -> None:
         """Stop the arm, and let every goal's result leave before ROS is shut down.
@@ -131,6 +133,10 @@ class ClientNode:
                 await passed.wait()
         if busy:
             await asyncio.sleep(RESULTS_LINGER)
+
+    def end(self) -> None:
+        """Have every request answered that still waits: the loop has ended. In any thread."""
+        self._serving.end()
 
     # --- setting up -------------------------------------------------------------------------
 
@@ -194,15 +200,13 @@ class ClientNode:
         group = ReentrantCallbackGroup()
         for name in ('stop', 'enable', 'disable', 'reset_error'):
             method = getattr(self._services, name)
-            node.create_service(
-                Trigger, f'~/{name}', self._trigger(name, method), callback_group=group
-            )
+            self._serving.create_service(Trigger, f'~/{name}', self._trigger(name, method), group)
         for topic in ('~/joint_trajectory', 'joint_path_command'):
             node.create_subscription(
                 JointTrajectory, topic, self._on_trajectory, 10, callback_group=group
             )
-        self._io = IoInterface(node, self.driver.io, self._in_loop, group)
-        self._speed = SpeedInterface(node, self.driver.goals.scaling, self._in_loop, group)
+        self._io = IoInterface(node, self.driver.io, self._serving, group)
+        self._speed = SpeedInterface(node, self.driver.goals.scaling, self._serving, group)
         self._action = ActionServer(
             node,
             FollowJointTrajectory,
@@ -211,6 +215,9 @@ class ClientNode:
             goal_callback=lambda goal: GoalResponse.ACCEPT,  # refusals need a result to say why
             cancel_callback=self._cancel,
             callback_group=group,
+            goal_service_qos_profile=REQUESTS,
+            result_service_qos_profile=REQUESTS,
+            cancel_service_qos_profile=REQUESTS,
             result_timeout=RESULT_KEPT,
         )
         node.add_on_set_parameters_callback(self._on_set_parameters)
@@ -222,7 +229,7 @@ class ClientNode:
     ) -> Callable[[Any, Any], Coroutine[Any, Any, Any]]:
         async def serve(_request: Any, response: Any) -> Any:
             try:
-                response.message = await self._in_loop(method())
+                response.message = await self._serving.in_loop(method)
                 response.success = True
             except ServiceError as error:
                 response.message = str(error)
@@ -232,45 +239,18 @@ class ClientNode:
 
         return serve
 
-    async def _in_loop(self, coroutine: Coroutine[Any, Any, str]) -> str:
-        """Run a coroutine in the driver's loop and wait for it in rclpy's executor."""
-        done = Future()
-
-        def finish(task: 'asyncio.Task[str]') -> None:
-            error = task.exception()
-            if error is None:
-                self._resolve(done, (task.result(), None))
-            else:
-                self._resolve(done, ('', error))
-
-        def begin() -> None:
-            self._loop.create_task(coroutine).add_done_callback(finish)
-
-        self._to_loop(begin)
-        text, error = await done
-        if error is not None:
-            raise error
-        answer: str = text
-        return answer
-
     async def _execute(self, goal_handle: Any) -> FollowJointTrajectory.Result:
         """Hand a goal to the driver and wait for its outcome."""
         key = bytes(goal_handle.goal_id.uuid)
-        done = Future()
         try:
-            ticket = Ticket(
-                self._checked(goal_handle.request),
-                lambda outcome: self._resolve(done, outcome),
-                partial(self._on_feedback, goal_handle),
-            )
+            outcome = await self._outcome(key, goal_handle)
         except GoalRefusedError as refusal:
             outcome = refusal.outcome
-        else:
-            self._tickets[key] = ticket
-            self._to_loop(self.driver.goals.submit, ticket)
-            if goal_handle.is_cancel_requested:
-                self._to_loop(self.driver.goals.cancel, ticket)
-            outcome = await done
+        except EndedError as error:
+            outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, str(error))
+        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
+            text = self._serving.failed('~/follow_joint_trajectory', error)
+            outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text)
         self._log_outcome(outcome)
         if outcome.end is End.SUCCEEDED:
             goal_handle.succeed()
@@ -281,26 +261,53 @@ class ClientNode:
         self._tickets.pop(key, None)
         return messages.result(outcome)
 
+    async def _outcome(self, key: bytes, goal_handle: Any) -> Outcome:
+        """Return how a goal ended. Raises GoalRefusedError, EndedError."""
+        goal = self._checked(goal_handle.request)
+        done = self._serving.promise()
+        ticket = Ticket(
+            goal, partial(self._serving.keep, done), partial(self._on_feedback, goal_handle)
+        )
+        self._tickets[key] = ticket
+        self._serving.to_loop(self.driver.goals.submit, ticket)
+        if goal_handle.is_cancel_requested:
+            self._serving.to_loop(self.driver.goals.cancel, ticket)
+        outcome: Outcome = await self._serving.kept(done)
+        return outcome
+
     def _cancel(self, goal_handle: Any) -> CancelResponse:
-        ticket = self._tickets.get(bytes(goal_handle.goal_id.uuid))
-        if ticket is not None:
-            self._to_loop(self.driver.goals.cancel, ticket)
+        try:
+            ticket = self._tickets.get(bytes(goal_handle.goal_id.uuid))
+            if ticket is not None:
+                self._serving.to_loop(self.driver.goals.cancel, ticket)
+        except EndedError:
+            return CancelResponse.REJECT
+        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
+            self._serving.failed('canceling a goal', error)
+            return CancelResponse.REJECT
         return CancelResponse.ACCEPT
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         """Execute a trajectory without an action client; one without points stops the arm."""
+        try:
+            self._take_trajectory(message)
+        except GoalRefusedError as refusal:
+            self._log_outcome(refusal.outcome)
+        except EndedError as error:
+            self._node.get_logger().warning(f'a trajectory was dropped: {error}')
+        except Exception as error:  # noqa: BLE001 - it is logged, and stops the arm
+            self._serving.failed('taking a trajectory', error)
+
+    def _take_trajectory(self, message: JointTrajectory) -> None:
+        """Raises GoalRefusedError, EndedError."""
         if not message.points:
-            self._to_loop(self._begin_stop)
+            self._serving.to_loop(self._begin_stop)
             return
         if what := self._point_streams.noticed(len(message.points), self._loop.time()):
             self._node.get_logger().warning(what)
-        try:
-            goal = self._checked(FollowJointTrajectory.Goal(trajectory=message))
-        except GoalRefusedError as refusal:
-            self._log_outcome(refusal.outcome)
-            return
+        goal = self._checked(FollowJointTrajectory.Goal(trajectory=message))
         ticket = Ticket(goal, self._log_outcome, partial(self._on_feedback, None))
-        self._to_loop(self.driver.goals.submit, ticket)
+        self._serving.to_loop(self.driver.goals.submit, ticket)
 
     def _checked(self, request: FollowJointTrajectory.Goal) -> Goal:
         """Return the goal of a request. Raises GoalRefusedError."""
@@ -356,21 +363,30 @@ class ClientNode:
             )
 
     def _on_set_parameters(self, changes: list[Any]) -> SetParametersResult:
-        # ranges and read-only flags were checked by rclpy from the descriptors
+        try:
+            why = self._set_parameters(changes)
+        except (TraceError, EndedError) as error:
+            why = str(error)
+        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
+            why = self._serving.failed('setting parameters', error)
+        return SetParametersResult(successful=not why, reason=why)
+
+    def _set_parameters(self, changes: list[Any]) -> str:
+        """Apply changes; return why they cannot be. Raises TraceError, EndedError.
+
+        Ranges and read-only flags were checked by rclpy from the descriptors.
+        """
         values = {
             parameter.name: parameter.value
             for parameter in changes
             if parameter.name in self._parameters
         }
         if why := parameters.refusal(changes):
-            return SetParametersResult(successful=False, reason=why)
-        try:
-            self._context.copy().run(self._tracing.change, values)  # the loop is in the first
-        except TraceError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return why
+        self._context.copy().run(self._tracing.change, values)  # the loop is in the first
         self._parameters |= values
-        self._to_loop(self._apply_settings)
-        return SetParametersResult(successful=True)
+        self._serving.to_loop(self._apply_settings)
+        return ''
 
     # --- from the driver: these run in the loop's thread ------------------------------------
 
@@ -399,15 +415,14 @@ class ClientNode:
             goal_handle.publish_feedback(messages.feedback(execution, sample, stamp))
 
     def _begin_stop(self) -> None:
-        task = self._loop.create_task(self._services.stop())
-        task.add_done_callback(self._log_stop)
+        task = self._loop.create_task(self._stop_for_topic())
+        task.add_done_callback(report_failure)
 
-    def _log_stop(self, task: 'asyncio.Task[str]') -> None:
-        error = task.exception()
+    async def _stop_for_topic(self) -> None:
         logger = self._node.get_logger()
-        if error is None:
-            logger.info(f'empty trajectory: {task.result()}')
-        else:
+        try:
+            logger.info(f'empty trajectory: {await self._services.stop()}')
+        except ServiceError as error:
             logger.error(f'empty trajectory: {error}')
 
     async def _publish_diagnostics(self) -> None:
@@ -415,17 +430,6 @@ class ClientNode:
             stamp = self._clock.now().to_msg()
             self._diagnostic_array.publish(self._diagnostics.build(stamp, self._loop.time()))
             await asyncio.sleep(1.0)
-
-    # --- both -------------------------------------------------------------------------------
-
-    def _to_loop(self, function: Callable[..., object], *arguments: object) -> None:
-        """Call a function in the loop's thread, soon, and in this node's context."""
-        self._loop.call_soon_threadsafe(function, *arguments, context=self._context)
-
-    def _resolve(self, future: Future, value: object) -> None:
-        """Give a result to a coroutine that waits in the executor's thread."""
-        future.set_result(value)
-        self._node.executor.wake()
 
     def _log_outcome(self, outcome: Outcome) -> None:
         text = f'goal {outcome.end.value}: {outcome.text}'

@@ -199,10 +199,16 @@ TABLE = (
         now=True,
     ),
     Row(
+        'trace_folder',
+        '~/.ros/epson_driver',
+        'Folder for `trace_file`, made when it is needed. Empty: there are no traces.',
+    ),
+    Row(
         'trace_file',
         '',
-        'File to record what goes over the wire into, for Wireshark and `epson_driver replay`; '
-        '%Y%m%d-%H%M%S and the like are filled in; it must not exist yet. Empty: no trace.',
+        'Name of a file in `trace_folder` to record what goes over the wire into, for Wireshark '
+        'and `epson_driver replay`; %Y%m%d-%H%M%S and the like are filled in; it must not exist '
+        'yet. Empty: no trace.',
         now=True,
     ),
     Row(

@@ -31,9 +31,15 @@ class RosLogHandler(logging.Handler):
         self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Write one record; one that cannot be written goes to stderr, with the reason."""
+        try:
+            self._write(_LOGGER.get(self._logger), self.format(record), record)
+        except Exception:  # noqa: BLE001 - as every handler of `logging` does it
+            self.handleError(record)
+
+    @staticmethod
+    def _write(logger: Any, text: str, record: logging.LogRecord) -> None:
         """Write one record. One line per severity: rclpy allows each line of code just one."""
-        logger = _LOGGER.get(self._logger)
-        text = self.format(record)
         if record.levelno >= logging.ERROR:
             logger.error(text)
         elif record.levelno >= logging.WARNING:

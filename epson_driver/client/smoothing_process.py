@@ -57,7 +57,10 @@ class SmoothingProcess:
             self.make_ready()
         if process.returncode or not answer:
             raise SmoothingError(f'the smoother {_fate(process.returncode)}')
-        result = pickle.loads(answer)  # noqa: S301 - our own child's
+        try:
+            result = pickle.loads(answer)  # noqa: S301 - our own child's
+        except Exception as error:  # pickle raises what it likes
+            raise SmoothingError(f'the answer of the smoother is no pickle: {error}') from error
         if not isinstance(result, Trajectory):
             raise SmoothingError(str(result))
         return result
@@ -106,5 +109,6 @@ async def _end(process: asyncio.subprocess.Process) -> None:
 
 def _fate(code: int | None) -> str:
     if code is not None and code < 0:
-        return f'was ended by {signal.Signals(-code).name}'
+        named = -code in {number.value for number in signal.Signals}  # not those of real time
+        return f'was ended by {signal.Signals(-code).name if named else f"signal {-code}"}'
     return f'ended with exit code {code}'

@@ -3,42 +3,39 @@
 """The node's speed scaling: `~/set_speed_scaling` and `~/speed_scaling` over a `SpeedScaling`."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from epson_msgs.srv import SetSpeedScaling
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
+from epson_driver.client.parts import report_failure
+from epson_driver.client.serving import Serving
 from epson_driver.client.speed_scaling import SpeedScaling
 
 PERIOD = 0.05
 """Between two values of a ramp, s."""
-
-InLoop = Callable[[Coroutine[Any, Any, Any]], Awaitable[Any]]
-"""Runs a coroutine in the driver's loop and waits for it in rclpy's executor."""
 
 
 class SpeedInterface:
     """Publishes the factor when it changes, and serves requests. Made in the driver's loop."""
 
     def __init__(
-        self, node: Any, scaling: SpeedScaling, in_loop: InLoop, callback_group: Any
+        self, node: Any, scaling: SpeedScaling, serving: Serving, callback_group: Any
     ) -> None:
         self._scaling = scaling
-        self._in_loop = in_loop
+        self._serving = serving
         self._logger = node.get_logger()
         self._ramp: asyncio.Task[None] | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._factor = node.create_publisher(Float64, '~/speed_scaling', latched)
         self._factor.publish(Float64(data=scaling.target))
-        node.create_service(
-            SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group=callback_group
-        )
+        serving.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group)
 
     async def _serve(self, request: SetSpeedScaling.Request, response: Any) -> Any:
         try:
-            response.message = await self._in_loop(self._set(request.factor))
+            response.message = await self._serving.in_loop(partial(self._set, request.factor))
             response.success = True
         except ValueError as error:
             response.message = str(error)
@@ -51,6 +48,7 @@ class SpeedInterface:
         if self._ramp is not None:
             self._ramp.cancel()
         self._ramp = asyncio.create_task(self._publish())
+        self._ramp.add_done_callback(report_failure)
         if factor == 0.0:
             return 'pausing: no more points are sent; what the controller has taken runs on'
         return f'points are sent at {factor:g} of the planned speed from now on'

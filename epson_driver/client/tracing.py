@@ -1,6 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters `trace_file` and `trace_size`, applied to the trace of a driver."""
+"""The parameters of traces, applied to the trace of a driver.
+
+Any peer in the ROS domain may set `trace_file` and `trace_size`; `trace_folder` only who starts
+the driver.
+"""
 
 import asyncio
 import logging
@@ -19,6 +23,7 @@ class Tracing:
     def __init__(self, trace: Trace, values: Mapping[str, Any]) -> None:
         """Begin the trace that the parameters ask for; that it cannot begin stops nothing."""
         self._trace = trace
+        self._folder: str = values['trace_folder']
         self._loop = asyncio.get_running_loop()
         try:
             self.change(values)
@@ -31,7 +36,7 @@ class Tracing:
         Raises TraceError if the file cannot be made; then nothing changed.
         """
         name = values.get('trace_file')
-        file = open_trace(name) if name else None
+        file = open_trace(self._folder, name) if name else None
         if 'trace_size' in values:
             self._call(setattr, self._trace, 'largest', values['trace_size'] * MEGABYTE)
         if file is not None:

@@ -192,7 +192,7 @@ class Link:
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT):
                 reader, writer = await asyncio.open_connection(self.host, self.port)
-        except (OSError, TimeoutError) as error:
+        except (OSError, TimeoutError, ValueError) as error:  # ValueError: no name of a host
             self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {_reason(error)}')
             return None
         established = loop.time()
@@ -317,9 +317,9 @@ class Link:
         self._on_state(self.state, why)
 
 
-def _reason(error: OSError) -> str:
+def _reason(error: OSError | ValueError) -> str:
     """Return why a connection could not be made, in the system's words."""
-    if error.errno is None:  # ours
+    if isinstance(error, ValueError) or error.errno is None:  # ours
         return str(error) or f'no answer within {CONNECT_TIMEOUT:g} s'
     if isinstance(error, socket.gaierror):
         return error.strerror or str(error)

@@ -21,7 +21,7 @@ _LONGEST_LINE = 65_536
 _SHOWN = 100
 """How much of an answer that is none is shown, characters."""
 _DIGITS = 5
-"""At most, of an error number."""
+"""At most, of an error number. (`int` raises ValueError for more than 4,300.)"""
 
 LOGINS = 5
 """How often a login is tried on a controller that hangs up: its places may all be taken."""
@@ -32,7 +32,7 @@ AGAIN = 0.2
 Ask = Callable[[str], Awaitable[str]]
 """Gives a command without its `$`; returns the value of the answer, or raises RemoteError.
 
-The value is printable, as `log_lines.printable` has it, whatever the controller sends.
+The value is printable, as `inputs.printable` has it, whatever the controller sends.
 """
 
 
@@ -113,7 +113,7 @@ async def _ask_at(
         raise ConnectionError(f'{where}: {error}') from error
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: OSError | OverflowError | ValueError) -> str:
     number = error.errno if isinstance(error, OSError) else None
     # asyncio's text names the address again; a name that is not found has a negative number.
     return os.strerror(number) if number is not None and number > 0 else str(error)

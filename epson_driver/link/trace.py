@@ -42,16 +42,33 @@ class TraceError(OSError):
     """A trace that cannot begin, or go on; the text says why."""
 
 
-def open_trace(text: str) -> BinaryIO:
-    """Open a new file for a trace; `%Y%m%d-%H%M%S` and the like in its path are filled in.
+def open_trace(folder: str, name: str) -> BinaryIO:
+    """Open a new file for a trace in a folder, which is made if it is not there (`~`: home).
 
-    This may take as long as the disk does: not for the event loop. Raises TraceError. A file that
-    exists is left alone: it may be the trace of what went wrong before a restart.
+    `%Y%m%d-%H%M%S` and the like in the name are filled in; what comes of it must be the name of a
+    file, without a folder. This may take as long as the disk does: not for the event loop.
+
+    Raises TraceError. What exists is left alone, also a symbolic link that leads nowhere: it may
+    be the trace of what went wrong before a restart.
     """
-    path = Path(datetime.now().astimezone().strftime(text)).expanduser()
+    if not folder:
+        raise TraceError('no trace: the parameter trace_folder is empty')
     try:
-        return path.open('xb', buffering=0)
-    except (OSError, ValueError) as error:
+        filled_in = datetime.now().astimezone().strftime(name)
+    except ValueError as error:
+        raise TraceError(f'no trace into {name!r}: {error}') from error
+    for text in (name, filled_in):
+        if not text.isprintable() or {'/', os.sep} & set(text) or text[:1] in ('', '.', '~'):
+            raise TraceError(
+                f'no trace into {text!r}: the parameter trace_file must be the name of a file in '
+                f'{folder}, without a folder and without . or ~ in front'
+            )
+    path = Path(folder, filled_in)
+    try:
+        path = path.expanduser()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open('xb', buffering=0)  # x: O_EXCL, which follows no symbolic link
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: no such user
         why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
         raise TraceError(f'no trace into {path}: {why}') from error
 
@@ -115,6 +132,10 @@ class Trace:
             self._record(link, event, data)
         except TraceError:
             self.end('')  # the log has the reason
+            return
+        except Exception as error:  # noqa: BLE001 - whatever it is
+            _log.exception('trace into %s fails', self._name)
+            self.end(f'{type(error).__name__}: {error}')
             return
         if self._writer.size >= self.largest:
             self.end(f'it has reached its size, {self.largest / MEGABYTE:g} MB')
@@ -188,9 +209,10 @@ class _BackgroundFile:
                 with self._lock:
                     data, self._unwritten = self._unwritten, bytearray()
                 self._write_all(memoryview(data))
-        except OSError as error:
+        except Exception as error:  # noqa: BLE001 - a trace that cannot go on ends, whatever it is
+            number = error.errno if isinstance(error, OSError) else None
             with self._lock:
-                self._fail(os.strerror(error.errno) if error.errno else str(error))
+                self._fail(os.strerror(number) if number else f'{type(error).__name__}: {error}')
         finally:
             with contextlib.suppress(OSError):
                 self._file.close()

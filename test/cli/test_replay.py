@@ -52,7 +52,7 @@ class Run:
             tasks = [asyncio.create_task(link.run()) for link in (self.motion, self.state)]
             await self._until(lambda: self.motion.connected and self.state.connected)
             if trace_file is not None:
-                trace.begin(open_trace(str(trace_file)))
+                trace.begin(open_trace(str(trace_file.parent), trace_file.name))
             enough = len(self.states) + STATES
             await self._until(lambda: len(self.states) > enough)
             for message in requests:

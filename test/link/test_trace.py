@@ -51,7 +51,7 @@ def test_a_trace_holds_every_byte_of_every_connection(tmp_path):
             bench = Bench(peer.port)
             trace = Trace([bench.link])
             before = time.time()
-            trace.begin(open_trace(str(path)))
+            trace.begin(open_trace(str(path.parent), path.name))
             async with bench:
                 for number in (1, 2):
                     await until(lambda n=number: len(bench.packets) == n)
@@ -88,7 +88,7 @@ def test_a_connection_that_was_reset_shows_it(tmp_path):
         async with Peer(talk) as peer:
             bench = Bench(peer.port)
             trace = Trace([bench.link])
-            trace.begin(open_trace(str(tmp_path / 'a.pcap')))
+            trace.begin(open_trace(str(tmp_path), 'a.pcap'))
             async with bench:
                 await bench.connected()
                 bench.link.post(JointTrajPt(0), lambda *_: None)
@@ -114,7 +114,7 @@ def test_a_trace_that_begins_within_a_frame_begins_with_that_frame(tmp_path):
         async with Peer(talk) as peer, Bench(peer.port) as bench:
             await until(lambda: bench.link.statistics.bytes_received == len(state) + 20)
             trace = Trace([bench.link])
-            trace.begin(open_trace(str(path)))
+            trace.begin(open_trace(str(path.parent), path.name))
             go_on.set()
             await until(lambda: len(bench.packets) == 2)
             trace.end('', PATIENCE)
@@ -140,7 +140,7 @@ def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, caplog):
             bench = Bench(peer.port)
             trace = Trace([bench.link])
             trace.largest = 2000
-            trace.begin(open_trace(str(path)))
+            trace.begin(open_trace(str(path.parent), path.name))
             assert trace.file_name == str(path)
             async with bench:
                 await until(lambda: len(bench.packets) == 100)  # the link goes on
@@ -225,17 +225,68 @@ def test_a_file_that_exists_is_left_alone(tmp_path):
     path = tmp_path / 'a.pcap'
     path.write_text('evidence')
     with pytest.raises(TraceError, match=r'no trace into .*a\.pcap: File exists'):
-        open_trace(str(path))
+        open_trace(str(path.parent), path.name)
     assert path.read_text() == 'evidence'
-    with pytest.raises(TraceError, match='No such file'):
-        open_trace(str(tmp_path / 'missing' / 'a.pcap'))
-    with open_trace(str(tmp_path / 'run-%Y.pcap')) as file:
+    with open_trace(str(tmp_path), 'run-%Y.pcap') as file:
         assert '%' not in file.name
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        *('/tmp/a', 'b/a', '../a', '..', '.', '.hidden', '~', '~/a', '~nosuchuser/x', 'a\0b'),
+        *('a\nb', '%D', '%n'),
+    ],
+)
+def test_a_trace_is_a_file_in_its_folder(tmp_path, name):
+    """Any ROS peer may set trace_file: it must not reach a file elsewhere."""
+    folder = tmp_path / 'traces'
+    with pytest.raises(TraceError, match='must be the name of a file'):
+        open_trace(str(folder), name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_symbolic_link_in_the_folder_leads_no_trace_out(tmp_path):
+    folder, outside = tmp_path / 'traces', tmp_path / 'outside'
+    folder.mkdir()
+    (folder / 'a.pcap').symlink_to(outside)
+    with pytest.raises(TraceError, match='File exists'):
+        open_trace(str(folder), 'a.pcap')
+    assert not outside.exists()
+
+
+@pytest.mark.parametrize(
+    ('folder', 'why'),
+    [('', 'trace_folder is empty'), ('~nosuchuser/x', 'home'), ('/dev/null/x', 'Not a directory')],
+)
+def test_a_folder_that_cannot_be_used_is_refused_with_the_reason(folder, why):
+    with pytest.raises(TraceError, match=why):
+        open_trace(folder, 'a.pcap')
+
+
+def test_a_trace_that_fails_unforeseen_ends_and_the_link_goes_on(tmp_path, caplog, monkeypatch):
+    async def talk(connection):
+        await connection.send(joints(1.0))
+        await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            bench = Bench(peer.port)
+            trace = Trace([bench.link])
+            trace.begin(open_trace(str(tmp_path), 'a.pcap'))
+            monkeypatch.setattr(Trace, '_record', lambda *_: 1 / 0)
+            async with bench:
+                await until(lambda: bench.packets)
+                assert bench.link.connected
+            assert trace.file_name == ''
+
+    run(scenario())
+    assert 'ZeroDivisionError' in caplog.text
 
 
 def test_a_new_trace_ends_the_one_before(tmp_path):
     trace = Trace([])
-    first, second = (open_trace(str(tmp_path / name)) for name in 'ab')
+    first, second = (open_trace(str(tmp_path), name) for name in 'ab')
     trace.begin(first)
     trace.begin(second)
     assert trace.file_name == str(tmp_path / 'b')

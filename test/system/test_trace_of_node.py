@@ -57,7 +57,7 @@ def replay() -> Iterator[Any]:
 def test_a_recorded_goal_is_played_to_another_node(
     make_cell: Any, replay: Any, tmp_path: Path
 ) -> None:
-    cell: Cell = make_cell(trace_file=str(tmp_path / 'run-%Y.pcap')).ready()
+    cell: Cell = make_cell(trace_folder=tmp_path, trace_file='run-%Y.pcap').ready()
     cell.peer.enable()
     ended, _, text = cell.peer.goal(plan()).result()
     assert ended == 'succeeded', text
@@ -91,15 +91,20 @@ def test_a_recorded_goal_is_played_to_another_node(
 
 
 def test_the_parameter_is_refused_with_the_reason_and_may_change(
-    cell: Cell, tmp_path: Path
+    make_cell: Any, tmp_path: Path
 ) -> None:
+    path = tmp_path / 'traces' / 'a.pcap'
+    cell: Cell = make_cell(trace_folder=path.parent).ready()
     peer = cell.peer
-    result = set_parameter(peer, 'trace_file', str(tmp_path / 'missing' / 'a.pcap'))
-    assert not result.successful
-    assert 'No such file or directory' in result.reason
-    path = tmp_path / 'a.pcap'
-    assert set_parameter(peer, 'trace_file', str(path)).successful
-    again = set_parameter(peer, 'trace_file', str(path))
+    for outside in (str(tmp_path / 'a.pcap'), '../a.pcap', '~nosuchuser/x', '~', '.', '%D'):
+        result = set_parameter(peer, 'trace_file', outside)
+        assert not result.successful
+        assert 'trace_file must be the name of a file' in result.reason
+    elsewhere = set_parameter(peer, 'trace_folder', str(tmp_path))
+    assert not elsewhere.successful
+    assert 'read-only' in elsewhere.reason
+    assert set_parameter(peer, 'trace_file', path.name).successful
+    again = set_parameter(peer, 'trace_file', path.name)
     assert not again.successful
     assert 'File exists' in again.reason
     assert set_parameter(peer, 'trace_size', 0.02).successful
@@ -117,14 +122,14 @@ def test_a_file_that_cannot_be_made_does_not_keep_the_node_from_starting(
 ) -> None:
     path = tmp_path / 'a.pcap'
     path.write_text('evidence')
-    cell: Cell = make_cell(trace_file=str(path)).ready()
+    cell: Cell = make_cell(trace_folder=tmp_path, trace_file=path.name).ready()
     assert 'File exists' in cell.client.log_text()
     assert path.read_text() == 'evidence'
 
 
 def test_the_end_of_the_node_ends_the_trace(make_cell: Any, tmp_path: Path) -> None:
     path = tmp_path / 'a.pcap'
-    cell: Cell = make_cell(trace_file=str(path)).ready()
+    cell: Cell = make_cell(trace_folder=tmp_path, trace_file=path.name).ready()
     assert cell.client.end() == 0
     steps = read_recording(path)
     closed = {step.server[1] for step in steps if step.event is WireEvent.CLOSED}

@@ -1,0 +1,181 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The real client, one function of which can be made to raise: `failing_client.py FILE ARGUMENT…`.
+
+At SIGUSR1 it reads from FILE which one, by its name in HOOKS: that raises when it is next called.
+"""
+
+import asyncio
+import functools
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rclpy.action import ActionServer
+from rclpy.executors import SingleThreadedExecutor
+
+from epson_driver.cli import client
+from epson_driver.client import io_driver, messages, node, services, speed_node, tracing
+from epson_driver.client.diagnostics import Diagnostics
+from epson_driver.client.driver import Driver
+from epson_driver.client.execution import Execution
+from epson_driver.client.goals import Goals
+from epson_driver.link import Link
+from epson_driver.link.trace import Trace
+
+armed = ''
+
+
+class InjectedError(Exception):
+    """Of a kind that nothing in the package knows."""
+
+
+def taken(name: str) -> bool:
+    """Return whether `name` is to fail now; it will not again, unless it says `always`."""
+    global armed
+    if armed != name:
+        return False
+    if 'always' not in name:
+        armed = ''
+    return True
+
+
+def fail(kind: type[BaseException] = InjectedError) -> None:
+    raise kind('injected')
+
+
+def hook(
+    name: str,
+    owner: Any,
+    method: str,
+    action: Callable[[], None] = fail,
+    where: Callable[..., bool] = lambda *_: True,
+) -> None:
+    """Have a method run `action` before its own work, when that is asked for."""
+    original = getattr(owner, method)
+
+    @functools.wraps(original)
+    def wrapper(*arguments: Any, **named: Any) -> Any:
+        if where(*arguments) and taken(name):
+            action()
+        return original(*arguments, **named)
+
+    setattr(owner, method, wrapper)
+
+
+def of_link(name: str) -> Callable[..., bool]:
+    return lambda link, *_: link.name == name
+
+
+def in_loop(begin: Callable[[asyncio.AbstractEventLoop], object]) -> Callable[[], None]:
+    return lambda: (begin(asyncio.get_running_loop()), None)[1]
+
+
+async def failing() -> None:
+    await asyncio.sleep(0.01)
+    fail()
+
+
+def cancel_this_task() -> None:
+    task = asyncio.current_task()
+    assert task is not None
+    task.cancel()
+
+
+def leave() -> None:
+    fail(SystemExit)
+
+
+def interrupt() -> None:
+    fail(KeyboardInterrupt)
+
+
+def fail_in_a_thread() -> None:
+    threading.Thread(target=fail, name='injected').start()
+
+
+async def watch_status(self: Driver) -> None:
+    while not taken('watching the status'):  # noqa: ASYNC110
+        await asyncio.sleep(0.01)
+    fail()
+
+
+HOOKS: tuple[tuple[Any, ...], ...] = (
+    # the tasks of the loop, and what they call
+    ('state link', Link, '_received', fail, of_link('state')),
+    ('motion link', Link, '_settle', fail, of_link('motion')),
+    ('io link', Link, '_received', fail, of_link('io')),
+    ('io subscription', io_driver.IoDriver, '_left'),
+    ('state packet', Driver, '_on_state_packet'),
+    ('status', Driver, '_take_status'),
+    ('reply', Execution, 'on_reply'),
+    ('state of the goal', Execution, 'on_state'),
+    ('diagnostics', Diagnostics, 'build'),
+    ('publish joints', messages.JointStateWriter, 'write', lambda: fail(AssertionError)),
+    ('publish status', messages, 'robot_status', lambda: fail(AssertionError)),
+    ('publish feedback', messages, 'feedback'),
+    ('publish io', node.IoInterface, '_publish'),
+    ('cancelled task', node.ClientNode, 'on_joints', cancel_this_task),
+    # what else runs in the loop
+    ('callback', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.call_soon(fail))),
+    ('timer', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.call_later(0.01, fail))),
+    ('task', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.create_task(failing()))),
+    ('exit', node.ClientNode, 'on_joints', leave),
+    (
+        'exit of a callback',
+        node.ClientNode,
+        'on_joints',
+        in_loop(lambda loop: loop.call_soon(leave)),
+    ),
+    ('interrupt', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.call_soon(interrupt))),
+    ('submit', Goals, 'submit'),
+    ('cancel in the loop', Goals, 'cancel'),
+    # the executor's thread, and others
+    ('executor', SingleThreadedExecutor, 'spin_once'),
+    ('executor, always', SingleThreadedExecutor, 'spin_once'),
+    ('exit of the executor', SingleThreadedExecutor, 'spin_once', leave),
+    ('rclpy', ActionServer, '_execute_cancel_request'),
+    ('thread', node.ClientNode, 'on_joints', fail_in_a_thread),
+    # requests
+    ('~/stop', services.Services, 'stop'),
+    ('~/enable', services.Services, 'enable'),
+    ('~/disable', services.Services, 'disable'),
+    ('~/reset_error', services.Services, 'reset_error'),
+    ('exit of ~/reset_error', services.Services, '_act', leave),
+    ('~/read_io', io_driver.IoDriver, 'read'),
+    ('~/write_io', io_driver.IoDriver, 'write'),
+    ('~/set_speed_scaling', speed_node.SpeedInterface, '_set'),
+    ('goal', node.ClientNode, '_checked'),
+    ('trajectory', node.ClientNode, '_take_trajectory'),
+    (
+        'cancel',
+        node.Serving,
+        'to_loop',
+        fail,
+        lambda _, function, *__: function.__name__ == 'cancel',
+    ),
+    ('parameter', tracing.Tracing, 'change'),
+    # what may fail without the arm
+    ('trace', Trace, '_record'),
+)
+
+
+def main() -> int:
+    file = Path(sys.argv.pop(1))
+
+    def arm(_number: int, _frame: object) -> None:
+        global armed
+        armed = file.read_text(encoding='utf-8')
+
+    signal.signal(signal.SIGUSR1, arm)
+    for arguments in HOOKS:
+        hook(*arguments)
+    Driver._watch_status = watch_status  # type: ignore[method-assign]
+    return client.main()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,78 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""More requests at once than any queue of ten takes: each of them is answered.
+
+Invariants 5 and 9. The user's queues are deep here, too: answers that push each other out of those
+are not the driver's (docs/ros_interface.md).
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from cell import START, Cell
+from control_msgs.action import FollowJointTrajectory
+from epson_msgs.srv import ReadIo
+from rclpy.action import ActionClient
+from rclpy.qos import QoSProfile
+from ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
+from std_srvs.srv import Trigger
+
+DEEP = QoSProfile(depth=1000)
+
+
+def at_once(peer: RosPeer, send: Callable[[], Any], count: int) -> list[Any]:
+    """Send requests one right after the other, and return all answers."""
+    futures = peer.in_executor(lambda: [send() for _ in range(count)])
+    return [peer.complete(future) for future in futures]
+
+
+@pytest.fixture(scope='module')
+def action(shared_cell: Cell) -> Iterator[Any]:
+    client = ActionClient(
+        shared_cell.peer._node,
+        FollowJointTrajectory,
+        'epson_driver/follow_joint_trajectory',
+        goal_service_qos_profile=DEEP,
+        result_service_qos_profile=DEEP,
+        cancel_service_qos_profile=DEEP,
+    )
+    assert client.wait_for_server(PATIENCE)
+    yield client
+    client.destroy()
+
+
+@pytest.mark.parametrize('count', [40, 200])
+def test_each_of_many_goals_that_come_at_once_is_answered(
+    shared_cell: Cell, action: Any, count: int
+) -> None:
+    peer = shared_cell.peer
+    here = peer.position().tolist()
+    other = START if abs(here[0] - START[0]) > 0.1 else [0.3, *START[1:]]
+    goal = FollowJointTrajectory.Goal(trajectory=trajectory((0.0, here), (0.5, other)))
+    handles = at_once(peer, lambda: action.send_goal_async(goal), count)
+    assert all(handle.accepted for handle in handles)
+    asked = iter(handles)
+    answers = at_once(peer, lambda: next(asked).get_result_async(), count)
+    ends = Counter(STATUS_NAMES[answer.status] for answer in answers)
+    assert set(ends) <= {'aborted', 'succeeded'}
+    assert ends.total() == count
+    assert all(answer.result.error_string for answer in answers)
+
+
+@pytest.mark.parametrize('count', [40, 200])
+@pytest.mark.parametrize(
+    ('kind', 'name'), [(ReadIo, 'read_io'), (Trigger, 'stop'), (Trigger, 'enable')]
+)
+def test_each_of_many_calls_that_come_at_once_is_answered(
+    shared_cell: Cell, kind: Any, name: str, count: int
+) -> None:
+    peer = shared_cell.peer
+    client = peer._node.create_client(kind, f'epson_driver/{name}', qos_profile=DEEP)
+    assert client.wait_for_service(PATIENCE)
+    try:
+        answers = at_once(peer, lambda: client.call_async(kind.Request()), count)
+    finally:
+        peer._node.destroy_client(client)
+    assert len(answers) == count

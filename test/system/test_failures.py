@@ -1,0 +1,382 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A failure of any part ends with the arm at rest, and is said; every request has its answer.
+
+Invariant 9. The failures are injected into the real client (failing_client.py), while the arm
+moves; what the arm does is seen by another client of the controller.
+"""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cell import START
+from epson_msgs.msg import IoPoint
+from epson_msgs.srv import ReadIo, SetSpeedScaling, WriteIo
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from ros_peer import PATIENCE, RosPeer, trajectory
+from std_srvs.srv import Trigger
+from watcher import PROFILE, Watcher
+
+from epson_driver.cli import processes
+
+LOOP = (
+    'state link',
+    'motion link',
+    'io link',
+    'io subscription',
+    'state packet',
+    'status',
+    'reply',
+    'state of the goal',
+    'diagnostics',
+    'watching the status',
+    'publish joints',
+    'publish status',
+    'publish feedback',
+    'cancelled task',
+    'callback',
+    'timer',
+    'task',
+    'exit',
+    'exit of a callback',
+    'interrupt',
+)
+THREADS = ('executor', 'executor, always', 'exit of the executor', 'thread')
+
+
+class Robot:
+    """A controller that tells what its arm does, and a client that can be made to fail."""
+
+    def __init__(self, folder: Path, domain: int | None = None, namespace: str = '') -> None:
+        folder.mkdir(exist_ok=True)
+        profile = folder / 'measured.yaml'
+        profile.write_text(PROFILE.format(kind='rc620'), encoding='utf-8')
+        start = ','.join(map(str, START))
+        self.controller = processes.sim_controller(
+            folder / 'controller.log',
+            f'--controller={profile}',
+            '--motion=smooth',
+            f'--start={start}',
+        )
+        self.ports = self.controller.ports()
+        self._folder = folder
+        self._profile = profile
+        self._file = folder / 'fails'
+        self._clients = 0
+        self.namespace = namespace
+        self.prefix = f'/{namespace}' if namespace else ''
+        self.domain = processes.free_ros_domain() if domain is None else domain
+        self.peer = RosPeer(self.domain, self.prefix)
+        self.client: subprocess.Popen[bytes] | None = None
+        self.watcher: Watcher | None = None
+        self.log = folder / 'none'
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what its client must know."""
+        ports = {f'{name}_port': port for name, port in asdict(self.ports).items()}
+        return ports | {'controller': str(self._profile), 'trace_folder': str(self._folder)}
+
+    def start_client(self, *others: 'Robot') -> None:
+        """Start a client, for others as well; watch the arms, and enable them."""
+        self._clients += 1
+        self.log = self._folder / f'client_{self._clients}.log'
+        robots = (self, *others)
+        file = self._folder / 'parameters.yaml'
+        content = {
+            f'{robot.prefix}/epson_driver': {'ros__parameters': robot.parameters()}
+            for robot in robots
+        }
+        file.write_text(json.dumps(content), encoding='utf-8')  # which is YAML as well
+        script = Path(__file__).parent / 'failing_client.py'
+        names = [f'--namespace={robot.namespace}' for robot in robots if robot.namespace]
+        for robot in robots:
+            peer = robot.peer
+            for kept in (peer.joint_states, peer.robot_status, peer.link_states):
+                kept.clear()
+        with self.log.open('wb') as log:
+            self.client = subprocess.Popen(
+                [
+                    *(sys.executable, str(script), str(self._file), *names),
+                    *('--ros-args', '--params-file', str(file)),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=processes.ros_environment(self.domain),
+            )
+        for robot in robots:
+            peer = robot.peer
+            peer.wait_until_ready()
+            peer.enable()
+            robot.watcher = Watcher(robot.ports.state)
+
+    def fail(self, name: str) -> None:
+        """Have something fail when it is next called."""
+        assert self.client is not None
+        self._file.write_text(name, encoding='utf-8')
+        self.client.send_signal(signal.SIGUSR1)
+
+    def move(self) -> Any:
+        """Begin a long motion to the far side; return when the arm moves."""
+        peer, here = self.peer, self.peer.position()
+        far = here.copy()
+        far[0] = -2.5 if here[0] > 0.0 else 2.5
+        shares = np.linspace(0.0, 1.0, 61)
+        smooth = shares**2 * (3.0 - 2.0 * shares)
+        places = here + smooth[:, None] * (far - here)
+        times = shares * abs(far[0] - here[0]) * 5.0  # so long that a slow machine is in time
+        goal = peer.goal(trajectory(*zip(times.tolist(), places.tolist(), strict=True)))
+        peer.wait_for(lambda: abs(peer.joint_states[-1].velocity[0]) > 0.15, 'a motion')
+        return goal
+
+    def assert_stopped(self) -> None:
+        """Check that the arm comes to rest, within its limits, and before the end of the way."""
+        assert self.watcher is not None
+        self.watcher.until_at_rest()
+        assert abs(self.watcher.seen[-1].positions[0]) < 2.4
+        self.watcher.assert_within_limits()
+
+    def log_text(self) -> str:
+        return self.log.read_text(encoding='utf-8', errors='replace')
+
+    def end_client(self) -> None:
+        if self.watcher is not None:
+            self.watcher.close()
+            self.watcher = None
+        if self.client is not None:
+            if self.client.poll() is None:
+                self.client.kill()
+            self.client.wait()
+            self.client = None
+
+    def close(self) -> None:
+        self.end_client()
+        self.peer.close()
+        self.controller.end()
+
+
+@pytest.fixture(scope='module')
+def one_robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    robot = Robot(tmp_path_factory.mktemp('robot'))
+    yield robot
+    robot.close()
+
+
+@pytest.fixture
+def robot(one_robot: Robot) -> Iterator[Robot]:
+    """One with a client of its own."""
+    one_robot.start_client()
+    yield one_robot
+    one_robot.end_client()
+
+
+def ends(robot: Robot) -> int:
+    assert robot.client is not None
+    return robot.client.wait(PATIENCE)
+
+
+@pytest.mark.parametrize('name', [*LOOP, *THREADS])
+def test_a_failure_in_any_task_callback_or_thread_stops_the_arm_and_ends_the_process(
+    robot: Robot, name: str
+) -> None:
+    goal = robot.move()
+    robot.fail(name)
+    if name in THREADS:  # which wait for a request
+        robot.peer.in_executor(goal.handle.get_result_async)
+    assert ends(robot) == 1
+    robot.assert_stopped()
+    log = robot.log_text()
+    assert 'all arms are stopped, and the driver ends' in log
+    assert 'injected' in log or name == 'cancelled task'
+    assert 'Traceback' in log
+    if name != 'executor, always':  # it cannot tell anybody any more
+        assert goal.result()[0] == 'aborted'
+    assert log.count('goal aborted: ') <= 1
+
+
+def test_a_goal_that_fails_in_the_loop_is_answered(robot: Robot) -> None:
+    first = robot.move()
+    robot.fail('submit')
+    second = robot.peer.goal(trajectory((1.0, [0.0] * 6)))
+    assert ends(robot) == 1
+    robot.assert_stopped()
+    assert first.result()[0] == 'aborted'
+    assert second.result() == ('aborted', -1, 'the driver has ended')
+
+
+@pytest.mark.parametrize('name', ['cancel in the loop', 'rclpy'])
+def test_a_cancel_that_fails_stops_the_arm_and_ends_the_process(robot: Robot, name: str) -> None:
+    goal = robot.move()
+    robot.fail(name)
+    robot.peer.in_executor(goal.handle.cancel_goal_async)
+    assert ends(robot) == 1
+    robot.assert_stopped()
+    assert goal.result()[0] in ('aborted', 'canceled')
+
+
+def test_a_service_that_leaves_the_loop_is_answered(robot: Robot) -> None:
+    goal = robot.move()
+    robot.fail('exit of ~/reset_error')
+    answer = ask(robot, Trigger, 'epson_driver/reset_error')
+    assert not answer.success
+    assert 'SystemExit' in answer.message
+    assert ends(robot) == 1
+    robot.assert_stopped()
+    assert goal.result()[0] == 'aborted'
+
+
+@pytest.mark.parametrize('name', ['callback', 'executor'])
+def test_a_failure_stops_all_robots_of_the_process(tmp_path: Path, name: str) -> None:
+    left = Robot(tmp_path / 'left', namespace='left')
+    right = Robot(tmp_path / 'right', left.domain, namespace='right')
+    try:
+        left.start_client(right)
+        goals = [robot.move() for robot in (left, right)]
+        left.fail(name)
+        left.peer.in_executor(goals[0].handle.get_result_async)
+        assert ends(left) == 1
+        for robot in (left, right):
+            robot.assert_stopped()
+        assert [goal.result()[0] for goal in goals] == ['aborted', 'aborted']
+    finally:
+        for robot in (left, right):
+            robot.close()
+
+
+def ask(robot: Robot, kind: Any, name: str, request: Any = None) -> Any:
+    """Call a service and return its response."""
+    peer = robot.peer
+    client = peer._node.create_client(kind, name)
+    try:
+        assert client.wait_for_service(PATIENCE)
+        return peer.complete(client.call_async(request or kind.Request()))
+    finally:
+        peer._node.destroy_client(client)
+
+
+POINTS = [IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=1)]
+REQUESTS = {
+    '~/stop': (Trigger, None),
+    '~/enable': (Trigger, None),
+    '~/disable': (Trigger, None),
+    '~/reset_error': (Trigger, None),
+    '~/read_io': (ReadIo, ReadIo.Request(points=POINTS)),
+    '~/write_io': (WriteIo, WriteIo.Request(points=POINTS)),
+    '~/set_speed_scaling': (SetSpeedScaling, SetSpeedScaling.Request(factor=0.5)),
+}
+
+
+def assert_goes_on(robot: Robot) -> None:
+    """Check that the client serves as before, once the arm is enabled again."""
+    robot.assert_stopped()
+    assert robot.client is not None
+    assert robot.client.poll() is None
+    assert 'not enabled' in robot.peer.goal(trajectory((0.5, [0.0] * 6))).result()[2]
+    robot.peer.enable()
+    here = robot.peer.position().tolist()
+    near = [here[0] * 0.95, *here[1:]]
+    ended, _, text = robot.peer.goal(trajectory((0.0, here), (1.0, near))).result()
+    assert ended == 'succeeded', text
+
+
+@pytest.fixture(scope='module')
+def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    """One client for all tests after which it goes on."""
+    robot = Robot(tmp_path_factory.mktemp('serving'))
+    robot.start_client()
+    yield robot
+    robot.close()
+
+
+@pytest.mark.parametrize('name', REQUESTS)
+def test_a_service_that_fails_says_so_and_the_arm_stops(serving: Robot, name: str) -> None:
+    kind, request = REQUESTS[name]
+    goal = serving.move()
+    serving.fail(name)
+    answer = ask(serving, kind, name.replace('~', 'epson_driver'), request)
+    assert not answer.success
+    assert name in answer.message
+    assert 'injected' in answer.message
+    assert 'stopped and disabled' in answer.message
+    ended, _, text = goal.result()
+    assert ended == 'aborted'
+    assert 'injected' in text
+    assert_goes_on(serving)
+
+
+def test_a_goal_whose_check_fails_is_answered_and_the_arm_stops(serving: Robot) -> None:
+    first = serving.move()
+    serving.fail('goal')
+    ended, code, text = serving.peer.goal(trajectory((0.5, [0.0] * 6))).result()
+    assert (ended, code) == ('aborted', -1)
+    assert 'injected' in text
+    assert first.result()[0] == 'aborted'
+    assert_goes_on(serving)
+
+
+def test_a_trajectory_whose_check_fails_stops_the_arm(serving: Robot) -> None:
+    goal = serving.move()
+    serving.fail('trajectory')
+    serving.peer.trajectory_topic.publish(trajectory((0.5, [0.0] * 6)))
+    assert 'injected' in goal.result()[2]
+    assert_goes_on(serving)
+
+
+def test_a_cancel_that_fails_is_answered_and_the_arm_stops(serving: Robot) -> None:
+    goal = serving.move()
+    serving.fail('cancel')
+    goal.cancel()
+    assert goal.result()[0] == 'aborted'
+    assert_goes_on(serving)
+
+
+def set_parameters(robot: Robot, *values: ParameterMessage) -> Any:
+    request = SetParameters.Request(parameters=values)
+    return ask(robot, SetParameters, 'epson_driver/set_parameters', request).results
+
+
+def test_a_parameter_whose_change_fails_is_answered_and_the_arm_stops(serving: Robot) -> None:
+    goal = serving.move()
+    serving.fail('parameter')
+    [result] = set_parameters(serving, Parameter('trace_size', value=5.0).to_parameter_msg())
+    assert not result.successful
+    assert 'injected' in result.reason
+    assert goal.result()[0] == 'aborted'
+    assert_goes_on(serving)
+
+
+def test_what_anybody_may_send_disturbs_nothing(serving: Robot) -> None:
+    """A parameter of a type that there is not, and the home of a user who does not exist."""
+    goal = serving.move()
+    wrong = ParameterMessage(name='start_tolerance')
+    wrong.value.type = 77
+    user = Parameter('trace_file', value='~nosuchuser/x').to_parameter_msg()
+    results = [*set_parameters(serving, wrong), *set_parameters(serving, user)]
+    assert not any(result.successful for result in results)
+    assert '77' in results[0].reason
+    assert 'without a folder' in results[1].reason
+    assert serving.peer.call('stop')[0]
+    assert 'stopped by ~/stop' in goal.result()[2]
+    serving.assert_stopped()
+
+
+def test_a_trace_that_fails_ends_alone(serving: Robot) -> None:
+    name = Parameter('trace_file', value='a.pcap').to_parameter_msg()
+    [result] = set_parameters(serving, name)
+    assert result.successful, result.reason
+    goal = serving.move()
+    serving.fail('trace')
+    serving.peer.wait_for(lambda: 'InjectedError' in serving.log_text(), 'the end of the trace')
+    assert serving.peer.call('stop')[0]
+    assert 'stopped by ~/stop' in goal.result()[2]
+    serving.assert_stopped()
