@@ -3,7 +3,7 @@
 """Random runs of the smoother, and the exact extrema of what they executed.
 
 The extrema owe nothing to the package's judge: the pieces that were executed are taken apart by
-the passages of the knots (roots of cubics), each derivative is interpolated at Chebyshev nodes,
+the passages of the knots (by bisection), each derivative is interpolated at Chebyshev nodes,
 exactly as it is a polynomial, and looked at where its own derivative vanishes.
 """
 
@@ -300,14 +300,13 @@ def _course_spans(course: Committed, begin: float, end: float) -> Any:
         cuts = [low - since, high - since]
         reach = [u + t * (v + t * (a / 2 + t * j / 6)) for t in cuts]
         for knot in knots[(knots > reach[0] + 1e-12) & (knots < reach[1] - 1e-12)]:
-            roots = np.roots([j / 6, a / 2, v, u - knot])
-            real = roots[np.abs(roots.imag) < 1e-7 * np.abs(roots)].real
-            real = real[(real > cuts[0]) & (real < cuts[1])]
-            guess = float(real[0]) if len(real) else sum(cuts) / 2.0
-            for _ in range(60):  # the roots of a nearly linear cubic are inexact
-                speed = v + guess * (a + guess * j / 2)
-                guess -= (u - knot + guess * (v + guess * (a / 2 + guess * j / 6))) / speed
-            assert cuts[0] < guess < cuts[-1]
+            below, above = cuts[0], cuts[-1]
+            for _ in range(80):  # u rises: halving finds the passage to rounding
+                guess = (below + above) / 2.0
+                if u + guess * (v + guess * (a / 2 + guess * j / 6)) < knot:
+                    below = guess
+                else:
+                    above = guess
             cuts.insert(-1, guess)
         for t, t_end in pairwise(cuts):
             middle = (t + t_end) / 2.0
