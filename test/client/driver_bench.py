@@ -8,7 +8,7 @@ import struct
 
 import numpy as np
 
-from support.virtual_time import run, until
+from support.event_loop import now, run, until
 
 from epson_driver.client.configuration import Configuration
 from epson_driver.client.driver import Driver
@@ -26,12 +26,6 @@ MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits
 JOINTS = len(LIMITS.names)
 HOME = np.zeros(JOINTS)
-PATIENCE = 20.0
-"""How long anything may take before a test fails, s; nothing waits for so long otherwise."""
-
-
-def now():
-    return asyncio.get_running_loop().time()
 
 
 class Recorder:
