@@ -8,6 +8,8 @@ import struct
 
 import numpy as np
 
+from support.event_loop import now, run, until
+
 from epson_driver.client.configuration import Configuration
 from epson_driver.client.driver import Driver
 from epson_driver.client.execution import Settings
@@ -24,31 +26,6 @@ MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits
 JOINTS = len(LIMITS.names)
 HOME = np.zeros(JOINTS)
-PATIENCE = 20.0
-"""How long anything may take before a test fails, s; nothing waits for so long otherwise."""
-
-
-def run(coroutine, patience=PATIENCE):
-    """Run a test's coroutine, `patience` s at most; no task may be left when it ends."""
-
-    async def timed():
-        async with asyncio.timeout(patience):
-            await coroutine
-        await asyncio.sleep(0)
-        left = asyncio.all_tasks() - {asyncio.current_task()}
-        assert not left, f'tasks left behind: {left}'
-
-    asyncio.run(timed())
-
-
-async def until(condition):
-    """Wait until the condition holds; `run` limits how long that may take."""
-    while not condition():  # noqa: ASYNC110 - it watches another end of a socket
-        await asyncio.sleep(0.001)
-
-
-def now():
-    return asyncio.get_running_loop().time()
 
 
 class Recorder:

@@ -561,7 +561,7 @@ def test_full_points_without_motomans_commands():
             await bench.ready()
             await bench.services.enable()
             outcome = await hand_in(bench, line()).end()
-            assert controller.received == [0, 0, -4]  # group 0 twice, then STOP
+            await until(lambda: controller.received == [0, 0, -4])  # group 0 twice, then STOP
             assert 'the arm stands, and joint_1 is 0.2 rad from the goal' in outcome.text
 
     run(check())

@@ -400,7 +400,7 @@ def test_inv4_inv6_a_killed_controller_that_comes_back_moves_nothing(tmp_path):
                 if each is not None:
                     await asyncio.to_thread(each.end)
 
-    run(scenario())
+    run(scenario(), real_time=True)  # another process
 
 
 def _started(log, ports=None):

@@ -3,12 +3,15 @@
 """Goals whose motion is planned first, in a process: whatever comes meanwhile, they end once."""
 
 import asyncio
+from functools import partial
 import os
 import signal
 
 import numpy as np
 import pytest
-from driver_bench import JOINTS, LIMITS, PATIENCE, Submitted, cell, pose, run, until
+from driver_bench import JOINTS, LIMITS, Submitted, cell, pose, until
+from support.event_loop import PATIENCE
+from support.event_loop import run as run_in
 
 from epson_driver.client import smoothing_process
 from epson_driver.client.goal import End, ErrorCode, Goal, untimed
@@ -18,6 +21,9 @@ from epson_driver.controller.states import Event
 from epson_driver.motion import Trajectory
 
 RESAMPLE = Smoothing(0.1)
+
+# the smoother is a process of its own
+run = partial(run_in, real_time=True)
 
 
 def process_of(bench):

@@ -7,29 +7,9 @@ import contextlib
 import socket
 import struct
 
+from support.event_loop import now, run, until  # noqa: F401 - for the tests
+
 from epson_driver.link import Link
-
-PATIENCE = 10.0
-"""How long anything may take before a test fails, s; nothing waits for so long otherwise."""
-
-
-def run(coroutine):
-    """Run a test's coroutine; nothing of it may be left when it ends."""
-
-    async def timed():
-        async with asyncio.timeout(PATIENCE):
-            await coroutine
-        await asyncio.sleep(0)  # transports that were closed last go now
-        left = asyncio.all_tasks() - {asyncio.current_task()}
-        assert not left, f'tasks left behind: {left}'
-
-    asyncio.run(timed())
-
-
-async def until(condition):
-    """Wait until the condition holds; `run` limits how long that may take."""
-    while not condition():  # noqa: ASYNC110 - it watches a socket's other end
-        await asyncio.sleep(0.001)
 
 
 def frame(msg_type, comm_type, reply_code=0, body=b'', order='<'):

@@ -19,11 +19,11 @@ class Pacer:
     """
 
     def __init__(
-        self, controller: Controller, clock: Callable[[], float] = time.monotonic
+        self, controller: Controller, clock: Callable[[], float] | None = None
     ) -> None:
         self._controller = controller
-        self._clock = clock
-        self._now = clock()
+        self._clock = clock or asyncio.get_running_loop().time
+        self._now = self._clock()
         self._cycle = math.inf
         self._sleeps_until = -math.inf
         self._wake = asyncio.Event()

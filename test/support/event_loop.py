@@ -1,0 +1,134 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How asynchronous tests run: `run(scenario())`, with `until(condition)` inside.
+
+Sockets are real, time is virtual: when every callback has run and nothing more can be read, the
+loop's clock jumps to its next timer. What takes ten seconds takes as long as its work does, and a
+machine that is busy makes a test slower, but never changes what it sees: no timer is late.
+
+What works in another process does so in real time: such tests say `run(scenario(),
+real_time=True)`. While a thread works for the loop (`run_in_executor`), time is real by itself.
+"""
+
+import asyncio
+import select
+import selectors
+import time
+from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
+from typing import Any
+
+PATIENCE = 60.0
+"""How long a test may take before it fails, s of its loop's time."""
+
+GRACE = 2e-4
+"""How long the loop waits, s of real time, for bytes that are still on their way through the
+system before it takes nothing to be left to do. The call that sends them delivers them; on a busy
+machine the system may put that off."""
+
+TURN = 1e-6
+"""What a turn of the loop takes, s of virtual time. Without it a timer for the rest of a rounding
+error would be due at once, again and again."""
+
+START = 1000.0
+"""The loop's time in the beginning, s: 0 must not happen to mean 'never'."""
+
+
+class EventLoop(asyncio.SelectorEventLoop):
+    """The loop of a test, in virtual or in real time."""
+
+    def __init__(self, *, real_time: bool = False) -> None:
+        self.virtual = not real_time
+        self.now = START
+        self.threads = 0
+        self._waiting: list[tuple[Callable[[], object], asyncio.Future[None]]] = []
+        super().__init__(_Selector(self))
+
+    def time(self) -> float:
+        """Return the loop's time, s."""
+        return self.now if self.virtual else time.monotonic()
+
+    def run_in_executor(self, executor: Any, func: Any, *args: Any) -> Any:
+        """Call a function in a thread; until it is done, time is real."""
+        future = super().run_in_executor(executor, func, *args)
+        self.threads += 1
+        future.add_done_callback(self._thread_done)
+        return future
+
+    def until(self, condition: Callable[[], object]) -> Awaitable[None]:
+        """Return what is done when a condition holds, which is looked at after every turn."""
+        future = self.create_future()
+        self._waiting.append((condition, future))
+        self.call_soon(lambda: None)  # it may hold already
+        return future
+
+    def _thread_done(self, _future: object) -> None:
+        self.threads -= 1
+
+    def _run_once(self) -> None:
+        self.now += TURN
+        super()._run_once()  # type: ignore[misc]
+        self._waiting = [entry for entry in self._waiting if not _settled(*entry)]
+
+
+def _settled(condition: Callable[[], object], future: asyncio.Future[None]) -> bool:
+    if not future.done():
+        try:
+            if condition():
+                future.set_result(None)
+        except Exception as error:  # noqa: BLE001 - raised where the test waits
+            future.set_exception(error)
+    return future.done()
+
+
+class _Selector(selectors.DefaultSelector):
+    """Lets the time that would be spent waiting pass on the loop's clock instead."""
+
+    def __init__(self, loop: EventLoop) -> None:
+        super().__init__()
+        self._loop = loop
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        """Return what is ready."""
+        ready = super().select(0)
+        if ready or timeout == 0:
+            return ready
+        loop = self._loop
+        if loop.threads or timeout is None or not loop.virtual:
+            began = time.monotonic()
+            ready = super().select(timeout)
+            loop.now += time.monotonic() - began
+            return ready
+        select.select([self.fileno()], [], [], GRACE)
+        ready = super().select(0)
+        if not ready:
+            loop.now += timeout
+        return ready
+
+
+def run(
+    coroutine: Coroutine[Any, Any, Any], patience: float = PATIENCE, *, real_time: bool = False
+) -> None:
+    """Run a test's coroutine; no task of it may be left when it ends."""
+
+    async def timed() -> None:
+        async with asyncio.timeout(patience):
+            await coroutine
+        await asyncio.sleep(0)  # transports that were closed last go now
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        assert not left, f'tasks left behind: {left}'
+
+    with asyncio.Runner(loop_factory=partial(EventLoop, real_time=real_time)) as runner:
+        runner.run(timed())
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Wait until a condition holds; `run` limits how long that may take."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, EventLoop)
+    await loop.until(condition)
+
+
+def now() -> float:
+    """Return the running loop's time, s."""
+    return asyncio.get_running_loop().time()
