@@ -7,8 +7,7 @@ import contextlib
 import struct
 
 import numpy as np
-
-from support.event_loop import now, run, until
+from support.event_loop import now, until
 
 from epson_driver.client.configuration import Configuration
 from epson_driver.client.driver import Driver

@@ -3,9 +3,9 @@
 """Goals whose motion is planned first, in a process: whatever comes meanwhile, they end once."""
 
 import asyncio
-from functools import partial
 import os
 import signal
+from functools import partial
 
 import numpy as np
 import pytest

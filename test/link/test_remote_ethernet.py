@@ -5,7 +5,8 @@
 import asyncio
 
 import pytest
-from link_bench import PATIENCE, run
+from link_bench import run
+from support.event_loop import PATIENCE
 
 from epson_driver.link.remote_ethernet import RemoteError, execute
 
