@@ -22,6 +22,7 @@ from industrial_msgs.msg import RobotStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
@@ -50,6 +51,7 @@ from epson_driver.client.goals import Ticket
 from epson_driver.client.io_node import IoInterface
 from epson_driver.client.joint_mapping import joint_mapping
 from epson_driver.client.pace import Pace
+from epson_driver.client.plausibility import Margins
 from epson_driver.client.point_streams import PointStreams
 from epson_driver.client.robot_state import JointSample
 from epson_driver.client.ros_log import context_of
@@ -160,6 +162,8 @@ class ClientNode:
             ),
             usual_byte_order=self._profile.byte_order,
             motors=self._profile.program.motors,
+            state_period=self._profile.state.period,
+            margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
             smoothing=Smoothing(
                 values['resample_period'] if values['smoothing'] == 'resample' else None,
                 values['timing'] == 'time_optimal',
@@ -375,8 +379,9 @@ class ClientNode:
     # --- from the driver: these run in the loop's thread ------------------------------------
 
     def on_joints(self, sample: JointSample) -> None:
-        """Publish `joint_states`, stamped with the time of arrival."""
-        stamp = self._clock.now().to_msg()
+        """Publish `joint_states`, stamped with the time at which they were measured."""
+        age = Duration(seconds=self._loop.time() - sample.measured)
+        stamp = (self._clock.now() - age).to_msg()
         self._joint_states.publish(self._joint_state.write(sample, stamp))
 
     def on_status(self, status: Status) -> None:
