@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 
 VELOCITY_WINDOW = 0.04
-"""Time over which a velocity is the mean, s: what is said is how fast the joint was half of it ago.
+"""Time over which a velocity is the mean, s: it is how fast the joint was half of it ago.
 A single period would show how regularly the sender's program runs rather than the arm."""
 
 Values = Sequence[float]

@@ -38,13 +38,12 @@ class JointBounds:
             self.names = tuple(f'joint {joint}' for joint in range(1, joints + 1))
             self.units = ('rad',) * joints
             self._low, self._high = [float('-inf')] * joints, [float('inf')] * joints
-            self.fastest = [float('inf')] * joints
+            self.fastest: list[float] = [float('inf')] * joints
             return
         self.names, self.units = limits.names, limits.units
         self._low = (limits.position_min - margins.position).tolist()
         self._high = (limits.position_max + margins.position).tolist()
-        self.fastest: list[float] = (limits.velocity * margins.velocity).tolist()
-        """rad/s or m/s that the joints never exceed."""
+        self.fastest = (limits.velocity * margins.velocity).tolist()
 
     def bounded(self, velocities: Sequence[float]) -> list[float]:
         """Return velocities, rad/s or m/s, none faster than the joint can be."""

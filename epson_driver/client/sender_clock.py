@@ -7,9 +7,10 @@ process only ever add to the time of arrival, and TCP neither loses nor reorders
 counted, and the clock lies on the lower envelope of the arrivals: the messages that were delayed
 least. How far a message lies above it is how long it was on its way beyond the shortest way.
 
-What can be known by that: times between messages, to about a period in the two seconds that are
-looked at (0.25 % at 200 Hz); the age of a message, but for the network's least delay, which
-nothing shows. Until half a second of messages has come, the period is the one that was given.
+What can be known by that: the time between messages, to about a period in the two seconds that
+are looked at (0.25 % at 200 Hz), and the age of a message to two periods, but for the network's
+least delay, which nothing shows. In the first second the period is the one that was given, as far
+as the arrivals allow it.
 """
 
 from collections import deque
@@ -17,13 +18,20 @@ from collections import deque
 BLOCK_TIME = 0.25
 BLOCK_MESSAGES = 8
 BLOCKS = 8
-"""The envelope is made of the least delayed message of each block; the newest blocks are kept."""
+"""The envelope is made of the least delayed message of each block, s and messages at least; the
+newest blocks are kept."""
+
+ENOUGH_BLOCKS = 4
+"""From so many on, the envelope says what the period is; with fewer, what it cannot be."""
 
 LATE_SLOTS = 3
 """A message that comes later than this, in slots, was held up, or the sender paused."""
 
-FORGET_PERIOD_AFTER = 8
-"""So many pauses one after the other are no pauses: the period is another one."""
+WAITED_SLOTS = 4
+"""So many slots after a late message it is seen whether the next ones hurry."""
+
+FORGET_PERIOD_AFTER = 4
+"""So many pauses, each less than BLOCK_MESSAGES after the other, are none: the period is wrong."""
 
 NEVER_AT_ONCE = 1e-6
 """Between two messages, s: stamps of ROS must differ."""
@@ -49,16 +57,17 @@ class SenderClock:
         self.time = 0.0
         self.measured = 0.0
         self.gap: float | None = None
+        self._gap_came = 0.0
         self._arrival: float | None = None
         self._slots = 0.0
         self._offset = 0.0
-        self._late = 0.0
+        self._least_late = 0.0
         self._envelope: deque[Point] = deque(maxlen=BLOCKS)
         self._least: Point = (0.0, 0.0, 0.0)
         self._block_began = 0.0
         self._block_size = 0
         self._pauses = 0
-        self._paused_since = (0.0, 0.0)
+        self._first_pause = self._last_pause = (0.0, 0.0)
 
     def step(self, arrival: float, told: float | None = None) -> float:
         """Take the next message. `told`: time since the one before, if the sender said that.
@@ -71,51 +80,61 @@ class SenderClock:
             self._begin_block(arrival)
             return 0.0
         spacing = arrival - self._arrival
-        passed = self.period if told is None else told
         self._arrival = arrival
+        passed = self.period if told is None else told
         self._slots += passed / self.period
         self.time += passed
-        much_too_late = told is None and spacing > passed + LATE_SLOTS * self.period
-        late = arrival - self._offset - self.time
+        tolerance = LATE_SLOTS * self.period
+        much_too_late = told is None and spacing > passed + tolerance
         shift = 0.0
         if self.gap is not None:
-            if late <= LATE_SLOTS * self.period:  # all that was held up has come
-                self.gap = None
-            elif spacing > passed / 2:  # it does not hurry: the sender paused
-                shift = self._late
-                late = self._pause(shift, arrival)
-        if much_too_late and late > LATE_SLOTS * self.period:
-            self.gap = self.time
-            self._count_pauses(arrival)
-        elif self.gap is None and not shift:
-            self._pauses = 0
-        self._late = late
+            shift = self._after_gap(arrival, tolerance, much_too_late)
+        late = arrival - self._offset - self.time
+        if much_too_late and late > tolerance and self.gap is None:
+            self.gap, self._gap_came, self._least_late = self.time, arrival, late
+            self._count_pause(arrival)
         if late < 0.0:
             self._offset += late
         self._take(arrival)
         self.measured = min(arrival, max(self.measured + NEVER_AT_ONCE, self._offset + self.time))
         return shift
 
-    def _pause(self, length: float, arrival: float) -> float:
-        """The sender paused before `gap`. Returns how late the message is beyond that."""
-        self.time += length
-        self.gap = None
-        self._envelope.clear()
-        self._begin_block(arrival)
-        return arrival - self._offset - self.time
+    def _after_gap(self, arrival: float, tolerance: float, again: bool) -> float:
+        """See what the late message was; return how long the sender paused before it.
 
-    def _count_pauses(self, arrival: float) -> None:
-        """Take another period if there is nothing but pauses."""
-        if not self._pauses:
-            self._paused_since = (self._slots, arrival)
-        elif self._pauses == FORGET_PERIOD_AFTER:
-            slots, since = self._paused_since
-            self.period *= (arrival - since) / ((self._slots - slots) * self.period)
-            self._slots = 0.0
-            self._pauses = -1
+        `again`: this one is as late, too: then it was not held up with the other.
+        """
+        late = arrival - self._offset - self.time
+        since = self.time - (self.gap or 0.0)
+        others = since > 1.5 * self.period
+        if late <= tolerance or (again and others):
+            # All that was held up has come. If it is still late the period is wrong, or the
+            # sender paused, too: that shows in the envelope.
+            self.gap = None
+            return 0.0
+        if again or (
+            since >= (WAITED_SLOTS - 0.5) * self.period and arrival - self._gap_came > since / 2
+        ):
+            paused = self._least_late
+            self.time += paused
+            self.gap = None
             self._envelope.clear()
             self._begin_block(arrival)
+            return paused
+        self._least_late = min(self._least_late, late)
+        return 0.0
+
+    def _count_pause(self, arrival: float) -> None:
+        """Take another period if there is nothing but pauses."""
+        if not self._pauses or self._slots - self._last_pause[0] > BLOCK_MESSAGES:
+            self._pauses = 0
+            self._first_pause = self._slots, arrival
+        self._last_pause = self._slots, arrival
         self._pauses += 1
+        if self._pauses > FORGET_PERIOD_AFTER:
+            slots, since = self._first_pause
+            self.period = (arrival - since) / (self._slots - slots)
+            self._pauses = 0
 
     def _begin_block(self, arrival: float) -> None:
         self._least = (self._slots, arrival, arrival - self.time)
@@ -134,19 +153,23 @@ class SenderClock:
             self._begin_block(arrival)
 
     def _follow(self) -> None:
-        """Follow the envelope: its slope is the period, its height the offset.
-
-        A point of it is at most a slot above the true one, so the period is kept while that
-        allows, and otherwise changed by as little as the arrivals prove.
-        """
-        slots, arrival, _ = self._envelope[0]
-        last_slots, last_arrival, _ = self._envelope[-1]
-        count, length = last_slots - slots, last_arrival - arrival
-        if count >= BLOCK_MESSAGES and length > 0.0:
-            slack = min(self.period, length / count)
-            lowest, highest = (length - slack) / count, (length + slack) / count
-            self.period = min(max(self.period, lowest), highest)
-        at = self._slots * self.period - self.time
-        self._offset = at + min(
-            arrival - slots * self.period for slots, arrival, _ in self._envelope
-        )
+        """Follow the envelope: its slope is the period, its height the offset."""
+        envelope = self._envelope
+        size = len(envelope)
+        slots = sum(point[0] for point in envelope) / size
+        arrival = sum(point[1] for point in envelope) / size
+        spread = sum((point[0] - slots) ** 2 for point in envelope)
+        if spread > 0.0:
+            slope = sum((p[0] - slots) * (p[1] - arrival) for p in envelope) / spread
+            off = max(abs(p[1] - arrival - slope * (p[0] - slots)) for p in envelope)
+            if slope <= 0.0 or off > 2.0 * slope:  # not one line: the way became another one
+                newest = envelope[-1]
+                envelope.clear()
+                envelope.append(newest)
+            elif size >= ENOUGH_BLOCKS:
+                self.period = slope
+            else:
+                slack = slope / (envelope[-1][0] - envelope[0][0])
+                self.period = min(max(self.period, slope - slack), slope + slack)
+        now = self._slots * self.period - self.time
+        self._offset = now + min(point[1] - point[0] * self.period for point in envelope)
