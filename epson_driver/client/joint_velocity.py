@@ -27,14 +27,14 @@ class JointVelocity:
         self._add(time, positions)
         self._velocities = velocities
 
-    def shift(self, since: float, shift: float) -> None:
-        """What came since that time was sent later: it must be the newest."""
-        if self._history and self._history[-1][0] >= since:
-            moved = []
-            while self._history and self._history[-1][0] >= since:
-                time, positions = self._history.pop()
-                moved.append((time + shift, positions))
-            self._history.extend(reversed(moved))
+    def shift(self, since: float, shift: float) -> bool:
+        """What came since that time was sent later. Returns False if nothing did."""
+        moved = []
+        while self._history and self._history[-1][0] >= since:
+            time, positions = self._history.pop()
+            moved.append((time + shift, positions))
+        self._history.extend(reversed(moved))
+        return bool(moved)
 
     def fitted(
         self, time: float, positions: Values, gap: float | None, elapsed: float

@@ -121,11 +121,8 @@ class RobotState:
         of a link: they have no velocity yet. Raises ValueError that names the joint, its value
         and what is possible, if they cannot be true; they count for nothing then.
         """
+        self._step(now, self._passed(told, now - self._measured))
         longest = max(now - self._measured, self._clock.period)
-        gap = self._clock.gap
-        shift = self._clock.step(now, self._passed(told, longest))
-        if shift and gap is not None:
-            self._velocity.shift(gap, shift)
         try:
             positions = self._possible(data, longest)
             rates = None if velocities is None else self._possible_velocities(velocities)
@@ -149,9 +146,7 @@ class RobotState:
 
     def on_status(self, status: Status, now: float) -> None:
         """Take a STATUS message."""
-        gap = self._clock.gap
-        if shift := self._clock.step(now):
-            self._velocity.shift(gap or 0.0, shift)
+        self._step(now, None)
         self.status = status
         self.status_time = now
         self.status_measured = self._clock.measured
@@ -208,6 +203,13 @@ class RobotState:
             if moved >= stopped_velocity * VELOCITY_WINDOW:
                 return f'{bounds.names[joint]} just now by {moved:.3g} {bounds.units[joint]}'
         return None
+
+    def _step(self, now: float, passed: float | None) -> None:
+        """Let a message count for the controller's clock."""
+        gap = self._clock.gap
+        shift = self._clock.step(now, passed)
+        if shift and gap is not None and self._velocity.shift(gap, shift):
+            self._measured += shift
 
     def _passed(self, told: float | None, longest: float) -> float | None:
         """Return the time since the joints before that the controller tells, if that can be.

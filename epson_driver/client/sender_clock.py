@@ -16,13 +16,17 @@ as the arrivals allow it.
 from collections import deque
 
 BLOCK_TIME = 0.25
+FIRST_BLOCK_TIME = 0.05
 BLOCK_MESSAGES = 8
 BLOCKS = 8
 """The envelope is made of the least delayed message of each block, s and messages at least; the
-newest blocks are kept."""
+newest blocks are kept. The first ones are shorter: the given period may be far off."""
 
-ENOUGH_BLOCKS = 4
-"""From so many on, the envelope says what the period is; with fewer, what it cannot be."""
+A_LINE = 3
+"""Points that show whether they lie on one line."""
+
+ENOUGH = 0.75
+"""An envelope of that length, s, says what the period is; a shorter one, what it cannot be."""
 
 LATE_SLOTS = 3
 """A message that comes later than this, in slots, was held up, or the sender paused."""
@@ -66,6 +70,7 @@ class SenderClock:
         self._least: Point = (0.0, 0.0, 0.0)
         self._block_began = 0.0
         self._block_size = 0
+        self._settled = False
         self._pauses = 0
         self._first_pause = self._last_pause = (0.0, 0.0)
 
@@ -147,7 +152,8 @@ class SenderClock:
         lies = arrival - self.time
         if lies <= self._least[2]:
             self._least = (self._slots, arrival, lies)
-        if self._block_size >= BLOCK_MESSAGES and arrival - self._block_began >= BLOCK_TIME:
+        enough = BLOCK_TIME if self._settled else FIRST_BLOCK_TIME
+        if self._block_size >= BLOCK_MESSAGES and arrival - self._block_began >= enough:
             self._envelope.append(self._least)
             self._follow()
             self._begin_block(arrival)
@@ -156,17 +162,19 @@ class SenderClock:
         """Follow the envelope: its slope is the period, its height the offset."""
         envelope = self._envelope
         size = len(envelope)
+        length = envelope[-1][1] - envelope[0][1]
+        self._settled = length >= BLOCK_TIME
         slots = sum(point[0] for point in envelope) / size
         arrival = sum(point[1] for point in envelope) / size
         spread = sum((point[0] - slots) ** 2 for point in envelope)
-        if spread > 0.0:
+        if size >= A_LINE:
             slope = sum((p[0] - slots) * (p[1] - arrival) for p in envelope) / spread
             off = max(abs(p[1] - arrival - slope * (p[0] - slots)) for p in envelope)
             if slope <= 0.0 or off > 2.0 * slope:  # not one line: the way became another one
                 newest = envelope[-1]
                 envelope.clear()
                 envelope.append(newest)
-            elif size >= ENOUGH_BLOCKS:
+            elif length >= ENOUGH:
                 self.period = slope
             else:
                 slack = slope / (envelope[-1][0] - envelope[0][0])

@@ -67,9 +67,9 @@ class Link:
     `receive_timeout` in s closes a connection that has been silent for longer (see Silence); None
     waits for ever (then only the keepalive notices a peer that vanished). `byte_order` None
     detects the peer's from its first bytes, anew for each connection. The attribute `dialect` is
-    how requests are written; it follows what is received, and may be set. `trace` is called with each step of
-    a connection; it may be set or taken away at any time. `quiet` logs bad frames for debugging
-    only: for a port where something else may listen.
+    how requests are written; it follows what is received, and may be set. `trace` is called with
+    each step of a connection; it may be set or taken away at any time. `quiet` logs bad frames
+    for debugging only: for a port where something else may listen.
     """
 
     def __init__(
