@@ -45,7 +45,7 @@ STATUS_TIMEOUT = 1.0
 
 MIXED = 2
 """At most this many JOINT_POSITIONs come between two JOINT_FEEDBACKs of a controller that sends
-both. With more, its feedback is not what tells where the arm is."""
+both at once; they say the same then. With more, they are what tells where the arm is."""
 
 WORST_FIRST = (
     LinkState.DISCONNECTED,
@@ -191,19 +191,18 @@ class Driver:
         elif isinstance(message, JointPosition):
             self._positions_since_feedback += 1
             self._feedback_leads &= self._positions_since_feedback <= MIXED
-            if not self._feedback_leads:  # a controller that sends both says the same twice
+            if not self._feedback_leads:
                 self._take_joints(message.joints, now)
         elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
             self._feedback_leads = self._positions_since_feedback <= MIXED
             self._positions_since_feedback = 0
-            if self._feedback_leads:
-                given = message.valid_fields
-                self._take_joints(
-                    message.positions,
-                    now,
-                    message.velocities if given & ValidFields.VELOCITY else None,
-                    message.time if given & ValidFields.TIME else None,
-                )
+            given = message.valid_fields
+            self._take_joints(
+                message.positions,
+                now,
+                message.velocities if given & ValidFields.VELOCITY else None,
+                message.time if given & ValidFields.TIME else None,
+            )
 
     def _take_joints(
         self,

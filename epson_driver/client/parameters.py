@@ -163,7 +163,7 @@ TABLE = (
         'state_velocity_margin',
         1.5,
         'How many times as fast as its limit a joint may be reported to move; faster is not '
-        'believed, is not published and disables the arm.',
+        'believed, is not published and disables the arm [1].',
         1.0,
         100.0,
     ),

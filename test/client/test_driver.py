@@ -501,12 +501,12 @@ def test_feedback_messages_are_joints_too():
             await bench.ready()
             wax.shows_joints = False
             seen = len(bench.events.samples)
-            positions, velocities = [0.5] * 10, [0.25] * 10
+            positions, velocities = [0.03125] * 10, [0.25] * 10
             body = struct.pack('<iif30f', 0, 6, 1.0, *positions, *velocities, *[0.0] * 10)
             wax.extra = frame(15, 1, 0, body)
             await until(lambda: len(bench.events.samples) > seen)
             sample = bench.events.samples[-1][1]
-            assert sample.positions.tolist() == [0.5] * JOINTS
+            assert sample.positions.tolist() == [0.03125] * JOINTS
             assert sample.velocities.tolist() == [0.25] * JOINTS
             no_position = struct.pack('<iif30f', 0, 4, 1.0, *[9.0] * 30)
             wax.extra = frame(15, 1, 0, no_position)
