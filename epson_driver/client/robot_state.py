@@ -121,7 +121,7 @@ class RobotState:
         of a link: they have no velocity yet. Raises ValueError that names the joint, its value
         and what is possible, if they cannot be true; they count for nothing then.
         """
-        self._step(now, self._passed(told, now - self._measured))
+        self._step(now, self._passed(told, now - self._measured + POSE_AGE))
         longest = max(now - self._measured, self._clock.period)
         try:
             positions = self._possible(data, longest)
@@ -221,7 +221,7 @@ class RobotState:
         if told is None or before is None or abs(told) * 2.0**-23 > FINEST_TIME:
             return None
         passed = told - before
-        return passed if self._clock.period / 4 <= passed <= longest else None
+        return passed if self._clock.period / 10 <= passed <= longest else None
 
     def _possible(self, data: tuple[float, ...], longest: float) -> Values:
         """Return positions as ROS counts them. Raises ValueError if they cannot be true."""

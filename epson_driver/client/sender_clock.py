@@ -35,7 +35,7 @@ WAITED_SLOTS = 4
 """So many slots after a late message it is seen whether the next ones hurry."""
 
 FORGET_PERIOD_AFTER = 4
-"""So many pauses, each less than BLOCK_MESSAGES after the other, are none: the period is wrong."""
+"""So many pauses between which there was no time for a line are none: the period is wrong."""
 
 NEVER_AT_ONCE = 1e-6
 """Between two messages, s: stamps of ROS must differ."""
@@ -72,7 +72,7 @@ class SenderClock:
         self._block_size = 0
         self._settled = False
         self._pauses = 0
-        self._first_pause = self._last_pause = (0.0, 0.0)
+        self._first_pause = (0.0, 0.0)
 
     def step(self, arrival: float, told: float | None = None) -> float:
         """Take the next message. `told`: time since the one before, if the sender said that.
@@ -131,10 +131,10 @@ class SenderClock:
 
     def _count_pause(self, arrival: float) -> None:
         """Take another period if there is nothing but pauses."""
-        if not self._pauses or self._slots - self._last_pause[0] > BLOCK_MESSAGES:
+        if len(self._envelope) >= A_LINE:
             self._pauses = 0
+        if not self._pauses:
             self._first_pause = self._slots, arrival
-        self._last_pause = self._slots, arrival
         self._pauses += 1
         if self._pauses > FORGET_PERIOD_AFTER:
             slots, since = self._first_pause
