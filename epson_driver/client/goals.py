@@ -24,9 +24,13 @@ from epson_driver.motion import JointLimits, Trajectory
 
 REPLACED = 'replaced by a newer goal before it could start'
 
+FRESH_WITHIN = 0.2
+"""How long a goal waits for joints if those that are there are too old, s: when the machine was
+busy, they are about to come, or wait in the socket."""
+
 READING_TURNS = 100
-"""Turns of the event loop that are given to reading before a pose is called too old: 5000 state
-messages, which take 25 s to come. If there is nothing to read, they take about a millisecond."""
+"""Turns of the event loop that are then given to reading: 5000 state messages, which take 25 s to
+come. If there is nothing to read, they take about a millisecond."""
 
 _log = logging.getLogger(__name__)
 
@@ -112,23 +116,25 @@ class Goals:
     def submit(self, ticket: Ticket) -> None:
         """Execute a checked goal; a running one is stopped first and ends as aborted.
 
-        If the pose is too old, the loop may not have been scheduled for a while: then what waits
-        in the socket is read first.
+        If the pose is too old, it waits for a moment for a newer one: the loop may not have been
+        scheduled for a while, and what came meanwhile is still to be read.
         """
         if self._gate.reason is None and self._robot.stale(_now()):
             if self._unread is not None:
                 self._end_unstarted(self._unread, REPLACED)
             self._unread = ticket
-            self._read_before(ticket, READING_TURNS)
+            asyncio.get_running_loop().call_later(
+                FRESH_WITHIN, self._wait_no_longer, ticket, READING_TURNS
+            )
         else:
             self._submit(ticket)
 
-    def _read_before(self, ticket: Ticket, turns: int) -> None:
-        """Submit the goal when the pose is fresh, or after so many turns of the loop."""
+    def _wait_no_longer(self, ticket: Ticket, turns: int) -> None:
+        """Submit a goal that still waits for a fresh pose, after so many turns of the loop."""
         if ticket is not self._unread:
             return
-        if turns and self._robot.stale(_now()):
-            asyncio.get_running_loop().call_soon(self._read_before, ticket, turns - 1)
+        if turns:
+            asyncio.get_running_loop().call_soon(self._wait_no_longer, ticket, turns - 1)
             return
         self._unread = None
         self._submit(ticket)
@@ -196,6 +202,9 @@ class Goals:
 
     def on_joints(self, sample: JointSample, now: float) -> None:
         """Take joints that came."""
+        if self._unread is not None and not self._robot.stale(now):
+            fresh, self._unread = self._unread, None
+            self._submit(fresh)
         ticket = self._running
         if ticket is not None and ticket.execution is not None:
             ticket.execution.on_state(self._robot, now)

@@ -4,6 +4,7 @@
 
 import asyncio
 import logging
+import re
 import struct
 import time
 
@@ -93,8 +94,6 @@ def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, s
             assert 'the joint state cannot be true: ' in outcome.text
             assert 'the joint state cannot be true: ' in bench.gate
             assert bench.driver.state_link.statistics.bad_frames['joints'] == 1
-            with pytest.raises(AssertionError):
-                assert bench.gate is None
             began = now()
             await bench.services.enable()
             assert now() - began > 0.5 * DISTRUST
@@ -104,8 +103,6 @@ def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, s
     with caplog.at_level(logging.WARNING):
         run(scenario())
     assert any('joint state dropped: ' in text for text in caplog.messages)
-    import re
-
     assert re.search(said, caplog.text)
 
 

@@ -84,7 +84,7 @@ def test_a_loop_that_stood_still_is_not_the_peers_silence():
 
 
 def test_time_in_which_the_loop_stood_still_is_no_silence():
-    """Nothing comes, and the loop is never there for long: after three patiences it still waits."""
+    """Nothing comes, and the loop is hardly there: after three patiences it still waits."""
 
     async def scenario():
         async with (
