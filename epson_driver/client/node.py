@@ -22,7 +22,6 @@ from industrial_msgs.msg import RobotStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
@@ -58,6 +57,7 @@ from epson_driver.client.ros_log import context_of
 from epson_driver.client.services import ServiceError, Services
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.client.speed_node import SpeedInterface
+from epson_driver.client.stamps import Stamps
 from epson_driver.client.tolerances import tolerances
 from epson_driver.client.tracing import Tracing
 from epson_driver.controllers import load_controller_profile
@@ -105,6 +105,7 @@ class ClientNode:
         self._limits = self.driver.configuration.limits
         self._joint_state = messages.JointStateWriter(self._limits.names)
         self._clock = node.get_clock()
+        self._stamps = Stamps(self._clock, self._loop.time)
         self._diagnostics = Diagnostics(self.driver, node.get_fully_qualified_name().lstrip('/'))
         self._make_publishers()
         self._make_entry_points()
@@ -380,8 +381,7 @@ class ClientNode:
 
     def on_joints(self, sample: JointSample) -> None:
         """Publish `joint_states`, stamped with the time at which they were measured."""
-        age = Duration(seconds=self._loop.time() - sample.measured)
-        stamp = (self._clock.now() - age).to_msg()
+        stamp = self._stamps.of(sample.measured)
         self._joint_states.publish(self._joint_state.write(sample, stamp))
 
     def on_status(self, status: Status) -> None:
