@@ -12,7 +12,7 @@ from epson_driver.client.joint_mapping import JointMapping, unmapped
 from epson_driver.client.joint_velocity import VELOCITY_WINDOW, JointVelocity, Values
 from epson_driver.client.pause import PauseWatch
 from epson_driver.client.plausibility import USUAL, JointBounds, Margins
-from epson_driver.client.sender_clock import SenderClock
+from epson_driver.client.sender_clock import LATE_SLOTS, SenderClock
 from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.motion import Array, JointLimits
 from epson_driver.simple_message import Status, TriState
@@ -25,6 +25,10 @@ POSE_SLOTS = 6
 """A pose that is older, in s or in slots of the controller's clock, whichever is longer, says
 nothing about where the arm is: nothing may begin there. Bursts of 0.2 s, as networks make them,
 are within it; the slots are for controllers that send a few times a second."""
+
+CALM = 10
+"""So many messages after one that came late joints may have been measured when that was due: what
+holds up a controller's program may do so between measuring and sending."""
 
 DISTRUST = 1.0
 """How long nothing may begin after something impossible was reported, s."""
@@ -105,6 +109,8 @@ class RobotState:
         self._velocity = JointVelocity()
         self._before: Values | None = None
         self._measured = 0.0
+        self._heard = self._calm_until = 0.0
+        self._calm = CALM
         self._told: float | None = None
         self._impossible: tuple[float, str] | None = None
 
@@ -123,6 +129,8 @@ class RobotState:
         """
         self._step(now, self._passed(told, now - self._measured + POSE_AGE))
         longest = max(now - self._measured, self._clock.period)
+        if self._calm < CALM:
+            longest = max(longest, now - self._calm_until)
         try:
             positions = self._possible(data, longest)
             rates = None if velocities is None else self._possible_velocities(velocities)
@@ -206,6 +214,13 @@ class RobotState:
 
     def _step(self, now: float, passed: float | None) -> None:
         """Let a message count for the controller's clock."""
+        if self._heard and now - self._heard > (1 + LATE_SLOTS) * self._clock.period:
+            if self._calm >= CALM:
+                self._calm_until = self._heard
+            self._calm = 0
+        else:
+            self._calm += 1
+        self._heard = now
         gap = self._clock.gap
         shift = self._clock.step(now, passed)
         if shift and gap is not None and self._velocity.shift(gap, shift):

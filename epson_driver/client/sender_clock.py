@@ -28,6 +28,11 @@ A_LINE = 3
 ENOUGH = 0.75
 """An envelope of that length, s, says what the period is; a shorter one, what it cannot be."""
 
+ALIKE = 0.05
+DOUBTS = 8
+"""A period that was seen once stays within this part of itself: a controller has one. Another one
+must be seen so many times in a row, which is 2 s: a program that is held up shows many."""
+
 LATE_SLOTS = 3
 """A message that comes later than this, in slots, was held up, or the sender paused."""
 
@@ -70,7 +75,8 @@ class SenderClock:
         self._least: Point = (0.0, 0.0, 0.0)
         self._block_began = 0.0
         self._block_size = 0
-        self._settled = False
+        self._settled = self._proven = False
+        self._doubts = 0
         self._pauses = 0
         self._first_pause = (0.0, 0.0)
 
@@ -131,7 +137,7 @@ class SenderClock:
 
     def _count_pause(self, arrival: float) -> None:
         """Take another period if there is nothing but pauses."""
-        if len(self._envelope) >= A_LINE:
+        if self._proven or len(self._envelope) >= A_LINE:
             self._pauses = 0
         if not self._pauses:
             self._first_pause = self._slots, arrival
@@ -175,9 +181,19 @@ class SenderClock:
                 envelope.clear()
                 envelope.append(newest)
             elif length >= ENOUGH:
-                self.period = slope
-            else:
+                self._believe(slope)
+            elif not self._proven:
                 slack = slope / (envelope[-1][0] - envelope[0][0])
                 self.period = min(max(self.period, slope - slack), slope + slack)
         now = self._slots * self.period - self.time
         self._offset = now + min(point[1] - point[0] * self.period for point in envelope)
+
+    def _believe(self, period: float) -> None:
+        """Take a period that a whole envelope shows."""
+        if self._proven and abs(period - self.period) > ALIKE * self.period:
+            self._doubts += 1
+            if self._doubts < DOUBTS:
+                return
+        self.period = period
+        self._proven = True
+        self._doubts = 0

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.time import Time
 
 SURE = 100_000
-"""Both clocks were read at once if it took less than this, ns; else the process was interrupted."""
+"""Both clocks were read at once if it took less than this, ns; else it was interrupted."""
 
 SET = 1_000_000
 """ROS's clock was set, or stopped, if it is off by more than this, ns; else it only drifts."""

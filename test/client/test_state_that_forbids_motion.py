@@ -74,7 +74,7 @@ def test_feedback_that_comes_with_each_position_is_what_counts():
     ('message', 'said'),
     [
         (position(1e10), r'joint_1 is reported at 1e\+10 rad: with its margin it can be at'),
-        (position(0.0, 0.0, 2.0), 'joint_3 is reported to have jumped by 2 rad in'),
+        (position(0.0, 0.0, 3.75), 'joint_3 is reported to have jumped by 3.75 rad in'),
         (position(0.0, float('nan')), 'joint 2: position nan is not finite'),
         (feedback(0.0, 1e10), r'joint_2 is reported at 1e\+10 rad'),
     ],

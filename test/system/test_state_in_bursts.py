@@ -15,8 +15,11 @@ from ros_peer import trajectory
 PERIOD = 0.005
 """Of the controller's state, s: ten joints, and a STATUS in the eleventh slot."""
 
-WINDOW = 10
-"""Samples, more than the velocity is the mean of."""
+STRETCH = 20
+"""Samples, many more than the velocity is the mean of."""
+
+SPEED = 0.64
+"""Of joint 1 in the middle of the motion, rad/s: 1.6 rad in 2.5 s."""
 
 FASTEST = 1.5 * 7.85
 """rad/s, of joint 1 with its margin."""
@@ -37,7 +40,7 @@ def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_
     cell.pendant('fault', *fault.split())
     judged: list[np.ndarray] = []
     for _ in range(10):
-        if sum(map(len, judged)) >= 100:
+        if sum(map(len, judged)) >= 50:
             break
         cell.peer.enable()  # a machine that is too busy may have stopped the arm
         here = cell.peer.assert_still().tolist()
@@ -52,7 +55,7 @@ def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_
         moved = np.abs(np.diff(positions)) > 1e-4
         assert np.all(velocities[1:][moved] != 0.0)
     errors = np.concatenate(judged)
-    assert len(errors) >= 100
+    assert len(errors) >= 50
     assert np.quantile(errors, 0.95) < 0.02
     stamps = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in came]
     spans = np.diff(stamps)
@@ -63,19 +66,24 @@ def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_
 def _errors(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     """Return how far velocities are from the speed of the motion, relative, where it is constant.
 
-    Between two joints there is one period, or two if a STATUS came between.
+    Between two joints there is one slot, or two if a STATUS came between: more or less, as the
+    simulation's loop runs. Where a window has as much time as it has slots, to 1 %, the velocity
+    must be right; all of it within a longer stretch without a pause.
     """
-    steps = np.diff(positions)
-    speed = np.median(steps[np.abs(steps) > 0.8 * np.abs(steps).max() / 2]) / PERIOD
-    slots = steps / (speed * PERIOD)
-    regular = (np.abs(slots - 1.0) < 0.03) | (np.abs(slots - 2.0) < 0.03)
-    return np.array(
-        [
-            abs(velocities[end] / speed - 1.0)
-            for end in range(WINDOW, len(positions))
-            if regular[end - WINDOW : end].all()
-        ]
-    )
+    way = np.abs(positions - positions[0])
+    steps = np.diff(way) / (SPEED * PERIOD)
+    slots = np.where(steps < 1.6, 1, 2)
+    kept = np.abs(steps - slots) < 0.6
+    errors = []
+    for end in range(STRETCH, len(positions)):
+        stretch = slice(end - STRETCH, end)
+        if not kept[stretch].all() or abs(steps[stretch].sum() / slots[stretch].sum() - 1) > 0.01:
+            continue
+        spans = [8 - (slots[end - 8 : end][::-1].cumsum() <= most).sum() for most in (7, 8)]
+        windows = [slice(end - 8 + span, end) for span in spans]
+        if all(abs(steps[each].sum() / slots[each].sum() - 1) < 0.01 for each in windows):
+            errors.append(abs(abs(velocities[end]) / SPEED - 1.0))
+    return np.array(errors)
 
 
 def test_a_node_that_stood_still_for_seconds_goes_on(make_cell: Any) -> None:
