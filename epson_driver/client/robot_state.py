@@ -128,7 +128,7 @@ class RobotState:
         and what is possible, if they cannot be true; they count for nothing then.
         """
         self._step(now, self._passed(told, now - self._measured + POSE_AGE))
-        longest = max(now - self._measured, self._clock.period)
+        elapsed = longest = max(now - self._measured, self._clock.period)
         if self._calm < CALM:
             longest = max(longest, now - self._calm_until)
         try:
@@ -139,7 +139,7 @@ class RobotState:
             raise
         clock, velocity = self._clock, self._velocity
         if rates is None:
-            rates = velocity.fitted(clock.time, positions, clock.gap, longest)
+            rates = velocity.fitted(clock.time, positions, clock.gap, elapsed)
         else:
             velocity.measured(clock.time, positions, rates)
         self._before, self._measured = positions, clock.measured

@@ -29,9 +29,11 @@ ENOUGH = 0.75
 """An envelope of that length, s, says what the period is; a shorter one, what it cannot be."""
 
 ALIKE = 0.05
+FOLLOWED = 4
 DOUBTS = 8
-"""A period that was seen once stays within this part of itself: a controller has one. Another one
-must be seen so many times in a row, which is 2 s: a program that is held up shows many."""
+"""A controller has one period. One that was seen and is this part of itself off is followed by one
+part in so many at a time; another one must be seen so many times in a row, which is 2 s: a program
+that is held up shows many."""
 
 LATE_SLOTS = 3
 """A message that comes later than this, in slots, was held up, or the sender paused."""
@@ -190,10 +192,15 @@ class SenderClock:
 
     def _believe(self, period: float) -> None:
         """Take a period that a whole envelope shows."""
-        if self._proven and abs(period - self.period) > ALIKE * self.period:
+        change = period - self.period
+        if not self._proven:
+            self.period = period
+        elif abs(change) <= ALIKE * self.period:
+            self.period += change / FOLLOWED
+        else:
             self._doubts += 1
             if self._doubts < DOUBTS:
                 return
-        self.period = period
+            self.period = period
         self._proven = True
         self._doubts = 0

@@ -309,7 +309,7 @@ def test_a_controller_that_is_held_up_between_measuring_and_sending_does_not_jum
         arrival = now + 0.005 if count == 1 else now + 0.21 + count * 0.001
         state.on_joints(joint_data([speed * (measured - now)]), arrival)
     assert state.sample.positions[0] == pytest.approx(speed * 0.215)
-    for count in range(20):
+    for _ in range(20):
         arrival += 0.005
         state.on_joints(joint_data([speed * 0.215]), arrival)
     with pytest.raises(ValueError, match='joint_1 is reported to have jumped'):
