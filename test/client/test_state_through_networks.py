@@ -304,16 +304,15 @@ def test_a_controller_that_is_held_up_between_measuring_and_sending_does_not_jum
     """What it measured before comes late, and right after it where the arm is by then."""
     state, now = model_state()
     speed = LIMITS.velocity[0]
-    for count in range(1, 4):  # the second one is held up for 0.2 s, and so is the third
-        measured = now + count * 0.005 + (0.2 if count == 3 else 0.0)
-        arrival = now + 0.005 if count == 1 else now + 0.21 + count * 0.001
-        state.on_joints(joint_data([speed * (measured - now)]), arrival)
-    assert state.sample.positions[0] == pytest.approx(speed * 0.215)
+    for measured, arrival in ((0.0, 0.0), (0.005, 0.2), (0.235, 0.24)):
+        state.on_joints(joint_data([speed * measured]), now + arrival)
+    assert state.sample.positions[0] == pytest.approx(speed * 0.235)
+    arrival = now + 0.24
     for _ in range(20):
         arrival += 0.005
-        state.on_joints(joint_data([speed * 0.215]), arrival)
+        state.on_joints(joint_data([speed * 0.235]), arrival)
     with pytest.raises(ValueError, match='joint_1 is reported to have jumped'):
-        state.on_joints(joint_data([speed * 0.215 - 0.2]), arrival + 0.005)
+        state.on_joints(joint_data([speed * 0.235 - 0.2]), arrival + 0.005)
 
 
 def test_joints_that_are_somewhere_else_are_believed_when_they_can_be_there():
