@@ -47,15 +47,15 @@ class JointVelocity:
         self._add(time, positions)
         if len(history) < 2:
             return None
-        first = history[0]
+        whole = _slope(history[0], history[-1])
         if gap is None:
-            self._velocities = _slope(first, history[-1])
-        elif (since := self._first_since(gap)) is not history[-1]:  # a pause does not matter
-            self._velocities = _slope(since, history[-1])
+            self._velocities = whole
+        elif (since := self._first_since(gap)) is not history[-1]:
+            self._velocities = self._likelier(_slope(since, history[-1]), whole)
         else:
             before = history[-2][1]
             least = [(new - old) / elapsed for new, old in zip(positions, before, strict=True)]
-            self._velocities = self._likelier(least, _slope(first, history[-1]))
+            self._velocities = self._likelier(least, whole)
         return self._velocities
 
     def in_window(self) -> list[Values]:
