@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from epson_driver.client.delivery import DeliveryRules
 from epson_driver.client.joint_mapping import JointMapping
 from epson_driver.client.motors import MotorsKind
+from epson_driver.client.plausibility import USUAL, Margins
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.motion import JointLimits
@@ -23,7 +24,8 @@ class Configuration:
     `errors` says what its error numbers mean; None: they are EPSON's. `delivery` says how
     trajectories reach it, `mapping` how it counts joints; None: as ROS does. Where the
     byte order is not given, `usual_byte_order` holds until its messages show it. `motors`: how
-    they are switched, and errors reset.
+    they are switched, and errors reset. `state_period`: s between two messages of its state, to
+    begin with. `margins`: how far beyond `limits` its joints may be.
     """
 
     host: str
@@ -41,3 +43,5 @@ class Configuration:
     io_port: int = 0
     io_timeout: float = 1.0
     motors: MotorsKind = 'remote_ethernet'
+    state_period: float = 0.005
+    margins: Margins = USUAL

@@ -98,7 +98,7 @@ class Diagnostics:
         robot = driver.robot
         if robot.sample is None:
             return DiagnosticStatus.STALE, 'no joint state'
-        age = now - robot.sample.time
+        age = now - robot.sample.measured
         if age >= driver.configuration.state_timeout:
             return DiagnosticStatus.STALE, f'no joint state for {age:.1f} s'
         if robot.status is None:
@@ -122,7 +122,8 @@ class Diagnostics:
             yield 'arm gate reason', driver.gate.reason
         yield 'goal running', driver.goals.busy
         if robot.sample is not None:
-            yield 'age of joint state [ms]', f'{(now - robot.sample.time) * 1e3:.1f}'
+            yield 'age of joint state [ms]', f'{(now - robot.sample.measured) * 1e3:.1f}'
+            yield 'velocities beyond what a joint can do', robot.bounded
             yield from self._intervals(now)
         if robot.status is not None:
             yield 'age of status [ms]', f'{(now - robot.status_time) * 1e3:.1f}'

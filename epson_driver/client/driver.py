@@ -7,6 +7,7 @@ told what happened through `Events`.
 """
 
 import asyncio
+import contextlib
 import logging
 from typing import Protocol
 
@@ -20,9 +21,10 @@ from epson_driver.client.goals import Goals
 from epson_driver.client.io_driver import IoDriver
 from epson_driver.client.joint_mapping import unmapped
 from epson_driver.client.parts import run_together
-from epson_driver.client.robot_state import JointSample, RobotState
+from epson_driver.client.robot_state import JointSample, RobotState, StateRules
 from epson_driver.client.smoothing_process import SmoothingProcess
 from epson_driver.link import Link, LinkState, Trace
+from epson_driver.link.silence import Silence, passed
 from epson_driver.link.trace import END_TIMEOUT
 from epson_driver.log_lines import LogPace
 from epson_driver.simple_message import (
@@ -41,6 +43,10 @@ SHUT_DOWN_TIMEOUT = 0.5
 
 STATUS_TIMEOUT = 1.0
 """A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
+
+MIXED = 2
+"""At most this many JOINT_POSITIONs come between two JOINT_FEEDBACKs of a controller that sends
+both at once; they say the same then. With more, they are what tells where the arm is."""
 
 WORST_FIRST = (
     LinkState.DISCONNECTED,
@@ -74,7 +80,8 @@ class Driver:
         self.gate = ArmGate()
         joints = len(configuration.limits.names)
         mapping = configuration.mapping or unmapped(joints)
-        self.robot = RobotState(joints, configuration.errors, mapping)
+        rules = StateRules(configuration.state_period, configuration.limits, configuration.margins)
+        self.robot = RobotState(joints, configuration.errors, mapping, rules)
         self._events = events
         order = configuration.byte_order
         self.state_link = Link(
@@ -119,7 +126,10 @@ class Driver:
             self._on_broken_off,
             _smoother(configuration),
         )
-        self._has_feedback = False
+        self._feedback_leads = False
+        self._positions_since_feedback = 0
+        self._joints_missing = Silence(max(STATUS_TIMEOUT, configuration.state_timeout))
+        self._status_missing = Silence(STATUS_TIMEOUT)
         self._dropped_pace = LogPace()
         self._link_state = LinkState.DISCONNECTED
         self._missed: set[str] = set()
@@ -137,6 +147,7 @@ class Driver:
                     'the motion link': self.motion_link.run,
                     'the I/O': self.io.run,
                     'watching the status': self._watch_status,
+                    'watching the joints': self._watch_joints,
                 },
                 self.shut_down,
             )
@@ -158,6 +169,17 @@ class Driver:
         self._disable(why)
         self.goals.fault(why)
 
+    async def why_not_ready(self, patience: float) -> str | None:
+        """Return why nobody knows where the arm is now; None as soon as it is known.
+
+        `patience`: how long to wait for that, s.
+        """
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience):
+                while self.robot.why_not_ready(self._now()) is not None:
+                    await self.changes.next()
+        return self.robot.why_not_ready(self._now())
+
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
         self._disable(outcome.text)
         if unanswered:  # what comes late now must not be taken for the answer to something newer
@@ -177,29 +199,47 @@ class Driver:
         if isinstance(message, Status):
             self._take_status(message, now)
         elif isinstance(message, JointPosition):
-            if not self._has_feedback:  # a controller that sends both says the same twice
-                self._take_joints(message.joints, None, now)
+            self._positions_since_feedback += 1
+            self._feedback_leads &= self._positions_since_feedback <= MIXED
+            if not self._feedback_leads:
+                self._take_joints(message.joints, now)
         elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
-            measured = message.valid_fields & ValidFields.VELOCITY
-            self._has_feedback = True
-            self._take_joints(message.positions, message.velocities if measured else None, now)
+            self._feedback_leads = self._positions_since_feedback <= MIXED
+            self._positions_since_feedback = 0
+            given = message.valid_fields
+            self._take_joints(
+                message.positions,
+                now,
+                message.velocities if given & ValidFields.VELOCITY else None,
+                message.time if given & ValidFields.TIME else None,
+            )
 
     def _take_joints(
-        self, positions: tuple[float, ...], velocities: tuple[float, ...] | None, now: float
+        self,
+        positions: tuple[float, ...],
+        now: float,
+        velocities: tuple[float, ...] | None = None,
+        told: float | None = None,
     ) -> None:
+        """Take joints; of what cannot be true nothing is known but that, and it disables."""
         try:
-            sample = self.robot.on_joints(positions, now, velocities)
+            sample = self.robot.on_joints(positions, now, velocities, told)
         except ValueError as error:
             self.state_link.statistics.bad_frames['joints'] += 1
             line = self._dropped_pace.line(str(error), now)
             if line is not None:
                 _log.warning('joint state dropped: %s', line)
+            self.fault(f'the joint state cannot be true: {error}')
+            return
+        self._joints_missing.heard()
+        if sample is None:
             return
         self._events.on_joints(sample)
         self.goals.on_joints(sample, now)
 
     def _take_status(self, status: Status, now: float) -> None:
         self.robot.on_status(status, now)
+        self._status_missing.heard()
         if (why := what_forbids_motion(status, self.robot.errors)) is not None:
             self.fault(why)
         else:
@@ -215,7 +255,8 @@ class Driver:
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
-            self._has_feedback = False
+            self._feedback_leads = False
+            self._positions_since_feedback = 0
         self._on_link(self.state_link, why)
 
     def _on_motion_link(self, _state: LinkState, why: str) -> None:
@@ -245,21 +286,23 @@ class Driver:
             _log.debug('%s link %s: %s', link.name, link.state.value, why)
 
     async def _watch_status(self) -> None:
-        """Once a second, drop what is too old, and say so while there is no status."""
+        """Drop what is too old, and say so once a second while there is no status."""
         while True:
-            await asyncio.sleep(STATUS_TIMEOUT)
-            now = self._now()
-            sample = self.robot.sample
-            patience = max(STATUS_TIMEOUT, self.configuration.state_timeout)
-            if sample is not None and now - sample.time >= patience:
+            await passed(self._status_missing.slice)
+            if self._status_missing.passed():
+                self._status_missing.restart()
+                if self.robot.status is not None:
+                    self.robot.status = None
+                    self.fault(f'no STATUS for {STATUS_TIMEOUT:g} s')
+                self._events.on_status(Status())
+
+    async def _watch_joints(self) -> None:
+        """Drop joints that are too old: the link may be up and the STATUS go on without them."""
+        while True:
+            await passed(self._joints_missing.slice)
+            if self._joints_missing.passed() and self.robot.sample is not None:
                 self.robot.sample = None
-                self.fault(f'no joint state for {patience:g} s')
-            if self.robot.status is not None and now - self.robot.status_time < STATUS_TIMEOUT:
-                continue
-            if self.robot.status is not None:
-                self.robot.status = None
-                self.fault(f'no STATUS for {STATUS_TIMEOUT:g} s')
-            self._events.on_status(Status())
+                self.fault(f'no joint state for {self._joints_missing.patience:g} s')
 
     @staticmethod
     def _now() -> float:

@@ -197,7 +197,7 @@ class Execution:
         if self.state is State.REFUSED:
             self._look_for_cause(robot, now)
             return
-        if self._standstill.reached(sample.time):
+        if self._standstill.reached(sample.measured):
             if self.state is State.SETTLING:
                 self._judge(distance, now)
             elif self.state in (State.CANCELING, State.STOPPING):

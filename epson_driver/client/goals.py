@@ -11,8 +11,6 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from epson_driver.client.arm_gate import ArmGate
 from epson_driver.client.changes import Changes
 from epson_driver.client.delivery import Delivery
@@ -24,6 +22,16 @@ from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.client.speed_scaling import SpeedScaling
 from epson_driver.motion import JointLimits, Trajectory
+
+REPLACED = 'replaced by a newer goal before it could start'
+
+FRESH_WITHIN = 0.2
+"""How long a goal waits for joints if those that are there are too old, s: when the machine was
+busy, they are about to come, or wait in the socket."""
+
+READING_TURNS = 100
+"""Turns of the event loop that are then given to reading: 5000 state messages, which take 25 s to
+come. If there is nothing to read, they take about a millisecond."""
 
 _log = logging.getLogger(__name__)
 
@@ -71,6 +79,7 @@ class Goals:
         self._smoother = smoother
         self._running: Ticket | None = None
         self._next: Ticket | None = None
+        self._unread: Ticket | None = None
         self._preparations: set[asyncio.Task[None]] = set()
 
     @property
@@ -106,7 +115,32 @@ class Goals:
             await self._smoother.close()
 
     def submit(self, ticket: Ticket) -> None:
-        """Execute a checked goal; a running one is stopped first and ends as aborted."""
+        """Execute a checked goal; a running one is stopped first and ends as aborted.
+
+        If the pose is too old, it waits for a moment for a newer one: the loop may not have been
+        scheduled for a while, and what came meanwhile is still to be read.
+        """
+        if self._gate.reason is None and self._robot.stale(_now()):
+            if self._unread is not None:
+                self._end_unstarted(self._unread, REPLACED)
+            self._unread = ticket
+            asyncio.get_running_loop().call_later(
+                FRESH_WITHIN, self._wait_no_longer, ticket, READING_TURNS
+            )
+        else:
+            self._submit(ticket)
+
+    def _wait_no_longer(self, ticket: Ticket, turns: int) -> None:
+        """Submit a goal that still waits for a fresh pose, after so many turns of the loop."""
+        if ticket is not self._unread:
+            return
+        if turns:
+            asyncio.get_running_loop().call_soon(self._wait_no_longer, ticket, turns - 1)
+            return
+        self._unread = None
+        self._submit(ticket)
+
+    def _submit(self, ticket: Ticket) -> None:
         try:
             self._check_ready()
         except GoalRefusedError as refusal:
@@ -116,24 +150,31 @@ class Goals:
             self._start(ticket)
             return
         if self._next is not None:
-            self.end_waiting('replaced by a newer goal before it could start')
+            self._end_unstarted(self._next, REPLACED)
         self._next = ticket
         if self.execution is not None:
             self.execution.stop('replaced by a new goal', _now())
 
     def cancel(self, ticket: Ticket) -> None:
         """Stop the goal's motion; it ends as canceled when the arm stands."""
-        if ticket is self._next:
-            self.end_waiting('canceled before it could start', End.CANCELED)
+        if ticket in (self._next, self._unread):
+            self._end_unstarted(ticket, 'canceled before it could start', End.CANCELED)
         elif ticket is self._running and ticket.execution is not None:
             ticket.execution.cancel(_now())
 
-    def end_waiting(self, why: str, end: End = End.ABORTED) -> None:
-        """End the goal that waits for the running one to stop."""
-        ticket, self._next = self._next, None
-        if ticket is not None:
-            code = ErrorCode.SUCCESSFUL if end is End.CANCELED else ErrorCode.INVALID_GOAL
-            ticket.on_end(Outcome(end, code, why))
+    def end_waiting(self, why: str) -> None:
+        """End what waits to be started."""
+        for ticket in (self._unread, self._next):
+            if ticket is not None:
+                self._end_unstarted(ticket, why)
+
+    def _end_unstarted(self, ticket: Ticket, why: str, end: End = End.ABORTED) -> None:
+        if ticket is self._next:
+            self._next = None
+        else:
+            self._unread = None
+        code = ErrorCode.SUCCESSFUL if end is End.CANCELED else ErrorCode.INVALID_GOAL
+        ticket.on_end(Outcome(end, code, why))
 
     def fault(self, why: str) -> None:
         """End at once what runs or waits: something forbids motion."""
@@ -162,6 +203,9 @@ class Goals:
 
     def on_joints(self, sample: JointSample, now: float) -> None:
         """Take joints that came."""
+        if self._unread is not None and not self._robot.stale(now):
+            fresh, self._unread = self._unread, None
+            self._submit(fresh)
         ticket = self._running
         if ticket is not None and ticket.execution is not None:
             ticket.execution.on_state(self._robot, now)
@@ -187,14 +231,16 @@ class Goals:
                 ErrorCode.INVALID_GOAL,
                 f'the arm is not enabled ({self._gate.reason}): call ~/enable',
             )
-        if self._robot.sample is None:
-            raise GoalRefusedError(ErrorCode.INVALID_GOAL, 'no joint state from the controller')
+        if (why := self._robot.why_not_ready(_now())) is not None:
+            raise GoalRefusedError(ErrorCode.INVALID_GOAL, why)
         if self._robot.paused and not self._delivery.resumes:
             raise GoalRefusedError(
                 ErrorCode.INVALID_GOAL,
                 'the controller is paused (it says that motion is not possible): continue there',
             )
-        return self._robot.sample
+        sample = self._robot.sample
+        assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
+        return sample
 
     def _standing_sample(self) -> JointSample:
         """Return where the arm stands. Raises GoalRefusedError if it may not move or moves now.
@@ -202,13 +248,10 @@ class Goals:
         Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
         """
         sample = self._check_ready()
-        fastest = int(np.argmax(np.abs(sample.velocities)))
-        if abs(sample.velocities[fastest]) >= self._settings.stopped_velocity:
+        why = self._robot.why_not_standing(self._settings.stopped_velocity)
+        if why is not None:
             raise GoalRefusedError(
-                ErrorCode.INVALID_GOAL,
-                f'the arm moves ({self._limits.names[fastest]} at '
-                f'{sample.velocities[fastest]:.3g} {self._limits.units[fastest]}/s): '
-                'wait until it stands',
+                ErrorCode.INVALID_GOAL, f'the arm moves ({why}): wait until it stands'
             )
         return sample
 

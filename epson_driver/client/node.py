@@ -50,6 +50,7 @@ from epson_driver.client.io_node import IoInterface
 from epson_driver.client.joint_mapping import joint_mapping
 from epson_driver.client.pace import Pace
 from epson_driver.client.parts import report_failure, run_together
+from epson_driver.client.plausibility import Margins
 from epson_driver.client.point_streams import PointStreams
 from epson_driver.client.robot_state import JointSample
 from epson_driver.client.ros_log import context_of
@@ -57,6 +58,7 @@ from epson_driver.client.services import ServiceError, Services
 from epson_driver.client.serving import REQUESTS, EndedError, Serving
 from epson_driver.client.smoothing import Smoothing
 from epson_driver.client.speed_node import SpeedInterface
+from epson_driver.client.stamps import Stamps
 from epson_driver.client.tolerances import tolerances
 from epson_driver.client.tracing import Tracing
 from epson_driver.controllers import load_controller_profile
@@ -105,6 +107,7 @@ class ClientNode:
         self._limits = self.driver.configuration.limits
         self._joint_state = messages.JointStateWriter(self._limits.names)
         self._clock = node.get_clock()
+        self._stamps = Stamps(self._clock, self._loop.time)
         self._diagnostics = Diagnostics(self.driver, node.get_fully_qualified_name().lstrip('/'))
         self._make_publishers()
         self._make_entry_points()
@@ -166,6 +169,8 @@ class ClientNode:
             ),
             usual_byte_order=self._profile.byte_order,
             motors=self._profile.program.motors,
+            state_period=self._profile.state.period,
+            margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
             smoothing=Smoothing(
                 values['resample_period'] if values['smoothing'] == 'resample' else None,
                 values['timing'] == 'time_optimal',
@@ -391,8 +396,8 @@ class ClientNode:
     # --- from the driver: these run in the loop's thread ------------------------------------
 
     def on_joints(self, sample: JointSample) -> None:
-        """Publish `joint_states`, stamped with the time of arrival."""
-        stamp = self._clock.now().to_msg()
+        """Publish `joint_states`, stamped with the time at which they were measured."""
+        stamp = self._stamps.of(sample.measured)
         self._joint_states.publish(self._joint_state.write(sample, stamp))
 
     def on_status(self, status: Status) -> None:

@@ -159,6 +159,22 @@ TABLE = (
         60.0,
     ),
     Row(
+        'state_position_margin',
+        0.1,
+        'How far beyond its range a joint may be reported; farther is not believed, is not '
+        'published and disables the arm [rad, m].',
+        0.0,
+        10.0,
+    ),
+    Row(
+        'state_velocity_margin',
+        1.5,
+        'How many times as fast as its limit a joint may be reported to move; faster is not '
+        'believed, is not published and disables the arm [1].',
+        1.0,
+        100.0,
+    ),
+    Row(
         'io_timeout',
         1.0,
         'Patience for the reply to an I/O request, and silence of the I/O port after which the '

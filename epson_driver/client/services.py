@@ -91,8 +91,13 @@ class Services:
             status = await self._wait_for_status(
                 lambda status: status.drives_powered == TriState.TRUE, 'the motors stay off'
             )
+        if (why := await self._driver.why_not_ready(ANSWER_TIMEOUT)) is not None:
+            raise ServiceError(f'nobody knows where the arm is: {why}')
         self._check_links()
-        if (why := what_forbids_motion(status, errors)) is not None:
+        newest = self._driver.robot.status
+        if newest is None:
+            raise ServiceError('the controller sends no STATUS')
+        if (why := what_forbids_motion(newest, errors)) is not None:
             raise ServiceError(why)
         if self._driver.gate.reason is not None:
             self._driver.robot.enabled()

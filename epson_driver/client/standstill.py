@@ -18,6 +18,9 @@ MOVED = 1e-4
 class Standstill:
     """Sees whether the arm moves. Times are monotonic, s.
 
+    What counts is when joints and status were measured, not when they came: a network may hold
+    them up, and what stood before the motion began is no standstill after it.
+
     `alive` is when the arm was last seen to move; whoever hears from the controller sets it, too.
     """
 
@@ -45,11 +48,11 @@ class Standstill:
             self._since = None
         elif (
             self._since is None
-            and sample.time > self._after
-            and (robot.in_motion == TriState.UNKNOWN or robot.status_time > self._after)
+            and sample.measured > self._after
+            and (robot.in_motion == TriState.UNKNOWN or robot.status_measured > self._after)
         ):
-            self._since = sample.time
+            self._since = sample.measured
 
     def reached(self, now: float) -> bool:
-        """Return whether the arm has stood for REST_TIME."""
+        """Return whether the arm has stood for REST_TIME. `now`: when the sample was measured."""
         return self._since is not None and now - self._since >= REST_TIME

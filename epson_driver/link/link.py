@@ -7,11 +7,12 @@ import contextlib
 import logging
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 
 from epson_driver.inputs import HOST
 from epson_driver.link.pcap import Address
 from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
+from epson_driver.link.silence import Silence, passed
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
 from epson_driver.link.wire_events import Tap, WireEvent
@@ -64,12 +65,12 @@ class Link:
     in the event loop: `on_packet` with every topic and every reply that nobody waits for,
     `on_state` after each change with the new state and a sentence that says why.
 
-    `receive_timeout` in s closes a connection that has been silent for longer; None waits for
-    ever (then only the keepalive notices a peer that vanished). `byte_order` None detects the
-    peer's from its first bytes, anew for each connection. The attribute `dialect` is how requests
-    are written; it follows what is received, and may be set. `trace` is called with each step of
-    a connection; it may be set or taken away at any time. `quiet` logs bad frames for debugging
-    only: for a port where something else may listen.
+    `receive_timeout` in s closes a connection that has been silent for longer (see Silence); None
+    waits for ever (then only the keepalive notices a peer that vanished). `byte_order` None
+    detects the peer's from its first bytes, anew for each connection. The attribute `dialect` is
+    how requests are written; it follows what is received, and may be set. `trace` is called with
+    each step of a connection; it may be set or taken away at any time. `quiet` logs bad frames
+    for debugging only: for a port where something else may listen.
     """
 
     def __init__(
@@ -220,10 +221,10 @@ class Link:
         """Receive until the connection ends; return why it did."""
         framer = self._framer
         try:
-            async with asyncio.timeout(self._receive_timeout) as silence:
+            async with self._patience() as heard:
                 while data := await reader.read(READ_SIZE):
                     self._received(data)
-                    self._be_patient(silence)
+                    heard()
                     framer.receive_data(data)
                     handled = 0
                     while (frame := framer.next_frame()) is not None:
@@ -231,7 +232,7 @@ class Link:
                         handled += 1
                         if handled % FRAMES_A_TURN == 0:
                             await asyncio.sleep(0)
-                            self._be_patient(silence)
+                            heard()
         except FrameError as error:
             self._bad_frame(error)
             return str(error)
@@ -246,9 +247,19 @@ class Link:
         self._tell(WireEvent.ENDED)
         return 'closed by the controller'
 
-    def _be_patient(self, silence: asyncio.Timeout) -> None:
-        if self._receive_timeout is not None:
-            silence.reschedule(asyncio.get_running_loop().time() + self._receive_timeout)
+    @contextlib.asynccontextmanager
+    async def _patience(self) -> AsyncIterator[Callable[[], None]]:
+        """Raise TimeoutError after `receive_timeout` s in which what it yields was not called."""
+        if self._receive_timeout is None:
+            yield lambda: None
+            return
+        silence = Silence(self._receive_timeout)
+        async with asyncio.timeout(None) as limit:
+            watch = asyncio.create_task(_watch(silence, limit))
+            try:
+                yield silence.heard
+            finally:
+                watch.cancel()
 
     def _received(self, data: bytes) -> None:
         self._last_received = asyncio.get_running_loop().time()
@@ -315,6 +326,14 @@ class Link:
     def _step(self, event: LinkEvent, why: str) -> None:
         self.state = TRANSITIONS[self.state, event]
         self._on_state(self.state, why)
+
+
+async def _watch(silence: Silence, limit: asyncio.Timeout) -> None:
+    while True:
+        await passed(silence.slice)
+        if silence.passed():
+            limit.reschedule(asyncio.get_running_loop().time())
+            return
 
 
 def _reason(error: OSError | ValueError) -> str:

@@ -43,6 +43,7 @@ def test_inv8_joint_states_carry_what_was_measured_bit_for_bit(values):
 def test_a_joint_state_is_filled_anew_for_each_sample():
     writer = messages.JointStateWriter(('a', 'b'))
     state = RobotState(2)
+    state.on_joints((0.0,) * 10, 0.995)
     first = writer.write(state.on_joints((1.0, 2.0) + (0.0,) * 8, 1.0), STAMP)
     assert list(first.position) == [1.0, 2.0]
     second = writer.write(state.on_joints((3.0, 4.0) + (0.0,) * 8, 2.0), Time(sec=13))
@@ -105,7 +106,7 @@ def test_feedback_is_where_it_should_go_where_it_is_and_the_difference():
     bench.answer()
     bench.see(0.15)
     execution = bench.execution
-    sample = JointSample(bench.now, np.array([0.4, -0.1]), np.array([1.5, -2.5]))
+    sample = JointSample(bench.now, np.array([0.4, -0.1]), np.array([1.5, -2.5]), bench.now)
     feedback = messages.feedback(execution, sample, STAMP)
     state = messages.controller_state(execution, sample, STAMP)
     elapsed = bench.now - execution.started
@@ -130,7 +131,7 @@ def test_feedback_is_where_it_should_go_where_it_is_and_the_difference():
 
 def test_feedback_before_a_goal_is_prepared_wants_the_arm_where_it_is():
     bench = Bench(start=False)
-    sample = JointSample(bench.now, np.array([0.4, -0.1]), np.array([0.0, 0.0]))
+    sample = JointSample(bench.now, np.array([0.4, -0.1]), np.array([0.0, 0.0]), bench.now)
     feedback = messages.feedback(bench.execution, sample, STAMP)
     assert list(feedback.desired.positions) == [0.4, -0.1]
     assert list(feedback.error.positions) == [0.0, 0.0]

@@ -38,6 +38,7 @@ def values(status):
 def connect(bench):
     for link in (bench.driver.state_link, bench.driver.motion_link):
         link.state = LinkState.CONNECTED
+    bench.driver.robot.on_joints((0.0,) * 10, 99.995)
     bench.driver.robot.on_joints((0.0,) * 10, 100.0)
     bench.driver.robot.on_status(Status(1, 0, 0, 0, 0, 2, 1), 100.0)
 
@@ -86,6 +87,7 @@ def test_the_arm_that_is_enabled_is_fine(bench, diagnostics):
         'goal running': 'False',
         'age of joint state [ms]': '250.0',
         'age of status [ms]': '250.0',
+        'velocities beyond what a joint can do': '0',
         'error code': '0',
     }
 
@@ -269,4 +271,5 @@ def test_a_connection_has_its_time_until_it_is_lost():
 
 
 def test_the_arm_knows_its_joints(bench):
-    assert bench.driver.robot.on_joints((0.0,) * 10, 1.0).positions.shape == (JOINTS,)
+    zeros = (0.0,) * 10
+    assert bench.driver.robot.on_joints(zeros, 1.0, zeros).positions.shape == (JOINTS,)

@@ -161,8 +161,9 @@ def test_joints_from_before_the_last_reply_do_not_count():
         assert not bench.outcomes
     bench.joints()
     assert not bench.outcomes  # the first ones after the reply: perhaps it is about to move
-    bench.now += 0.1
-    bench.joints()
+    for _ in range(2):  # what comes later than it should may have been held up on its way
+        bench.now += 0.1
+        bench.joints()
     assert bench.outcome.end is End.SUCCEEDED
 
 
@@ -174,7 +175,7 @@ def test_one_look_at_the_arm_is_no_standstill():
         bench.now += 0.03
         bench.status()
         assert not bench.outcomes
-    bench.joints()
+    bench.see(0.1)
     assert bench.outcome.end is End.SUCCEEDED
 
 

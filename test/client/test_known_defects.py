@@ -19,6 +19,7 @@ from epson_driver.cli.__main__ import EXECUTABLES
 from epson_driver.client.parameters import TABLE as PARAMETERS
 from epson_driver.client.parameters import declare
 from epson_driver.client.points import FIRST_VELOCITY, trajectory_points
+from epson_driver.client.services import ServiceError
 from epson_driver.controllers import load_controller_profile
 from epson_driver.motion import Trajectory
 from epson_driver.simple_message import ByteOrder, JointTrajPt
@@ -173,7 +174,9 @@ def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
         async with controller, Bench(controller.ports) as bench:
             await until(lambda: bench.driver.robot.status is not None)
             await until(lambda: bench.driver.motion_link.connected)
-            await bench.services.enable()
+            with pytest.raises(ServiceError, match='no joint state from the controller'):
+                await bench.services.enable()
+            bench.driver.gate.open()
             goal = bench.submit(pose(0.1), start=HOME)
             assert 'no joint state' in (await goal.end()).text
             assert controller.received == []

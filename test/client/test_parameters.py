@@ -114,7 +114,7 @@ def test_every_parameter_has_a_description_a_type_and_bounds(node):
         if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
             assert descriptor.floating_point_range or descriptor.integer_range, name
         if isinstance(value, float):
-            assert re.search(r'\[(rad|m|s|Hz|MB)\b', descriptor.description), name
+            assert re.search(r'\[(rad|m|s|Hz|MB|1)\b', descriptor.description), name
 
 
 @pytest.mark.parametrize('row', WITH_RANGE, ids=lambda row: row.name)

@@ -1,0 +1,89 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How fast joints move, from where they were and when, by the sender's clock."""
+
+from collections import deque
+from collections.abc import Sequence
+
+VELOCITY_WINDOW = 0.04
+"""Time over which a velocity is the mean, s: it is how fast the joint was half of it ago.
+A single period would show how regularly the sender's program runs rather than the arm."""
+
+Values = Sequence[float]
+
+
+class JointVelocity:
+    """Differences over a window: a few steps a message, however many are in it.
+
+    Positions in rad or m, times in s, velocities in rad/s or m/s.
+    """
+
+    def __init__(self) -> None:
+        self._history: deque[tuple[float, Values]] = deque()
+        self._velocities: Values | None = None
+
+    def measured(self, time: float, positions: Values, velocities: Values) -> None:
+        """Take joints whose velocities the controller measured."""
+        self._add(time, positions)
+        self._velocities = velocities
+
+    def shift(self, since: float, shift: float) -> bool:
+        """What came since that time was sent later. Returns False if nothing did."""
+        moved = []
+        while self._history and self._history[-1][0] >= since:
+            time, positions = self._history.pop()
+            moved.append((time + shift, positions))
+        self._history.extend(reversed(moved))
+        return bool(moved)
+
+    def fitted(
+        self, time: float, positions: Values, gap: float | None, elapsed: float
+    ) -> Values | None:
+        """Take joints of the sender's `time` and return how fast they move; None if none came yet.
+
+        `gap`: see SenderClock. `elapsed`: the longest time since the joints before.
+        """
+        history = self._history
+        self._add(time, positions)
+        if len(history) < 2:
+            return None
+        whole = _slope(history[0], history[-1])
+        if gap is None:
+            self._velocities = whole
+        elif (since := self._first_since(gap)) is not history[-1]:
+            self._velocities = self._likelier(_slope(since, history[-1]), whole)
+        else:
+            before = history[-2][1]
+            least = [(new - old) / elapsed for new, old in zip(positions, before, strict=True)]
+            self._velocities = self._likelier(least, whole)
+        return self._velocities
+
+    def in_window(self) -> list[Values]:
+        """Return the positions in the window, the newest last."""
+        return [positions for _, positions in self._history]
+
+    def _add(self, time: float, positions: Values) -> None:
+        history = self._history
+        history.append((time, positions))
+        oldest = time - VELOCITY_WINDOW
+        while len(history) > 2 and history[0][0] < oldest:
+            history.popleft()
+
+    def _first_since(self, gap: float) -> tuple[float, Values]:
+        return next(entry for entry in self._history if entry[0] >= gap)
+
+    def _likelier(self, after_a_pause: Values, held_up: Values) -> Values:
+        """Return of two the one that is nearer to the velocities before."""
+        known = self._velocities
+        if known is None:
+            return after_a_pause
+        differences = (
+            sum(abs(new - old) for new, old in zip(each, known, strict=True))
+            for each in (after_a_pause, held_up)
+        )
+        return after_a_pause if next(differences) <= next(differences) else held_up
+
+
+def _slope(first: tuple[float, Values], last: tuple[float, Values]) -> Values:
+    span = last[0] - first[0]
+    return [(new - old) / span for new, old in zip(last[1], first[1], strict=True)]

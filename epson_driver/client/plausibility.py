@@ -1,0 +1,88 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What joints cannot be: outside their range, or where they cannot have got to in the time.
+
+Such values come from a wrong robot model, wrong units, a lost encoder or a damaged message. Where
+the arm is, nobody knows then: it must not be moved.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from epson_driver.motion import JointLimits
+
+JUMP = 0.05
+"""A change that is never called a jump, rad or m: what a few ms of wrong time make of a speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """How far beyond its limits a joint may be reported.
+
+    position: rad or m beyond the range: joints can be moved past the limits of the software, up
+    to their stops. velocity: a factor of the limit, which is that of commanded motion.
+    """
+
+    position: float = 0.1
+    velocity: float = 1.5
+
+
+USUAL = Margins()
+
+
+class JointBounds:
+    """What n joints can be. Without `limits`, anything."""
+
+    def __init__(self, joints: int, limits: JointLimits | None, margins: Margins) -> None:
+        if limits is None:
+            self.names = tuple(f'joint {joint}' for joint in range(1, joints + 1))
+            self.units = ('rad',) * joints
+            self._low, self._high = [float('-inf')] * joints, [float('inf')] * joints
+            self.fastest: list[float] = [float('inf')] * joints
+            return
+        self.names, self.units = limits.names, limits.units
+        self._low = (limits.position_min - margins.position).tolist()
+        self._high = (limits.position_max + margins.position).tolist()
+        self.fastest = (limits.velocity * margins.velocity).tolist()
+
+    def bounded(self, velocities: Sequence[float]) -> list[float]:
+        """Return velocities, rad/s or m/s, none faster than the joint can be."""
+        pairs = zip(velocities, self.fastest, strict=True)
+        return [min(max(value, -fastest), fastest) for value, fastest in pairs]
+
+    def why_not_there(self, positions: Sequence[float]) -> str | None:
+        """Return why the joints cannot be there (rad or m); None if they can."""
+        for joint, value in enumerate(positions):
+            if not self._low[joint] <= value <= self._high[joint]:
+                low, high = self._low[joint], self._high[joint]
+                return (
+                    f'{self.names[joint]} is reported at {value:.6g} {self.units[joint]}: with '
+                    f'its margin it can be at {low:.6g} … {high:.6g}'
+                )
+        return None
+
+    def why_not_from(
+        self, before: Sequence[float], positions: Sequence[float], elapsed: float
+    ) -> str | None:
+        """Return why the joints cannot have got there in at most `elapsed` s; None if they can."""
+        for joint, value in enumerate(positions):
+            farthest = self.fastest[joint] * elapsed + JUMP
+            if abs(value - before[joint]) > farthest:
+                unit = self.units[joint]
+                return (
+                    f'{self.names[joint]} is reported to have jumped by '
+                    f'{value - before[joint]:.6g} {unit} in {elapsed:.3g} s: it can go '
+                    f'{farthest:.3g} {unit} in that time'
+                )
+        return None
+
+    def why_not_so_fast(self, velocities: Sequence[float]) -> str | None:
+        """Return why the joints cannot be that fast (rad/s or m/s); None if they can."""
+        for joint, value in enumerate(velocities):
+            if abs(value) > self.fastest[joint]:
+                return (
+                    f'{self.names[joint]} is reported to move at {value:.6g} '
+                    f'{self.units[joint]}/s: with its margin it can reach '
+                    f'{self.fastest[joint]:.3g}'
+                )
+        return None

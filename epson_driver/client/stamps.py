@@ -1,0 +1,54 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""ROS times of moments of the event loop's clock, also of past ones."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.time import Time
+
+SURE = 100_000
+"""Both clocks were read at once if it took less than this, ns; else it was interrupted."""
+
+SET = 1_000_000
+"""ROS's clock was set, or stopped, if it is off by more than this, ns; else it only drifts."""
+
+SHARE = 256
+"""Of a drift, one part in so many is followed at a time: reading clocks takes its time, too."""
+
+NEVER_AT_ONCE = 1_000
+"""Between two stamps, ns: tf ignores what has the same one again."""
+
+STEP = 100_000_000
+"""If ROS's clock is set back by more than this, ns, stamps go back as well."""
+
+
+class Stamps:
+    """Makes stamps that increase, from times of `monotonic`, s. `clock`: an rclpy clock."""
+
+    def __init__(self, clock: Any, monotonic: Callable[[], float]) -> None:
+        self._clock = clock
+        self._monotonic = monotonic
+        self._ahead: int | None = None
+        self._last = 0
+
+    def of(self, moment: float) -> Any:
+        """Return the builtin_interfaces/Time of that moment."""
+        before = self._monotonic()
+        ros = self._clock.now().nanoseconds
+        after = self._monotonic()
+        ahead = ros - _nanoseconds(before)
+        if self._ahead is None:
+            self._ahead = ahead
+        elif after - before < SURE * 1e-9:
+            drift = ahead - self._ahead
+            self._ahead += drift if abs(drift) > SET else drift // SHARE
+        stamp = max(_nanoseconds(moment) + self._ahead, 0)
+        if stamp < self._last + NEVER_AT_ONCE and stamp > self._last - STEP:
+            stamp = self._last + NEVER_AT_ONCE
+        self._last = stamp
+        return Time(nanoseconds=stamp).to_msg()
+
+
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds * 1e9)

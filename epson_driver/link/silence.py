@@ -1,0 +1,49 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How long nothing has come, as far as this process was there to see it.
+
+A process that is not scheduled for a second has not seen its peer silent for a second: what came
+meanwhile waits in the socket. So the time is cut into slices, and however long a slice took, it
+counts once; and what waits at the end of a slice is read before the slice counts at all.
+"""
+
+import asyncio
+
+SLICES = 8
+"""A delay of this process adds at most this part of the patience to the silence."""
+
+READING_TURNS = 4
+"""Turns of the event loop after a timer, by which what waited in a socket has been handed on. The
+selector is asked before timers are looked at; a stream's reader has it a turn later."""
+
+
+class Silence:
+    """Counts slices in which nothing came. `patience`: s.
+
+    `heard` whenever something comes, `passed` at the end of each slice of `slice` s.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self.patience = patience
+        self.slice = patience / SLICES
+        self._quiet = 0
+
+    def heard(self) -> None:
+        """Something came."""
+        self._quiet = -1  # of the slice that it came in, nobody knows how much was quiet
+
+    def restart(self) -> None:
+        """Begin to wait again, as if the slice before were the last one with something in it."""
+        self._quiet = 0
+
+    def passed(self) -> bool:
+        """A slice has passed; return whether the patience has."""
+        self._quiet += 1
+        return self._quiet >= SLICES
+
+
+async def passed(seconds: float) -> None:
+    """Wait so long, and until what came meanwhile has been read."""
+    await asyncio.sleep(seconds)
+    for _ in range(READING_TURNS):
+        await asyncio.sleep(0)
