@@ -18,12 +18,10 @@ from driver_bench import (
     Submitted,
     WaxController,
     frame,
-    now,
     pose,
-    run,
     simulated,
-    until,
 )
+from support.event_loop import now, run, until
 
 from epson_driver.client.deliveries import delivery_rules
 from epson_driver.client.delivery import DeliveryRules

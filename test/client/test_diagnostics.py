@@ -5,7 +5,8 @@
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from driver_bench import JOINTS, Bench, WaxController, now, run, until
+from driver_bench import JOINTS, Bench, WaxController
+from support.event_loop import now, run, until
 
 from epson_driver.client.diagnostics import Diagnostics
 from epson_driver.controller.network.servers import Ports

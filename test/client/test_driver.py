@@ -8,20 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from driver_bench import (
-    JOINTS,
-    LIMITS,
-    Bench,
-    WaxController,
-    answer,
-    cell,
-    frame,
-    now,
-    pose,
-    run,
-    simulated,
-    until,
-)
+from driver_bench import JOINTS, LIMITS, Bench, WaxController, answer, cell, frame, pose, simulated
+from support.event_loop import now, run, until
 
 from epson_driver.cli import processes
 from epson_driver.client.execution import Settings

@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from driver_bench import LIMITS, Bench, pose, run, simulated, until
+from driver_bench import LIMITS, Bench, pose, simulated
+from support.event_loop import run, until
 
 from epson_driver.client.deliveries import delivery_rules
 from epson_driver.client.execution import Settings

@@ -10,7 +10,8 @@ import socket
 import struct
 
 import pytest
-from driver_bench import Bench, now, run, simulated, until
+from driver_bench import Bench, simulated
+from support.event_loop import now, run, until
 
 from epson_driver.client.io_driver import MOST_POINTS, IoDriver, IoUnavailableError
 from epson_driver.client.io_results import sentence

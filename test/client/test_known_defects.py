@@ -13,7 +13,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from driver_bench import HOME, LIMITS, Bench, WaxController, frame, pose, run, until
+from driver_bench import HOME, LIMITS, Bench, WaxController, frame, pose
+from support.event_loop import run, until
 
 from epson_driver.cli.__main__ import EXECUTABLES
 from epson_driver.client.parameters import TABLE as PARAMETERS

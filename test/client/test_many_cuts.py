@@ -13,7 +13,8 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from driver_bench import Bench, cell, now, pose, run, simulated, until
+from driver_bench import Bench, cell, pose, simulated
+from support.event_loop import now, run, until
 
 from epson_driver.client.goal import End, ErrorCode
 from epson_driver.controller.faults.fault_text import parse

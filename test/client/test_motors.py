@@ -3,7 +3,8 @@
 """Motors and errors by the controller's own commands, against a Motoman."""
 
 import pytest
-from driver_bench import Bench, WaxController, frame, pose, run, simulated, until
+from driver_bench import Bench, WaxController, frame, pose, simulated
+from support.event_loop import run, until
 
 from epson_driver.client import services
 from epson_driver.client.deliveries import delivery_rules

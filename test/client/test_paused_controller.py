@@ -6,7 +6,8 @@ import asyncio
 
 import numpy as np
 import pytest
-from driver_bench import Bench, WaxController, cell, pose, run, simulated, until
+from driver_bench import Bench, WaxController, cell, pose, simulated
+from support.event_loop import run, until
 
 from epson_driver.client.deliveries import delivery_rules
 from epson_driver.client.goal import End, ErrorCode

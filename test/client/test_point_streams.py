@@ -5,7 +5,8 @@
 import asyncio
 
 import numpy as np
-from driver_bench import JOINTS, LIMITS, Submitted, cell, pose, run, until
+from driver_bench import JOINTS, LIMITS, Submitted, cell, pose
+from support.event_loop import run, until
 
 from epson_driver.client.goal import End, Goal
 from epson_driver.client.point_streams import SENTENCE, STREAM_GAP, PointStreams

@@ -15,11 +15,12 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
-from driver_bench import Bench, now, pose, simulated, until
-from driver_bench import run as run_scenario
+from driver_bench import Bench, pose, simulated
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from support.event_loop import now, until
+from support.event_loop import run as run_scenario
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli.processes import free_ros_domain

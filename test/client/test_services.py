@@ -6,7 +6,8 @@ import asyncio
 import socket
 
 import pytest
-from driver_bench import Bench, WaxController, answer, cell, pose, run, simulated, until
+from driver_bench import Bench, WaxController, answer, cell, pose, simulated
+from support.event_loop import run, until
 
 from epson_driver.client import services
 from epson_driver.client.goal import End

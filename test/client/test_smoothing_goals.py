@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from driver_bench import JOINTS, LIMITS, Submitted, cell, pose, until
-from support.event_loop import PATIENCE
+from driver_bench import JOINTS, LIMITS, Submitted, cell, pose
+from support.event_loop import PATIENCE, until
 from support.event_loop import run as run_in
 
 from epson_driver.client import smoothing_process

@@ -9,7 +9,8 @@ from dataclasses import replace
 import execution_bench
 import numpy as np
 import pytest
-from driver_bench import HOME, Bench, now, pose, run, simulated, until
+from driver_bench import HOME, Bench, pose, simulated
+from support.event_loop import now, run, until
 
 from epson_driver.client.deliveries import delivery_rules
 from epson_driver.client.goal import End

@@ -9,7 +9,8 @@ import struct
 import time
 
 import pytest
-from driver_bench import LIMITS, Bench, WaxController, frame, now, pose, run, until
+from driver_bench import LIMITS, Bench, WaxController, frame, pose
+from support.event_loop import now, run, until
 
 from epson_driver.cli import processes
 from epson_driver.client.goal import End, ErrorCode

@@ -9,11 +9,12 @@ import threading
 
 import pytest
 import rclpy
-from driver_bench import run, simulated, until
+from driver_bench import simulated
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from support.event_loop import run, until
 
 from epson_driver.cli.processes import free_ros_domain
 from epson_driver.client.node import ClientNode

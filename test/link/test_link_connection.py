@@ -10,7 +10,8 @@ import socket
 from itertools import pairwise
 
 import pytest
-from link_bench import Bench, Peer, frame, joints, run, until
+from link_bench import Bench, Peer, frame, joints
+from support.event_loop import run, until
 
 from epson_driver.link import LinkState, WireEvent
 from epson_driver.simple_message import (

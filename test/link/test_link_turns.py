@@ -6,7 +6,8 @@ import asyncio
 import logging
 import time
 
-from link_bench import Bench, Peer, frame, joints, run, until
+from link_bench import Bench, Peer, frame, joints
+from support.event_loop import run, until
 
 from epson_driver.link.link import FRAMES_A_TURN
 

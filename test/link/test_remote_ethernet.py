@@ -5,8 +5,7 @@
 import asyncio
 
 import pytest
-from link_bench import run
-from support.event_loop import PATIENCE
+from support.event_loop import PATIENCE, run
 
 from epson_driver.link.remote_ethernet import RemoteError, execute
 

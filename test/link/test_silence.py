@@ -6,7 +6,8 @@ import asyncio
 import socket
 import time
 
-from link_bench import Bench, Peer, joints, run, until
+from link_bench import Bench, Peer, joints
+from support.event_loop import run, until
 
 from epson_driver.link.silence import SLICES, Silence, passed
 

@@ -9,8 +9,8 @@ import os
 import time
 
 import pytest
-from link_bench import Bench, Peer, frame, joints, run, until
-from support.event_loop import PATIENCE
+from link_bench import Bench, Peer, frame, joints
+from support.event_loop import PATIENCE, run, until
 
 from epson_driver.link import Trace, TraceError, WireEvent, open_trace
 from epson_driver.link import trace as trace_module

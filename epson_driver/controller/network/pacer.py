@@ -4,7 +4,6 @@
 
 import asyncio
 import math
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -18,9 +17,7 @@ class Pacer:
     period late are counted in the controller's `timing`.
     """
 
-    def __init__(
-        self, controller: Controller, clock: Callable[[], float] | None = None
-    ) -> None:
+    def __init__(self, controller: Controller, clock: Callable[[], float] | None = None) -> None:
         self._controller = controller
         self._clock = clock or asyncio.get_running_loop().time
         self._now = self._clock()
