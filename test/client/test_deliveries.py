@@ -5,7 +5,6 @@
 import asyncio
 import contextlib
 import re
-import struct
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +16,6 @@ from driver_bench import (
     Bench,
     Submitted,
     WaxController,
-    frame,
     pose,
     simulated,
 )
@@ -457,8 +455,8 @@ def test_motoman_measures_velocities_itself():
             measured = []
             take = bench.driver.robot.on_joints
 
-            def on_joints(data, now, velocities=None):
-                sample = take(data, now, velocities)
+            def on_joints(data, now, velocities, told):
+                sample = take(data, now, velocities, told)
                 measured.append((velocities, sample))
                 return sample
 
@@ -469,27 +467,6 @@ def test_motoman_measures_velocities_itself():
                 assert velocities is not None
                 np.testing.assert_array_equal(sample.velocities, velocities[:JOINTS])
             assert max(abs(sample.velocities[0]) for _, sample in measured) > 0.1
-
-    run(check())
-
-
-def test_of_a_controller_that_sends_both_the_feedback_counts():
-    async def check():
-        feedback = frame(
-            15, 1, 0, struct.pack('<2if30f', 0, 6, 0.0, *[0.5] * 10, *[0.25] * 10, *[0.0] * 10)
-        )
-        async with WaxController() as controller, Bench(controller.ports) as bench:
-            await bench.ready()
-            np.testing.assert_array_equal(bench.at, HOME)
-            controller.extra = feedback  # joint positions, which are 0, go on
-            await until(lambda: bench.at[0] == 0.5)
-            shown = len(bench.events.samples)
-            statuses = len(bench.events.statuses)
-            await until(lambda: len(bench.events.statuses) > statuses + 5)
-            assert len(bench.events.samples) == shown
-            assert bench.driver.robot.sample.velocities.tolist() == [0.25] * JOINTS
-            controller.extra = feedback
-            await until(lambda: len(bench.events.samples) > shown)
 
     run(check())
 

@@ -6,11 +6,10 @@ import asyncio
 import logging
 import re
 import struct
-import time
 
 import pytest
 from driver_bench import LIMITS, Bench, WaxController, frame, pose
-from support.event_loop import now, run, until
+from support.event_loop import now, run, stand_still, until
 
 from epson_driver.cli import processes
 from epson_driver.client.goal import End, ErrorCode
@@ -160,11 +159,6 @@ async def more_statuses(bench, count):
     await until(lambda: len(bench.events.statuses) >= seen + count)
 
 
-def stand_still(seconds):
-    """Do what a busy machine does to a process."""
-    time.sleep(seconds)
-
-
 def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path):
     """A false alarm under load stops a robot in production; the controller has sent all along."""
 
@@ -191,7 +185,7 @@ def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path
         finally:
             await asyncio.to_thread(controller.end)
 
-    run(scenario(), patience=60.0)
+    run(scenario(), real_time=True)
 
 
 @pytest.mark.parametrize('end', ['cancel', 'newer', 'fault'])
@@ -215,7 +209,7 @@ def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
                 assert not newer.outcomes
             else:
                 bench.driver.fault('somebody pulled the plug')
-                assert goal.outcome.text == 'somebody pulled the plug'
+                assert goal.outcome.text.startswith('somebody pulled the plug')
             await more(bench, 50)
             assert len(goal.outcomes) == 1
             assert bool(wax.received) == (end == 'newer')

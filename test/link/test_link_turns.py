@@ -4,10 +4,9 @@
 
 import asyncio
 import logging
-import time
 
 from link_bench import Bench, Peer, frame, joints
-from support.event_loop import run, until
+from support.event_loop import run, stand_still, until
 
 from epson_driver.link.link import FRAMES_A_TURN
 
@@ -53,7 +52,7 @@ def test_a_turn_of_others_is_no_silence():
 
 def _be_busy():
     """Hold the loop, as other robots' work may: in all turns together longer than the timeout."""
-    time.sleep(0.04)
+    stand_still(0.04)
 
 
 def test_many_bad_frames_are_counted_and_the_log_has_a_line(caplog):

@@ -4,19 +4,13 @@
 
 import asyncio
 import socket
-import time
 
 from link_bench import Bench, Peer, joints
-from support.event_loop import run, until
+from support.event_loop import now, run, stand_still, until
 
 from epson_driver.link.silence import SLICES, Silence, passed
 
 TIMEOUT = 0.4
-
-
-def stand_still(seconds):
-    """Do what a busy machine does to a process."""
-    time.sleep(seconds)
 
 
 def test_the_patience_is_over_after_its_slices():
@@ -112,8 +106,8 @@ def test_a_silent_peer_is_lost_after_its_patience_and_not_before():
             Bench(peer.port, receive_timeout=TIMEOUT) as bench,
         ):
             await until(lambda: bench.packets)
-            heard = time.monotonic()
+            heard = now()
             await until(lambda: 'backing_off' in bench.states)
-            assert time.monotonic() - heard > 0.95 * TIMEOUT
+            assert now() - heard > 0.95 * TIMEOUT
 
     run(scenario())

@@ -132,3 +132,13 @@ async def until(condition: Callable[[], object]) -> None:
 def now() -> float:
     """Return the running loop's time, s."""
     return asyncio.get_running_loop().time()
+
+
+def stand_still(seconds: float) -> None:
+    """Hold the loop for so long, s, as a busy machine does: nothing is called meanwhile."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, EventLoop)
+    if loop.virtual:
+        loop.now += seconds
+    else:
+        time.sleep(seconds)
