@@ -5,6 +5,7 @@
 from itertools import product
 
 import pytest
+from driver_bench import open_gate
 
 from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
 from epson_driver.error_texts import load_error_texts
@@ -18,12 +19,12 @@ def test_inv4_closed_at_start():
 
 def test_the_first_reason_is_kept():
     gate = ArmGate()
-    gate.open()
+    open_gate(gate)
     assert gate.reason is None
     assert gate.close('the E-stop is pressed')
     assert not gate.close('the motors are off')
     assert gate.reason == 'the E-stop is pressed'
-    gate.open()
+    open_gate(gate)
     assert gate.reason is None
     assert gate.close('the motors are off')
     assert gate.reason == 'the motors are off'
