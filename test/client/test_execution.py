@@ -59,7 +59,7 @@ def test_final_states_have_no_way_out_and_all_others_end_by_a_fault():
 
 
 def test_points_go_one_at_a_time_and_the_goal_succeeds_when_the_arm_stands_there():
-    bench = Bench()
+    bench = Bench(step=0.1)
     for count in range(1, 4):
         assert bench.sequences == list(range(count))
         bench.see(0.3)
@@ -76,7 +76,7 @@ def test_points_go_one_at_a_time_and_the_goal_succeeds_when_the_arm_stands_there
 
 
 def test_success_needs_every_reply():
-    bench = Bench()
+    bench = Bench(step=0.1)
     bench.go_and_answer()
     bench.go_and_answer()
     bench.move_to(LINE[-1])
@@ -88,7 +88,7 @@ def test_success_needs_every_reply():
 
 
 def test_success_needs_a_status_that_is_newer_than_the_last_reply():
-    bench = Bench()
+    bench = Bench(step=0.1)
     bench.go_and_answer()
     bench.go_and_answer()
     bench.move_to(LINE[-1])
@@ -103,7 +103,7 @@ def test_success_needs_a_status_that_is_newer_than_the_last_reply():
 
 
 def test_success_waits_while_the_controller_says_that_it_moves():
-    bench = Bench()
+    bench = Bench(step=0.1)
     bench.finish_points()
     bench.in_motion = TriState.TRUE
     bench.see(0.5)
@@ -115,7 +115,7 @@ def test_success_waits_while_the_controller_says_that_it_moves():
 
 @pytest.mark.parametrize('status', [True, False], ids=['UNKNOWN', 'no status at all'])
 def test_where_in_motion_is_unknown_the_measured_standstill_decides(status):
-    bench = Bench(in_motion=TriState.UNKNOWN)
+    bench = Bench(in_motion=TriState.UNKNOWN, step=0.1)
     if not status:
         bench.robot.status = None
     for point in LINE:
@@ -129,7 +129,7 @@ def test_where_in_motion_is_unknown_the_measured_standstill_decides(status):
 
 
 def test_an_arm_that_passes_the_goal_is_not_at_the_goal():
-    bench = Bench(in_motion=TriState.UNKNOWN)
+    bench = Bench(in_motion=TriState.UNKNOWN, step=0.1)
     bench.finish_points()
     bench.at = np.array((0.985, 0.5))
     for _ in range(200):  # 0.02 rad/s, through the tolerance and out again
@@ -142,7 +142,7 @@ def test_an_arm_that_passes_the_goal_is_not_at_the_goal():
 
 def at_the_last_point(seconds_after_the_joints):
     """Return a bench whose last reply came so long after the joints that showed the goal."""
-    bench = Bench(in_motion=TriState.UNKNOWN)
+    bench = Bench(in_motion=TriState.UNKNOWN, step=0.1)
     bench.go_and_answer()
     bench.go_and_answer()
     bench.move_to(LINE[-1])
@@ -181,7 +181,7 @@ def test_one_look_at_the_arm_is_no_standstill():
 @pytest.mark.parametrize('in_motion', [TriState.FALSE, TriState.UNKNOWN])
 def test_a_path_that_ends_where_it_began_does_not_succeed_early(in_motion):
     """A controller that acknowledges before it moves: the arm stands at the goal at first."""
-    bench = Bench(CYCLE, in_motion=in_motion)
+    bench = Bench(CYCLE, in_motion=in_motion, step=0.1)
     for _ in CYCLE:
         bench.answer()
     bench.see(0.5)
@@ -195,7 +195,7 @@ def test_a_path_that_ends_where_it_began_does_not_succeed_early(in_motion):
 
 
 def test_a_path_that_ends_where_it_began_and_never_happened_fails():
-    bench = Bench(CYCLE)
+    bench = Bench(CYCLE, step=0.1)
     for _ in CYCLE:
         bench.answer()
     bench.see(SETTLE_TIME + 0.2)
@@ -205,7 +205,7 @@ def test_a_path_that_ends_where_it_began_and_never_happened_fails():
 
 
 def test_a_goal_where_the_arm_stands_already_succeeds():
-    bench = Bench(((0.2, 0.1), (0.2, 0.1)))
+    bench = Bench(((0.2, 0.1), (0.2, 0.1)), step=0.1)
     bench.answer()
     bench.answer()
     bench.see(0.2)
@@ -213,7 +213,7 @@ def test_a_goal_where_the_arm_stands_already_succeeds():
 
 
 def test_a_tolerance_that_is_off_is_not_checked():
-    bench = Bench(tolerance=(0.01, np.inf))
+    bench = Bench(tolerance=(0.01, np.inf), step=0.1)
     for _ in LINE:
         bench.answer()
     bench.move_to((1.0, -3.0))
@@ -222,7 +222,7 @@ def test_a_tolerance_that_is_off_is_not_checked():
 
 
 def test_an_arm_that_rests_beside_the_goal_names_joint_distance_and_tolerance():
-    bench = Bench(tolerance=(0.01, 0.02))
+    bench = Bench(tolerance=(0.01, 0.02), step=0.1)
     bench.go_and_answer()
     bench.go_and_answer()
     bench.move_to((1.005, 0.475))
@@ -637,7 +637,7 @@ def test_a_state_without_joints_decides_nothing():
 
 
 def test_nothing_is_sent_before_the_goal_is_prepared_and_that_may_take_its_time():
-    bench = Bench(start=False, goal_time=1.0, settings=Settings(reply_timeout=1.0))
+    bench = Bench(start=False, goal_time=1.0, settings=Settings(reply_timeout=1.0), step=0.1)
     bench.see(10.0)
     assert bench.state == 'preparing'
     assert bench.execution.target == 0
