@@ -10,6 +10,7 @@ The profile says it (`program.motors`, docs/controllers.md):
 """
 
 import asyncio
+import logging
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, Protocol
@@ -19,6 +20,8 @@ from epson_driver.link import Link
 from epson_driver.link.remote_ethernet import RemoteError, execute
 from epson_driver.simple_message import MotionCtrl, Packet
 from epson_driver.simple_message.motoman import Command
+
+_log = logging.getLogger(__name__)
 
 MotorsKind = Literal['none', 'remote_ethernet', 'motoman']
 
@@ -153,7 +156,7 @@ class OneAfterTheOther:
         """Do it when all before it is done, within `timeout` s from then. Raises MotorsError."""
         task = asyncio.create_task(self._act(action, timeout))
         self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(self._done)
         try:
             await asyncio.shield(task)
         except asyncio.CancelledError:
@@ -167,6 +170,11 @@ class OneAfterTheOther:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _log.debug('%s', error)  # and raised, to who still waits for it
 
     async def _act(self, action: Action, timeout: float) -> None:
         async with self._lock:
