@@ -46,8 +46,8 @@ class Services:
             stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
             within = '' if stopper.unsent else f'no standstill seen within {ANSWER_TIMEOUT:g} s: '
             raise ServiceError(f'{within}{stopper.doubt}; {stopper.stands}')
-        if stopper.doubt is not None:
-            raise ServiceError(f'{stopper.doubt}; {stopper.stands}')
+        if stopper.failed or stopper.doubt is not None:
+            raise ServiceError(f'{stopper.doubt or stopper.alarm}; {stopper.stands} now')
         return said
 
     async def enable(self) -> str:

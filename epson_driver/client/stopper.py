@@ -136,16 +136,24 @@ class Stopper:
         return self._acknowledged or self._refusal is not None
 
     @property
+    def failed(self) -> bool:
+        """The last stop raised the alarm, whatever came of it in the end."""
+        return self._alarm_since is not None
+
+    @property
     def unsent(self) -> bool:
         """The last STOP found no link."""
         return self._unsent is not None
 
     @property
     def doubt(self) -> str | None:
-        """What the last stop lacks, as a clause; None if it was acknowledged and the arm stood."""
+        """What the last stop lacks, as a clause; None if it was acknowledged and the arm stood.
+
+        One that was refused first lacks that.
+        """
         if self._unsent is not None and not self._acknowledged:
             return f'STOP could not be sent: {self._unsent}'
-        if self._refusal is not None and not self._acknowledged:
+        if self._refusal is not None:
             return f'the controller refused STOP ({self._refusal})'
         if not self._acknowledged:
             return 'no reply to STOP'
@@ -244,18 +252,20 @@ class Stopper:
     def _on_answer(self, packet: Packet, now: float) -> None:
         if self._since is None or self._acknowledged:
             return
-        self._refusal = refusal(packet)
-        if self._refusal is None:
+        no = refusal(packet)
+        if no is None:
             self._acknowledged = True
             self._standstill.expect(now, REST_TIME)
         else:
-            self._refused = now
+            if self._refusal is None:
+                self._refusal, self._refused = no, now
             self._standstill.expect(now, DOUBTFUL_REST)
         self._changes.tell()
 
     def _end(self, now: float) -> None:
         """The arm stands."""
-        if not self._acknowledged and self._unsent is None and self._powered():
+        taken = self._acknowledged and self._refusal is None
+        if not taken and self._unsent is None and self._powered():
             self.raise_alarm(self.doubt or 'STOP was not acknowledged')
         if self._alarm_since is not None:
             _log.warning('the arm stands %.2f s after STOP', now - (self._since or now))
@@ -282,12 +292,12 @@ class Stopper:
         self._look_later()
         if self._moves() and self._robot.sample is not None and waited >= BRAKING_TIME:
             self.raise_alarm(f'the arm still moves {BRAKING_TIME:g} s after STOP')
-        elif self._acknowledged or self._unsent is not None or not self._powered():
-            pass
-        elif self._refusal is None and waited >= ANSWER_TIME:
-            self.raise_alarm(f'no reply to STOP within {ANSWER_TIME:g} s')
-        elif self._refusal is not None and now - self._refused >= CAUSE_TIME:
-            self.raise_alarm(f'the controller refused STOP ({self._refusal})')
+        elif self._unsent is None and self._powered():
+            if self._refusal is not None:
+                if now - self._refused >= CAUSE_TIME:
+                    self.raise_alarm(f'the controller refused STOP ({self._refusal})')
+            elif not self._acknowledged and waited >= ANSWER_TIME:
+                self.raise_alarm(f'no reply to STOP within {ANSWER_TIME:g} s')
         if not self._ours or not self._moves():
             return
         failed = self._alarm_since is not None
