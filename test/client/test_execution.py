@@ -12,7 +12,7 @@ from execution_bench import CYCLE, DT, LINE, Bench
 from epson_driver.client.execution import CAUSE_TIME, SETTLE_TIME, Settings
 from epson_driver.client.goal import End, ErrorCode
 from epson_driver.client.goal_states import FINAL, TRANSITIONS, Event, State
-from epson_driver.client.standstill import REST_TIME
+from epson_driver.client.standstill import DOUBTFUL_REST, REST_TIME
 from epson_driver.simple_message import TriState
 
 TABLE = """
@@ -685,3 +685,64 @@ def test_inv5_a_fault_before_it_is_prepared_ends_the_goal_and_nothing_is_sent():
     bench.see(1.0)
     assert bench.outcome.text == 'the E-stop is pressed'
     assert not bench.sent
+
+
+# --- what the state alone can say -------------------------------------------------------------
+
+
+def test_inv9_a_way_shorter_than_the_tolerance_is_no_success_before_its_time():
+    """docs/invariants.md, 9: all is acknowledged, and the arm has not begun to move."""
+    bench = Bench(((0.0, 0.0), (0.009, 0.0)), in_motion=TriState.UNKNOWN)
+    bench.answer()
+    bench.answer()
+    bench.see(0.8)
+    assert bench.state == 'settling'
+    bench.move_to((0.009, 0.0), 0.1)
+    bench.see(0.2)
+    assert bench.outcome.end is End.SUCCEEDED
+    assert bench.now - bench.execution.started >= 1.0
+
+
+def test_inv9_a_rest_on_the_way_at_the_goals_place_is_no_success():
+    """docs/invariants.md, 9: a plan that passes its end, waits there, and goes round once more."""
+    path = ((0.0, 0.0), (1.0, 0.5), (1.0, 0.5), (0.5, 0.2), (1.0, 0.5))
+    bench = Bench(path)
+    for _ in path:
+        bench.answer()
+    bench.move_to(path[1], 1.0)
+    bench.see(1.0)
+    assert bench.state == 'settling'
+    bench.move_to(path[3], 1.0)
+    bench.move_to(path[4], 1.0)
+    bench.see(0.3)
+    assert bench.outcome.end is End.SUCCEEDED
+
+
+def test_inv9_a_reply_to_a_point_may_be_the_one_to_stop_and_the_state_decides():
+    """docs/invariants.md, 9: one of the two never comes."""
+    bench = Bench()
+    bench.go_and_answer()
+    bench.execution.cancel(bench.now)
+    bench.answer(message=1)  # the point's, or STOP's in its place
+    bench.see(1.0, moving=0.1)
+    assert not bench.outcomes
+    bench.see(DOUBTFUL_REST - 0.2)
+    assert not bench.outcomes
+    bench.see(0.5)
+    assert bench.outcome.end is End.CANCELED
+    assert 'a reply is missing' in bench.outcome.text
+    assert bench.execution.broken_off
+    assert bench.execution.unanswered
+
+
+def test_a_reply_to_a_point_does_not_delay_a_stop_that_is_answered():
+    bench = Bench()
+    bench.go_and_answer()
+    bench.execution.cancel(bench.now)
+    bench.answer(message=1)
+    bench.see(0.02)
+    bench.answer()
+    bench.see(0.2)
+    assert bench.outcome.end is End.CANCELED
+    assert bench.outcome.text == 'canceled; the arm stands'
+    assert not bench.execution.broken_off
