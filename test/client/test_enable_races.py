@@ -139,7 +139,7 @@ def test_inv4_what_closes_the_gate_is_not_overtaken_by_an_enable_on_its_way(clos
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1500)
+@pytest.mark.timeout(3600)
 def test_inv4_in_1000_races_no_enable_on_its_way_arms_what_was_closed(record_property):
     """docs/invariants.md, 4."""
 
@@ -148,7 +148,7 @@ def test_inv4_in_1000_races_no_enable_on_its_way_arms_what_was_closed(record_pro
         record_property('enabled before it was closed', won)
         print(f'1000 races, none armed; ~/enable got through before in {won}')
 
-    run(scenario(), 1400.0)
+    run(scenario(), 3500.0)
 
 
 # --- one by one -------------------------------------------------------------------------------
