@@ -2,35 +2,102 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arm gate: after anything that stopped the arm for safety it stays still until enabled."""
 
+import contextlib
+from collections.abc import Callable, Iterator
+
 from epson_driver.error_texts import NO_ERROR, ErrorTexts
 from epson_driver.simple_message import Status, TriState
+
+
+class GateError(RuntimeError):
+    """The gate stays closed: something closed it after somebody asked to open it."""
+
+
+class Enabling:
+    """A request to open the gate, while it is under way.
+
+    `canceled` says what closed the gate since, or would have closed it; None: nothing did.
+    `motors_on`: the motors were seen on since it began, so that they must stay on.
+    """
+
+    def __init__(self, motors_on: bool) -> None:
+        self.canceled: str | None = None
+        self.motors_on = motors_on
+        self.on_cancel: Callable[[], object] = lambda: None
+        """Called when it is canceled."""
+
+    def cancel(self, why: str) -> None:
+        """Something closes the gate: this request opens it no more."""
+        if self.canceled is None:
+            self.canceled = why
+            self.on_cancel()
 
 
 class ArmGate:
     """Open or closed, and why. Closed from the start; only `open` opens it.
 
     docs/invariants.md, 4: a link that comes back, a released E-stop or motors that are switched
-    on again do not open it.
+    on again do not open it. Nor does a request that was under way when something closed it, or
+    would have closed it if it had been open.
     """
 
     def __init__(self) -> None:
         self._reason: str | None = 'not enabled since the driver started'
+        self._under_way: list[Enabling] = []
 
     @property
     def reason(self) -> str | None:
         """Why it is closed; None while it is open."""
         return self._reason
 
-    def open(self) -> None:
-        """Somebody enabled the arm."""
+    @contextlib.contextmanager
+    def enabling(self, *, motors_on: bool = False) -> Iterator[Enabling]:
+        """Begin a request to open it, which ends with the block.
+
+        Motors that are off cancel it only once they were seen on (`motors_on`: they were):
+        until then it is what switches them on.
+        """
+        enabling = Enabling(motors_on)
+        self._under_way.append(enabling)
+        try:
+            yield enabling
+        finally:
+            self._under_way.remove(enabling)
+
+    def open(self, enabling: Enabling) -> None:
+        """Open it, for a request under way. Raises GateError if that was canceled."""
+        if enabling.canceled is not None:
+            raise GateError(enabling.canceled)
+        if enabling not in self._under_way:
+            raise GateError('the request to enable the arm has ended')
         self._reason = None
 
-    def close(self, reason: str) -> bool:
-        """Close it. Returns True if it was open; otherwise the first reason is kept."""
+    def close(self, reason: str, *, motors_off: bool = False) -> bool:
+        """Close it. Returns True if it was open; otherwise the first reason is kept.
+
+        Either way it cancels the requests to open it that are under way. `motors_off`: only that
+        the motors are off closes it.
+        """
+        for enabling in list(self._under_way):
+            if enabling.motors_on or not motors_off:
+                enabling.cancel(reason)
         if self._reason is not None:
             return False
         self._reason = reason
         return True
+
+    def see_motors_on(self) -> None:
+        """Take note that the motors are on: who wants to open it may rely on that."""
+        for enabling in self._under_way:
+            enabling.motors_on = True
+
+
+def only_motors_off(status: Status) -> bool:
+    """Return whether that the motors are off is all that a status says against motion."""
+    return status.drives_powered == TriState.FALSE and TriState.TRUE not in (
+        status.e_stopped,
+        status.in_error,
+    )
 
 
 def what_forbids_motion(status: Status, errors: ErrorTexts) -> str | None:

@@ -106,10 +106,15 @@ class Diagnostics:
         age = now - robot.status_time
         if age >= STATUS_TIMEOUT:
             return DiagnosticStatus.STALE, f'no STATUS for {age:.1f} s'
+        alarm = f'STOP did not work: {driver.stopper.alarm}; {driver.stopper.stands}'
+        if driver.stopper.alarm is not None and not driver.stopper.over:
+            return DiagnosticStatus.ERROR, alarm
         if robot.status.error_code != NO_ERROR:
             return DiagnosticStatus.ERROR, f'error {robot.errors.phrase(robot.status.error_code)}'
         if _is_fault(robot.status):
             return DiagnosticStatus.ERROR, what_forbids_motion(robot.status, robot.errors) or ''
+        if driver.stopper.alarm is not None:
+            return DiagnosticStatus.ERROR, alarm
         if driver.gate.reason is not None:
             return DiagnosticStatus.WARN, f'not enabled: {driver.gate.reason}'
         return DiagnosticStatus.OK, 'enabled'
@@ -120,6 +125,8 @@ class Diagnostics:
         yield 'arm gate', 'open' if driver.gate.reason is None else 'closed'
         if driver.gate.reason is not None:
             yield 'arm gate reason', driver.gate.reason
+        if driver.stopper.alarm is not None:
+            yield 'STOP did not work', driver.stopper.alarm
         yield 'goal running', driver.goals.busy
         if robot.sample is not None:
             yield 'age of joint state [ms]', f'{(now - robot.sample.measured) * 1e3:.1f}'

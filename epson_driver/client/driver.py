@@ -11,7 +11,7 @@ import contextlib
 import logging
 from typing import Protocol
 
-from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
+from epson_driver.client.arm_gate import ArmGate, only_motors_off, what_forbids_motion
 from epson_driver.client.changes import Changes
 from epson_driver.client.configuration import Configuration
 from epson_driver.client.deliveries import delivery
@@ -20,9 +20,11 @@ from epson_driver.client.goal import Outcome
 from epson_driver.client.goals import Goals
 from epson_driver.client.io_driver import IoDriver
 from epson_driver.client.joint_mapping import unmapped
+from epson_driver.client.motors import OneAfterTheOther, motors
 from epson_driver.client.parts import run_together
 from epson_driver.client.robot_state import JointSample, RobotState, StateRules
 from epson_driver.client.smoothing_process import SmoothingProcess
+from epson_driver.client.stopper import Stopper
 from epson_driver.link import Link, LinkState, Trace
 from epson_driver.link.silence import Silence, passed
 from epson_driver.link.trace import END_TIMEOUT
@@ -35,6 +37,7 @@ from epson_driver.simple_message import (
     Packet,
     ReplyCode,
     Status,
+    TriState,
     ValidFields,
 )
 
@@ -111,16 +114,30 @@ class Driver:
         if order is None:
             for link in (self.state_link, self.motion_link):
                 link.dialect = Dialect(configuration.usual_byte_order)
-        self.delivery = delivery(
-            configuration.delivery, self.motion_link, configuration.limits, mapping
-        )
         self.changes = Changes()
-        """A status came, or a goal ended."""
+        """A status came, a goal or a stop ended, or STOP was answered."""
+        self.motors = OneAfterTheOther(
+            motors(
+                configuration.motors,
+                configuration.host,
+                configuration.remote_port,
+                self.motion_link,
+            )
+        )
+        self.stopper = Stopper(
+            delivery(configuration.delivery, self.motion_link, configuration.limits, mapping),
+            self.robot,
+            joints,
+            self.changes,
+            self.motors,
+            self._on_alarm,
+            lambda: self.goals.on_rest(),
+        )
         self.goals = Goals(
             configuration.limits,
             self.robot,
             self.gate,
-            self.delivery,
+            self.stopper,
             settings,
             self.changes,
             self._on_broken_off,
@@ -153,20 +170,32 @@ class Driver:
             )
         finally:
             self.fault('the driver ended')
+            await self.stopper.close()
+            await self.motors.close()
             await self.goals.close()
             self.trace.end('the driver ended', END_TIMEOUT)
 
     async def shut_down(self) -> None:
-        """Stop the arm and end the running goal when it stands, or after half a second."""
+        """Stop the arm and end the running goal when it stands, or after half a second.
+
+        An arm that moves on then has its motors switched off, where there is a way to.
+        """
         self.gate.close('the driver is shutting down')
+        ends = self._now() + SHUT_DOWN_TIMEOUT
         try:
             await self.goals.stop('the driver was shut down', SHUT_DOWN_TIMEOUT)
         finally:
             self.fault('the driver was shut down')
+        if not await self.stopper.wait(max(ends - self._now(), 0.0)):
+            _log.error('the driver ends; %s, %s', self.stopper.doubt, self.stopper.stands)
+            await self.stopper.motors_off(SHUT_DOWN_TIMEOUT)
 
-    def fault(self, why: str) -> None:
-        """Close the arm gate and end what runs or waits; the arm stays still until enabled."""
-        self._disable(why)
+    def fault(self, why: str, *, motors_off: bool = False) -> None:
+        """Close the arm gate and end what runs or waits; the arm stays still until enabled.
+
+        `motors_off`: only that the motors are off is wrong.
+        """
+        self.disable(why, motors_off=motors_off)
         self.goals.fault(why)
 
     async def why_not_ready(self, patience: float) -> str | None:
@@ -181,12 +210,21 @@ class Driver:
         return self.robot.why_not_ready(self._now())
 
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
-        self._disable(outcome.text)
+        self.disable(outcome.text)
         if unanswered:  # what comes late now must not be taken for the answer to something newer
             self.motion_link.reconnect('a reply is missing')
 
-    def _disable(self, why: str) -> None:
-        if self.gate.close(why):
+    def _on_alarm(self, why: str, unanswered: bool) -> None:
+        """STOP does not work: nobody knows what the controller will do."""
+        _log.error('the arm was not stopped as asked: %s; %s', why, self.stopper.stands)
+        self.disable(why)
+        self.goals.end_waiting(why)
+        if unanswered and not self.goals.busy:  # a goal that runs does so when it breaks off
+            self.motion_link.reconnect('no reply to STOP')
+
+    def disable(self, why: str, *, motors_off: bool = False) -> None:
+        """Close the arm gate; a goal that runs is left alone. `motors_off` as in `fault`."""
+        if self.gate.close(why, motors_off=motors_off):
             _log.warning('arm disabled: %s', why)
 
     def _on_state_packet(self, packet: Packet) -> None:
@@ -235,13 +273,17 @@ class Driver:
         if sample is None:
             return
         self._events.on_joints(sample)
+        self.stopper.see(now)
         self.goals.on_joints(sample, now)
 
     def _take_status(self, status: Status, now: float) -> None:
         self.robot.on_status(status, now)
         self._status_missing.heard()
+        if status.drives_powered == TriState.TRUE:
+            self.gate.see_motors_on()
+        self.stopper.see(now)
         if (why := what_forbids_motion(status, self.robot.errors)) is not None:
-            self.fault(why)
+            self.fault(why, motors_off=only_motors_off(status))
         else:
             self.goals.on_status(now)
         self._events.on_status(status)
@@ -259,7 +301,9 @@ class Driver:
             self._positions_since_feedback = 0
         self._on_link(self.state_link, why)
 
-    def _on_motion_link(self, _state: LinkState, why: str) -> None:
+    def _on_motion_link(self, state: LinkState, why: str) -> None:
+        if state is not LinkState.CONNECTED:
+            self.stopper.link_lost()
         self._on_link(self.motion_link, why)
 
     def _on_link(self, link: Link, why: str) -> None:

@@ -22,10 +22,11 @@ from epson_driver.client.points import SHORTEST_DURATION, STOP
 from epson_driver.client.refusal import refusal
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.speed_scaling import SpeedScaling, scaled
-from epson_driver.client.standstill import Standstill
+from epson_driver.client.standstill import DOUBTFUL_REST, Standstill
 from epson_driver.controllers.profile import StateProfile
+from epson_driver.link.replies import sequence_of
 from epson_driver.motion import Array, Trajectory
-from epson_driver.simple_message import Message, Packet, TriState
+from epson_driver.simple_message import Message, MotionReply, Packet, TriState
 
 SETTLE_TIME = 1.0
 """How long an arm may stand beside the goal after the last reply before that is a failure, s."""
@@ -94,6 +95,7 @@ class Execution:
         """Nobody knows what the controller will do with the points it has taken."""
         self.unanswered = False
         """It broke off because no answer came in time: one may come later."""
+        self._confirmed = False
         self._left = False
         self._must_leave = _must_leave(goal)
         self._pause = PauseWatch()
@@ -166,6 +168,8 @@ class Execution:
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """The controller answered point `index`."""
+        if self.state in (State.CANCELING, State.STOPPING) and not self._confirmed:
+            self._doubt_reply(packet, now)
         if self.state is not State.STREAMING or index != self.point:
             return
         self._standstill.alive = now
@@ -201,7 +205,7 @@ class Execution:
             if self.state is State.SETTLING:
                 self._judge(distance, now)
             elif self.state in (State.CANCELING, State.STOPPING):
-                self._step(Event.AT_REST, self._when_at_rest)
+                self._rest()
         self._check_path(sample, now)
         self._check_patience(now)
 
@@ -268,11 +272,29 @@ class Execution:
         except ConnectionError as error:
             self.fault(f'STOP could not be sent: {error}')
 
+    def _doubt_reply(self, packet: Packet, now: float) -> None:
+        """Take an answer to a point that may be the one to STOP, after which it came.
+
+        If the point's own never comes, STOP's takes its place; then the state decides.
+        """
+        message = packet.message
+        if not isinstance(message, MotionReply) and not sequence_of(message):
+            self._standstill.expect(now, DOUBTFUL_REST)
+
     def _on_stop_reply(self, packet: Packet, now: float) -> None:
         if (no := refusal(packet)) is None:
+            self._confirmed = True
             self._standstill.expect(now)
         else:
             self.fault(f'the controller refused STOP ({no})')
+
+    def _rest(self) -> None:
+        """The arm stands after STOP: the goal ends."""
+        outcome = self._when_at_rest
+        if not self._confirmed:
+            self.broken_off = self.unanswered = True
+            outcome = replace(outcome, text=f'{outcome.text}, but a reply is missing')
+        self._step(Event.AT_REST, outcome)
 
     def _stopped(self) -> Array:
         """Return the velocities below which the joints count as standing, rad/s, shape (n,)."""
@@ -286,6 +308,9 @@ class Execution:
         tolerance = self.goal.goal_tolerance
         if self.paused:  # it may have a rest of the way to go
             return
+        clock = self._clock
+        if clock is not None and clock.time < self.goal.trajectory.duration:
+            return  # what is planned may be yet to come, however short a way
         if self._left and np.all(distance <= tolerance):
             text = f'at the goal after {now - self.started:.2f} s'
             self._step(Event.AT_GOAL, Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The running goal and the one that waits for it: from submission to outcome.
 
-A new goal replaces the running one, which is stopped; it starts when the arm stands. Everything
-here runs in the driver's loop.
+A new goal replaces the running one, which is stopped; it starts when the arm stands. One that
+comes after a goal that ended at once starts when the stop of that one is over. Everything here
+runs in the driver's loop.
 """
 
 import asyncio
@@ -13,7 +14,6 @@ from dataclasses import dataclass
 
 from epson_driver.client.arm_gate import ArmGate
 from epson_driver.client.changes import Changes
-from epson_driver.client.delivery import Delivery
 from epson_driver.client.execution import Execution, Settings
 from epson_driver.client.goal import End, ErrorCode, Goal, GoalRefusedError, Outcome, check_start
 from epson_driver.client.goal_states import State
@@ -21,6 +21,7 @@ from epson_driver.client.parts import report_failure
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.client.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.client.speed_scaling import SpeedScaling
+from epson_driver.client.stopper import Stopper
 from epson_driver.motion import JointLimits, Trajectory
 
 REPLACED = 'replaced by a newer goal before it could start'
@@ -61,7 +62,7 @@ class Goals:
         limits: JointLimits,
         robot: RobotState,
         gate: ArmGate,
-        delivery: Delivery,
+        stopper: Stopper,
         settings: Settings,
         changes: Changes,
         on_broken_off: Callable[[Outcome, bool], None],
@@ -72,8 +73,9 @@ class Goals:
         self._limits = limits
         self._robot = robot
         self._gate = gate
-        self._delivery = delivery
+        self._stopper = stopper
         self._settings = settings
+        stopper.stopped_velocity = settings.stopped_velocity
         self._changes = changes
         self._on_broken_off = on_broken_off
         self._smoother = smoother
@@ -90,6 +92,7 @@ class Goals:
     @settings.setter
     def settings(self, settings: Settings) -> None:
         self._settings = settings
+        self._stopper.stopped_velocity = settings.stopped_velocity
         if self.execution is not None:
             self.execution.settings = settings
 
@@ -146,9 +149,15 @@ class Goals:
         except GoalRefusedError as refusal:
             ticket.on_end(refusal.outcome)
             return
-        if self._running is None:
+        if self._running is None and self._stopper.over:
             self._start(ticket)
             return
+        if self._running is None:
+            try:
+                self._standing_sample()
+            except GoalRefusedError as refusal:
+                ticket.on_end(refusal.outcome)
+                return
         if self._next is not None:
             self._end_unstarted(self._next, REPLACED)
         self._next = ticket
@@ -175,6 +184,12 @@ class Goals:
             self._unread = None
         code = ErrorCode.SUCCESSFUL if end is End.CANCELED else ErrorCode.INVALID_GOAL
         ticket.on_end(Outcome(end, code, why))
+
+    def on_rest(self) -> None:
+        """A stop is over: what waits for it may start."""
+        if self._running is None and self._next is not None:
+            following, self._next = self._next, None
+            self._start(following)
 
     def fault(self, why: str) -> None:
         """End at once what runs or waits: something forbids motion."""
@@ -233,7 +248,7 @@ class Goals:
             )
         if (why := self._robot.why_not_ready(_now())) is not None:
             raise GoalRefusedError(ErrorCode.INVALID_GOAL, why)
-        if self._robot.paused and not self._delivery.resumes:
+        if self._robot.paused and not self._stopper.resumes:
             raise GoalRefusedError(
                 ErrorCode.INVALID_GOAL,
                 'the controller is paused (it says that motion is not possible): continue there',
@@ -266,7 +281,7 @@ class Goals:
         execution = ticket.execution = Execution(
             ticket.goal,
             self._settings,
-            self._delivery.post,
+            self._stopper.post,
             lambda outcome: self._on_end(ticket, outcome),
             _now(),
             self.scaling,
@@ -311,7 +326,7 @@ class Goals:
 
     def _execute(self, execution: Execution, trajectory: Trajectory, sample: JointSample) -> None:
         try:
-            prepared = self._delivery.prepare(trajectory, sample.positions)
+            prepared = self._stopper.prepare(trajectory, sample.positions)
         except GoalRefusedError as refusal:
             execution.fault(str(refusal), refusal.code)
             return
@@ -335,9 +350,10 @@ class Goals:
         ticket.on_end(outcome)
         if execution is not None and not execution.at_rest:
             self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
-        if self._next is not None:
-            following, self._next = self._next, None
-            self._start(following)
+        elif outcome.end is End.SUCCEEDED:
+            self._stopper.goal_reached()
+        if self._stopper.over:
+            self.on_rest()
 
 
 def _now() -> float:

@@ -10,6 +10,7 @@ The profile says it (`program.motors`, docs/controllers.md):
 """
 
 import asyncio
+import logging
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, Protocol
@@ -19,6 +20,8 @@ from epson_driver.link import Link
 from epson_driver.link.remote_ethernet import RemoteError, execute
 from epson_driver.simple_message import MotionCtrl, Packet
 from epson_driver.simple_message.motoman import Command
+
+_log = logging.getLogger(__name__)
 
 MotorsKind = Literal['none', 'remote_ethernet', 'motoman']
 
@@ -45,7 +48,14 @@ class Action(Enum):
 
 
 class MotorsError(RuntimeError):
-    """It could not be done; the text says why, and what a person can do."""
+    """It could not be done; the text says why, and what a person can do.
+
+    `unanswered`: the controller may have got the command, and may obey it yet.
+    """
+
+    def __init__(self, text: str, *, unanswered: bool = False) -> None:
+        super().__init__(text)
+        self.unanswered = unanswered
 
 
 class Motors(Protocol):
@@ -85,7 +95,8 @@ class RemoteEthernet:
         except (RemoteError, OSError, TimeoutError) as error:
             why = str(error) or 'no answer'
             raise MotorsError(
-                f'remote port {self._host}:{self._port}: {why}: {commands.by_hand}'
+                f'remote port {self._host}:{self._port}: {why}: {commands.by_hand}',
+                unanswered=isinstance(error, TimeoutError),
             ) from error
 
 
@@ -107,6 +118,7 @@ class MotomanCommands:
                 answer.set_result(packet)
 
         why: str | None
+        unanswered = False
         try:
             waiting = self._link.post(MotionCtrl(0, 0, commands.motoman), on_reply)
             try:
@@ -114,11 +126,67 @@ class MotomanCommands:
                     why = refusal(await answer)
             except TimeoutError:
                 self._link.give_up(waiting)
+                unanswered = True
                 why = f'no reply within {timeout:g} s'
         except ConnectionError as error:
             why = str(error)
         if why is not None:
-            raise MotorsError(f'{commands.motoman.name}: {why}: {commands.by_hand}')
+            raise MotorsError(
+                f'{commands.motoman.name}: {why}: {commands.by_hand}', unanswered=unanswered
+            )
+
+
+class OneAfterTheOther:
+    """Another way to the motors, with one command on its way at a time.
+
+    So the one that was given last has the last word. Somebody who waits for a command and is
+    cancelled leaves it on its way, if it is; if it is not yet, it is not given.
+    """
+
+    def __init__(self, way: Motors) -> None:
+        self.missing = way.missing
+        self.may_come_on = False
+        """The controller has not answered that the motors be switched on: it may do so yet."""
+        self._way = way
+        self._lock = asyncio.Lock()
+        self._given: asyncio.Task[None] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def act(self, action: Action, timeout: float) -> None:
+        """Do it when all before it is done, within `timeout` s from then. Raises MotorsError."""
+        task = asyncio.create_task(self._act(action, timeout))
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+        try:
+            await asyncio.shield(task)
+        except asyncio.CancelledError:
+            if task is not self._given:
+                task.cancel()
+            raise
+
+    async def close(self) -> None:
+        """Give up what is on its way."""
+        tasks = list(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _log.debug('%s', error)  # and raised, to who still waits for it
+
+    async def _act(self, action: Action, timeout: float) -> None:
+        async with self._lock:
+            self._given = asyncio.current_task()
+            on = action is Action.MOTORS_ON
+            try:
+                await self._way.act(action, timeout)
+            except MotorsError as error:
+                self.may_come_on |= on and error.unanswered
+                raise
+            if on:
+                self.may_come_on = False
 
 
 def motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link) -> Motors:

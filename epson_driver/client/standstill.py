@@ -11,6 +11,10 @@ from epson_driver.simple_message import TriState
 REST_TIME = 0.05
 """How long the arm must stand before it counts as standing, s: more than the velocity window."""
 
+DOUBTFUL_REST = 1.0
+"""How long it must stand where the controller has not confirmed STOP, s: it may be slow to do what
+it was sent before."""
+
 MOVED = 1e-4
 """A change of position that shows that the arm moves, rad: well above an encoder's step."""
 
@@ -28,14 +32,16 @@ class Standstill:
         self.alive = now
         self._alive_at: Array | None = None
         self._after: float | None = None
+        self._rest = REST_TIME
         self._since: float | None = None
 
-    def expect(self, after: float | None) -> None:
+    def expect(self, after: float | None, rest: float = REST_TIME) -> None:
         """Only what comes after this time counts: before it, the motion may not have begun.
 
-        None: nothing counts yet.
+        None: nothing counts yet. `rest`: how long the arm must stand, s.
         """
         self._after = after
+        self._rest = rest
         self._since = None
 
     def see(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
@@ -54,5 +60,5 @@ class Standstill:
             self._since = sample.measured
 
     def reached(self, now: float) -> bool:
-        """Return whether the arm has stood for REST_TIME. `now`: when the sample was measured."""
-        return self._since is not None and now - self._since >= REST_TIME
+        """Return whether the arm has stood for long enough; `now` is the sample's `measured`."""
+        return self._since is not None and now - self._since >= self._rest

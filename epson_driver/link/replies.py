@@ -20,6 +20,7 @@ from epson_driver.simple_message import (
     MotionCtrl,
     MotionReply,
     Packet,
+    SpecialSequence,
 )
 
 ANSWERED_BY: dict[int, frozenset[int]] = {
@@ -84,6 +85,18 @@ class PendingReplies:
         if waiting.sequence == 0:
             while self._waiting and waiting.sent - self._waiting[0].sent > GIVEN_UP_AFTER:
                 self._waiting.popleft()
+        if (
+            waiting.sequence == SpecialSequence.STOP_TRAJECTORY
+        ):  # a reply to any STOP is one to all
+            self._waiting = deque(
+                (
+                    each
+                    for each in self._waiting
+                    if each.sequence != waiting.sequence
+                    or waiting.sent - each.sent <= GIVEN_UP_AFTER
+                ),
+                MOST_WAITING,
+            )
         self._waiting.append(waiting)
 
     def take(self, reply: Packet) -> Waiting | None:

@@ -152,6 +152,12 @@ class Bench:
         return np.array_equal(before, self.at)
 
 
+def open_gate(gate):
+    """Enable, without a controller."""
+    with gate.enabling() as enabling:
+        gate.open(enabling)
+
+
 def pose(*values):
     """Return joint angles, the rest 0."""
     return np.array([*values, *[0.0] * (JOINTS - len(values))])

@@ -5,8 +5,9 @@
 from itertools import product
 
 import pytest
+from driver_bench import open_gate
 
-from epson_driver.client.arm_gate import ArmGate, what_forbids_motion
+from epson_driver.client.arm_gate import ArmGate, GateError, only_motors_off, what_forbids_motion
 from epson_driver.error_texts import load_error_texts
 from epson_driver.simple_message import Mode, Status, TriState
 
@@ -18,12 +19,12 @@ def test_inv4_closed_at_start():
 
 def test_the_first_reason_is_kept():
     gate = ArmGate()
-    gate.open()
+    open_gate(gate)
     assert gate.reason is None
     assert gate.close('the E-stop is pressed')
     assert not gate.close('the motors are off')
     assert gate.reason == 'the E-stop is pressed'
-    gate.open()
+    open_gate(gate)
     assert gate.reason is None
     assert gate.close('the motors are off')
     assert gate.reason == 'the motors are off'
@@ -76,3 +77,61 @@ def test_the_rule_in_full():
         status = Status(drives, e_stopped, 0, in_error, TriState.UNKNOWN, mode, TriState.UNKNOWN)
         forbidden = e_stopped == 1 or in_error == 1 or drives == 0
         assert (what_forbids_motion(status, ERRORS) is not None) == forbidden
+
+
+# --- requests to open it ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('opened', [False, True], ids=['closed', 'open'])
+def test_inv4_what_closes_it_or_would_have_closed_it_cancels_a_request(opened):
+    """docs/invariants.md, 4."""
+    gate = ArmGate()
+    if opened:
+        open_gate(gate)
+    told = []
+    with gate.enabling() as first, gate.enabling() as second:
+        first.on_cancel = lambda: told.append('first')
+        gate.close('the E-stop is pressed')
+        gate.close('the motors are off')
+        for enabling in (first, second):
+            assert enabling.canceled == 'the E-stop is pressed'
+            with pytest.raises(GateError, match='the E-stop is pressed'):
+                gate.open(enabling)
+    assert told == ['first']
+    assert gate.reason is not None
+    open_gate(gate)
+    assert gate.reason is None
+
+
+def test_inv4_motors_that_are_off_cancel_only_a_request_that_saw_them_on():
+    gate = ArmGate()
+    with gate.enabling() as enabling:
+        gate.close('the motors are off', motors_off=True)
+        assert enabling.canceled is None
+        gate.see_motors_on()
+        gate.close('the motors are off', motors_off=True)
+        assert enabling.canceled == 'the motors are off'
+
+
+def test_inv4_a_request_that_has_ended_opens_nothing():
+    gate = ArmGate()
+    with gate.enabling() as enabling:
+        pass
+    with pytest.raises(GateError, match='has ended'):
+        gate.open(enabling)
+    assert gate.reason is not None
+
+
+@pytest.mark.parametrize(
+    ('fields', 'only'),
+    [
+        ({'drives_powered': 0}, True),
+        ({'drives_powered': 0, 'error_code': 4031}, True),
+        ({'drives_powered': 0, 'e_stopped': 1}, False),
+        ({'drives_powered': 0, 'in_error': 1}, False),
+        ({'drives_powered': -1}, False),
+        ({}, False),
+    ],
+)
+def test_whether_only_the_motors_are_off(fields, only):
+    assert only_motors_off(Status(**{**FINE, **fields})) is only

@@ -5,7 +5,7 @@
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from driver_bench import JOINTS, Bench, WaxController
+from driver_bench import JOINTS, Bench, WaxController, open_gate
 from support.event_loop import now, run, until
 
 from epson_driver.client.diagnostics import Diagnostics
@@ -80,7 +80,7 @@ def test_the_arm_that_is_not_enabled_is_a_warning_with_its_reason(bench, diagnos
 
 def test_the_arm_that_is_enabled_is_fine(bench, diagnostics):
     connect(bench)
-    bench.driver.gate.open()
+    open_gate(bench.driver.gate)
     arm = rows(diagnostics.build(STAMP, 100.25))['arm']
     assert (arm.level, arm.message) == (OK, 'enabled')
     assert values(arm) == {
@@ -95,7 +95,7 @@ def test_the_arm_that_is_enabled_is_fine(bench, diagnostics):
 
 def test_an_error_of_the_controller_is_an_error_with_its_number(bench, diagnostics):
     connect(bench)
-    bench.driver.gate.open()
+    open_gate(bench.driver.gate)
     bench.driver.robot.on_status(Status(1, 0, 4001, 1, 0, 2, 0), 100.0)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert (arm.level, arm.message) == (
@@ -132,7 +132,7 @@ def test_what_must_be_mended_is_an_error_even_without_a_number(bench, diagnostic
 
 def test_motors_that_are_off_are_a_warning_with_the_gates_reason(bench, diagnostics):
     connect(bench)
-    bench.driver.gate.open()
+    open_gate(bench.driver.gate)
     bench.driver.gate.close('the motors are off')
     bench.driver.robot.on_status(Status(0, 0, 0, 0, 0, 2, 0), 100.0)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
@@ -153,7 +153,7 @@ def test_inv6_a_stale_state_is_stale_and_nothing_else(
 ):
     connect(bench)
     robot = bench.driver.robot
-    bench.driver.gate.open()
+    open_gate(bench.driver.gate)
     robot.on_joints((0.0,) * 10, joints)
     fine = Status(1, 0, 0, 0, 0, 2, 1)
     wrong = Status(1, 1, 4001, 1, 0, 2, 0)

@@ -12,7 +12,7 @@ from execution_bench import CYCLE, DT, LINE, Bench
 from epson_driver.client.execution import CAUSE_TIME, SETTLE_TIME, Settings
 from epson_driver.client.goal import End, ErrorCode
 from epson_driver.client.goal_states import FINAL, TRANSITIONS, Event, State
-from epson_driver.client.standstill import REST_TIME
+from epson_driver.client.standstill import DOUBTFUL_REST, REST_TIME
 from epson_driver.simple_message import TriState
 
 TABLE = """
@@ -59,7 +59,7 @@ def test_final_states_have_no_way_out_and_all_others_end_by_a_fault():
 
 
 def test_points_go_one_at_a_time_and_the_goal_succeeds_when_the_arm_stands_there():
-    bench = Bench()
+    bench = Bench(step=0.1)
     for count in range(1, 4):
         assert bench.sequences == list(range(count))
         bench.see(0.3)
@@ -76,7 +76,7 @@ def test_points_go_one_at_a_time_and_the_goal_succeeds_when_the_arm_stands_there
 
 
 def test_success_needs_every_reply():
-    bench = Bench()
+    bench = Bench(step=0.1)
     bench.go_and_answer()
     bench.go_and_answer()
     bench.move_to(LINE[-1])
@@ -88,7 +88,7 @@ def test_success_needs_every_reply():
 
 
 def test_success_needs_a_status_that_is_newer_than_the_last_reply():
-    bench = Bench()
+    bench = Bench(step=0.1)
     bench.go_and_answer()
     bench.go_and_answer()
     bench.move_to(LINE[-1])
@@ -103,7 +103,7 @@ def test_success_needs_a_status_that_is_newer_than_the_last_reply():
 
 
 def test_success_waits_while_the_controller_says_that_it_moves():
-    bench = Bench()
+    bench = Bench(step=0.1)
     bench.finish_points()
     bench.in_motion = TriState.TRUE
     bench.see(0.5)
@@ -115,7 +115,7 @@ def test_success_waits_while_the_controller_says_that_it_moves():
 
 @pytest.mark.parametrize('status', [True, False], ids=['UNKNOWN', 'no status at all'])
 def test_where_in_motion_is_unknown_the_measured_standstill_decides(status):
-    bench = Bench(in_motion=TriState.UNKNOWN)
+    bench = Bench(in_motion=TriState.UNKNOWN, step=0.1)
     if not status:
         bench.robot.status = None
     for point in LINE:
@@ -129,7 +129,7 @@ def test_where_in_motion_is_unknown_the_measured_standstill_decides(status):
 
 
 def test_an_arm_that_passes_the_goal_is_not_at_the_goal():
-    bench = Bench(in_motion=TriState.UNKNOWN)
+    bench = Bench(in_motion=TriState.UNKNOWN, step=0.1)
     bench.finish_points()
     bench.at = np.array((0.985, 0.5))
     for _ in range(200):  # 0.02 rad/s, through the tolerance and out again
@@ -142,7 +142,7 @@ def test_an_arm_that_passes_the_goal_is_not_at_the_goal():
 
 def at_the_last_point(seconds_after_the_joints):
     """Return a bench whose last reply came so long after the joints that showed the goal."""
-    bench = Bench(in_motion=TriState.UNKNOWN)
+    bench = Bench(in_motion=TriState.UNKNOWN, step=0.1)
     bench.go_and_answer()
     bench.go_and_answer()
     bench.move_to(LINE[-1])
@@ -182,7 +182,7 @@ def test_one_look_at_the_arm_is_no_standstill():
 @pytest.mark.parametrize('in_motion', [TriState.FALSE, TriState.UNKNOWN])
 def test_a_path_that_ends_where_it_began_does_not_succeed_early(in_motion):
     """A controller that acknowledges before it moves: the arm stands at the goal at first."""
-    bench = Bench(CYCLE, in_motion=in_motion)
+    bench = Bench(CYCLE, in_motion=in_motion, step=0.1)
     for _ in CYCLE:
         bench.answer()
     bench.see(0.5)
@@ -196,7 +196,7 @@ def test_a_path_that_ends_where_it_began_does_not_succeed_early(in_motion):
 
 
 def test_a_path_that_ends_where_it_began_and_never_happened_fails():
-    bench = Bench(CYCLE)
+    bench = Bench(CYCLE, step=0.1)
     for _ in CYCLE:
         bench.answer()
     bench.see(SETTLE_TIME + 0.2)
@@ -206,7 +206,7 @@ def test_a_path_that_ends_where_it_began_and_never_happened_fails():
 
 
 def test_a_goal_where_the_arm_stands_already_succeeds():
-    bench = Bench(((0.2, 0.1), (0.2, 0.1)))
+    bench = Bench(((0.2, 0.1), (0.2, 0.1)), step=0.1)
     bench.answer()
     bench.answer()
     bench.see(0.2)
@@ -214,7 +214,7 @@ def test_a_goal_where_the_arm_stands_already_succeeds():
 
 
 def test_a_tolerance_that_is_off_is_not_checked():
-    bench = Bench(tolerance=(0.01, np.inf))
+    bench = Bench(tolerance=(0.01, np.inf), step=0.1)
     for _ in LINE:
         bench.answer()
     bench.move_to((1.0, -3.0))
@@ -223,7 +223,7 @@ def test_a_tolerance_that_is_off_is_not_checked():
 
 
 def test_an_arm_that_rests_beside_the_goal_names_joint_distance_and_tolerance():
-    bench = Bench(tolerance=(0.01, 0.02))
+    bench = Bench(tolerance=(0.01, 0.02), step=0.1)
     bench.go_and_answer()
     bench.go_and_answer()
     bench.move_to((1.005, 0.475))
@@ -638,7 +638,7 @@ def test_a_state_without_joints_decides_nothing():
 
 
 def test_nothing_is_sent_before_the_goal_is_prepared_and_that_may_take_its_time():
-    bench = Bench(start=False, goal_time=1.0, settings=Settings(reply_timeout=1.0))
+    bench = Bench(start=False, goal_time=1.0, settings=Settings(reply_timeout=1.0), step=0.1)
     bench.see(10.0)
     assert bench.state == 'preparing'
     assert bench.execution.target == 0
@@ -686,3 +686,64 @@ def test_inv5_a_fault_before_it_is_prepared_ends_the_goal_and_nothing_is_sent():
     bench.see(1.0)
     assert bench.outcome.text == 'the E-stop is pressed'
     assert not bench.sent
+
+
+# --- what the state alone can say -------------------------------------------------------------
+
+
+def test_inv9_a_way_shorter_than_the_tolerance_is_no_success_before_its_time():
+    """docs/invariants.md, 9: all is acknowledged, and the arm has not begun to move."""
+    bench = Bench(((0.0, 0.0), (0.009, 0.0)), in_motion=TriState.UNKNOWN)
+    bench.answer()
+    bench.answer()
+    bench.see(0.8)
+    assert bench.state == 'settling'
+    bench.move_to((0.009, 0.0), 0.1)
+    bench.see(0.2)
+    assert bench.outcome.end is End.SUCCEEDED
+    assert bench.now - bench.execution.started >= 1.0
+
+
+def test_inv9_a_rest_on_the_way_at_the_goals_place_is_no_success():
+    """docs/invariants.md, 9: a plan that passes its end, waits there, and goes round once more."""
+    path = ((0.0, 0.0), (1.0, 0.5), (1.0, 0.5), (0.5, 0.2), (1.0, 0.5))
+    bench = Bench(path)
+    for _ in path:
+        bench.answer()
+    bench.move_to(path[1], 1.0)
+    bench.see(1.0)
+    assert bench.state == 'settling'
+    bench.move_to(path[3], 1.0)
+    bench.move_to(path[4], 1.0)
+    bench.see(0.3)
+    assert bench.outcome.end is End.SUCCEEDED
+
+
+def test_inv9_a_reply_to_a_point_may_be_the_one_to_stop_and_the_state_decides():
+    """docs/invariants.md, 9: one of the two never comes."""
+    bench = Bench()
+    bench.go_and_answer()
+    bench.execution.cancel(bench.now)
+    bench.answer(message=1)  # the point's, or STOP's in its place
+    bench.see(1.0, moving=0.1)
+    assert not bench.outcomes
+    bench.see(DOUBTFUL_REST - 0.2)
+    assert not bench.outcomes
+    bench.see(0.5)
+    assert bench.outcome.end is End.CANCELED
+    assert 'a reply is missing' in bench.outcome.text
+    assert bench.execution.broken_off
+    assert bench.execution.unanswered
+
+
+def test_a_reply_to_a_point_does_not_delay_a_stop_that_is_answered():
+    bench = Bench()
+    bench.go_and_answer()
+    bench.execution.cancel(bench.now)
+    bench.answer(message=1)
+    bench.see(0.02)
+    bench.answer()
+    bench.see(0.2)
+    assert bench.outcome.end is End.CANCELED
+    assert bench.outcome.text == 'canceled; the arm stands'
+    assert not bench.execution.broken_off

@@ -131,7 +131,7 @@ def test_a_violation_is_not_forgotten_if_the_stop_fails():
 
 
 def test_a_tight_velocity_at_the_goal_holds_for_its_joint():
-    bench = Bench(goal_velocity=np.array([0.001, INF]), in_motion=TriState.UNKNOWN)
+    bench = Bench(goal_velocity=np.array([0.001, INF]), in_motion=TriState.UNKNOWN, step=0.1)
     bench.finish_points()
     bench.at = np.array([0.995, 0.5])
     bench.see(0.5, moving=0.005)  # below what holds for all joints
@@ -188,7 +188,7 @@ def test_a_paused_controller_is_waited_for_and_the_clock_stands(acknowledged):
 
 
 def test_a_paused_goal_does_not_succeed_before_the_controller_goes_on():
-    bench = Bench()
+    bench = Bench(step=0.1)
     status(bench, TriState.TRUE)
     bench.finish_points()
     pause(bench)
@@ -200,11 +200,11 @@ def test_a_paused_goal_does_not_succeed_before_the_controller_goes_on():
 
 
 def test_after_a_pause_the_usual_patience_holds():
-    bench = Bench(settings=PATIENT)
+    bench = Bench(settings=PATIENT, step=0.25)
     status(bench, TriState.TRUE)
     for _ in LINE:
         bench.answer()
-    follow(bench, 0.5)
+    follow(bench, 0.125)
     pause(bench)
     stand(bench, 10.0)
     status(bench, TriState.TRUE)
@@ -286,7 +286,7 @@ def test_at_0_no_point_is_sent_and_at_more_it_goes_on():
     assert bench.sequences == [0, 1, 2]
     assert bench.sent[-1].duration == pytest.approx(1.0 + 0.5 / RAMP, rel=0.02)
     bench.go_and_answer()
-    bench.see(0.3)
+    bench.see(1.5)
     assert bench.outcome.end is End.SUCCEEDED
 
 

@@ -163,6 +163,8 @@ EXCEPTIONS = {
         )
     },
     ('door', 'thesis'): {'repair': (Event.DOOR_CLOSE,), 'boots': True},
+    # the last STOP leaves in the byte order of the fault, and comes when that is over
+    ('wrong_byte_order', 'fanuc'): {'reset': True},
 }
 
 NOT_THERE = {('failure_reply', 'thesis'): 'its replies are always SUCCESS'}

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from driver_bench import HOME, LIMITS, Bench, WaxController, frame, pose
+from driver_bench import HOME, LIMITS, Bench, WaxController, frame, open_gate, pose
 from support.event_loop import run, until
 
 from epson_driver.cli.__main__ import EXECUTABLES
@@ -177,7 +177,7 @@ def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
             await until(lambda: bench.driver.motion_link.connected)
             with pytest.raises(ServiceError, match='no joint state from the controller'):
                 await bench.services.enable()
-            bench.driver.gate.open()
+            open_gate(bench.driver.gate)
             goal = bench.submit(pose(0.1), start=HOME)
             assert 'no joint state' in (await goal.end()).text
             assert controller.received == []

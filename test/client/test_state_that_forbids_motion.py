@@ -8,7 +8,7 @@ import re
 import struct
 
 import pytest
-from driver_bench import LIMITS, Bench, WaxController, frame, pose
+from driver_bench import LIMITS, Bench, WaxController, answer, frame, pose
 from support.event_loop import now, run, stand_still, until
 
 from epson_driver.cli import processes
@@ -84,7 +84,10 @@ def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, s
     """docs/invariants.md, 6: it is said, and the arm must be enabled again when it is over."""
 
     async def scenario():
-        async with WaxController(lambda _: b'') as wax, Bench(wax.ports) as bench:
+        async with (
+            WaxController(lambda number: answer(1, number) if number < 0 else b'') as wax,
+            Bench(wax.ports) as bench,
+        ):
             await bench.ready()
             await bench.services.enable()
             goal = bench.submit(pose(0.5))
@@ -122,7 +125,7 @@ def test_inv6_enable_needs_joints_that_can_be_true():
             await until(lambda: bench.driver.motion_link.connected and bench.driver.robot.status)
             await until(lambda: bench.driver.state_link.statistics.bad_frames['joints'])
             with pytest.raises(
-                ServiceError, match=r'nobody knows where the arm is: joint_1 is re'
+                ServiceError, match=r'the joint state cannot be true: joint_1 is re'
             ):
                 await bench.services.enable()
             assert bench.gate is not None
