@@ -9,8 +9,9 @@ INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 	$(shell find $(wildcard epson_driver config launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
 
-# two at a time: most tests wait for real time to pass
+# Two at a time, each with one thread of its own for its matrices; a test file stays together, for its fixtures.
 ALL_TESTS := --numprocesses 2 --dist loadfile
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
 # An environment stays with the Python that made it: PYTHON=... with another one is a mistake to be told of.
 ifneq ($(origin PYTHON),file)
@@ -25,18 +26,21 @@ endif
 # Fast DDS would multicast on every network otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench bench-motion soak generate pictures clean help
+.PHONY: demo test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
 
 help:
 	@echo "make demo    a planned trajectory through ROS 2 to a simulated EPSON controller, and a report"
 	@echo "             (other arguments: make demo ARGS='--trajectory FILE'; ARGS=--plan: a pick and place, planned on the spot)"
-	@echo "make test    all tests (a part of them: make test ARGS=test/client)"
+	@echo "make test    the tests, in five minutes (a part of them: make test ARGS=test/client)"
+	@echo "make test-all       the tests with all that is rare and long: half an hour"
+	@echo "make coverage       which statements the tests run (those of test-all: make coverage ARGS=all)"
 	@echo "make lint    ruff and mypy"
 	@echo "make bench          what a step of the smoother costs in streams of 10 to 100,000 points, what a robot costs its"
 	@echo "                    driver, and a check for collision with collision meshes and with visual ones"
 	@echo "make bench-motion   the smoother against stop-and-go, splines and optima; tables and pictures in benchmark/results"
 	@echo "             (a part of it: make bench-motion ARGS='--quick'; all of what can be chosen: ARGS=--help)"
 	@echo "make soak           2,000 goals and 20,000 service calls: the driver's memory stays flat (ten minutes)"
+	@echo "make soak-tests     2,000 random plans, and new examples for every property (two hours)"
 	@echo "make generate       meshes, URDFs and MoveIt files, made again from config/robots"
 	@echo "make pictures       the pictures of the robots in docs"
 	@echo "make clean   remove what the others made"
@@ -44,14 +48,28 @@ help:
 
 # ALSO: what is to come after the driver, so that all sizes are named before the first download
 demo: ALSO := $(if $(findstring --plan,$(ARGS)),planning)
-test lint generate pictures: ALSO := dev
+test test-all soak-tests coverage lint generate pictures: ALSO := dev
 bench bench-motion: ALSO := bench
 
 demo: $(VENV)/.driver $(if $(findstring --plan,$(ARGS)),$(VENV)/.planning)
 	$(BIN)/epson_driver demo $(ARGS)
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest $(or $(ARGS),$(ALL_TESTS))
+	$(PYTEST) $(or $(ARGS),$(ALL_TESTS))
+
+test-all: $(VENV)/.dev
+	$(PYTEST) -m 'not soak' $(or $(ARGS),$(ALL_TESTS))
+
+soak-tests: $(VENV)/.dev
+	$(PYTEST) -m 'soak or hypothesis' $(or $(ARGS),$(ALL_TESTS))
+
+# also what child processes run; no report if a test fails
+coverage: $(VENV)/.dev
+	rm -f .coverage .coverage.*
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+		$(BIN)/python -m coverage run -m pytest $(ALL_TESTS) $(if $(filter all,$(ARGS)),-m 'not soak')
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report --skip-covered --show-missing
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -82,7 +100,7 @@ pictures: $(VENV)/.dev
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.picture $(ARGS)
 
 clean:
-	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo-report.png
+	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # What make installs in one go, each with a stamp. The lines, sizes and bars are install.py's.

@@ -1,8 +1,15 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the whole run tells in the end."""
+"""How many examples the run tries, and what it tells in the end."""
 
 from typing import Any
+
+from support.examples import load_profile
+
+
+def pytest_configure(config: Any) -> None:
+    """Choose the examples before the tests are collected: their settings are made then."""
+    load_profile(config.option.markexpr)
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

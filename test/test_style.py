@@ -12,7 +12,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.mark.parametrize(
-    'command', ['ruff check .', 'ruff format --check .', 'mypy'], ids=lambda command: command
+    'command',
+    ['ruff check .', 'ruff format --check .', pytest.param('mypy', marks=pytest.mark.slow)],
 )
 def test_the_linters_find_nothing(command: str) -> None:
     run = subprocess.run(

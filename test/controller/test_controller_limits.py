@@ -7,6 +7,7 @@ import pytest
 from controller_bench import LIMITS, STOP, Bench, InlinePlanner, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.controller.states import Motors, RefusedError
 from epson_driver.simple_message import FrameError
@@ -39,7 +40,7 @@ def assert_within_limits(samples, dt=DT, slack=SLACK):
         assert np.all(differences <= limit * (1.0 + slack)), f'derivative {order}'
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(
     start=fractions,
     targets=st.lists(fractions, min_size=1, max_size=3),
@@ -79,13 +80,13 @@ ACTIONS = st.one_of(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200))
 @given(st.lists(ACTIONS, max_size=40))
 def test_invariants_1_to_4_and_7_hold_through_any_sequence_of_actions(actions):
     assert_invariants(Bench(), actions)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(st.lists(ACTIONS, max_size=40))
 def test_invariants_1_to_4_and_7_hold_in_smooth_motion_too(actions):
     assert_invariants(Bench(planner=InlinePlanner()), actions)
@@ -151,7 +152,7 @@ def test_invariant_2_and_3_every_stop_of_smooth_motion_keeps_every_limit(stop, s
         np.testing.assert_allclose(bench.joints, angles(targets[-1]), atol=1e-6)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(st.lists(st.binary(max_size=200), max_size=5))
 def test_invariant_7_any_bytes_no_crash_no_motion(chunks):
     bench = Bench()
@@ -163,7 +164,7 @@ def test_invariant_7_any_bytes_no_crash_no_motion(chunks):
     assert bench.joints.tolist() == [0.0] * 6
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(
     st.lists(st.tuples(st.integers(0, 67), st.integers(0, 255)), min_size=1, max_size=4),
     st.integers(0, 67),
@@ -183,7 +184,7 @@ def test_invariant_7_a_point_with_wrong_bytes_never_leaves_the_limits(changes, c
         assert np.all(bench.joints <= LIMITS.position_max)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50))
 @given(st.lists(st.integers(-4, 12), max_size=60), st.floats(0.0, 0.05))
 def test_every_request_is_answered_once_and_in_order(sequences, pause):
     bench = Bench()

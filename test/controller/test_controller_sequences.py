@@ -23,6 +23,7 @@ from controller_bench import (
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from support.examples import examples
 
 from epson_driver.controller.core import Controller
 from epson_driver.controller.states import Event, Motors, RefusedError, Tasks
@@ -279,9 +280,8 @@ class Sequences(RuleBasedStateMachine):
 
 TestSequences = Sequences.TestCase
 TestSequences.settings = settings(
-    max_examples=200,
+    max_examples=examples(200),
     stateful_step_count=40,
-    deadline=None,
     suppress_health_check=list(HealthCheck),
 )
 
@@ -293,4 +293,4 @@ class SmoothSequences(Sequences):
 
 
 TestSmoothSequences = SmoothSequences.TestCase
-TestSmoothSequences.settings = settings(TestSequences.settings, max_examples=40)
+TestSmoothSequences.settings = settings(TestSequences.settings, max_examples=examples(40))

@@ -16,6 +16,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.controllers import load_controller_profile
@@ -152,7 +153,8 @@ def taken_or_refused(reader: Callable[[Path], object], path: Path) -> bool:
 
 
 ANY_TIME = settings(
-    deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(150),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 from epson_driver.motion.blend import blend_start
@@ -97,7 +98,7 @@ TARGETS = st.tuples(*[STEPS] * JOINTS)
 INSTANTS = FRACTIONS | st.sampled_from([1e-15, 1e-6, 0.5, 1.0 - 1e-9, 1.0 - 1e-15])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(start=STARTS, steps=TARGETS, speed=PERCENTAGES, accel=PERCENTAGES)
 def test_invariant_2_a_move_stays_within_every_limit(
     start: Array, steps: tuple[float, ...], speed: float, accel: float
@@ -115,7 +116,7 @@ def test_invariant_2_a_move_stays_within_every_limit(
         assert not acceleration.any()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     start=STARTS,
     steps=TARGETS,
@@ -219,7 +220,7 @@ def test_a_move_shorter_than_the_shortest_is_no_move(step: float) -> None:
         assert not acceleration.any()
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=examples(30))
 @given(tiny=st.floats(-1e-8, 1e-8), instant=INSTANTS)
 @example(tiny=1e-12, instant=0.5)
 @example(tiny=-1e-12, instant=0.5)
@@ -306,7 +307,7 @@ def test_vectors_of_a_wrong_length_or_not_finite_are_refused(name: str) -> None:
 # ---- when the deceleration begins, and what a move consists of
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(start=STARTS, steps=TARGETS, speed=PERCENTAGES, accel=PERCENTAGES)
 def test_the_deceleration_begins_at_the_highest_speed(
     start: Array, steps: tuple[float, ...], speed: float, accel: float
@@ -367,7 +368,7 @@ def check_blend(
     assert np.all(jerks <= accel * LIMITS.jerk * slack + 1e-11 / step)
 
 
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=examples(80))
 @given(
     corner=STARTS,
     before=TARGETS,

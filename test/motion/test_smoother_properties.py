@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Smoother
@@ -222,10 +223,8 @@ def kept(*pieces: tuple[str, int], **values: object) -> Scenario:
 
 @pytest.mark.timeout(900)
 @settings(
-    max_examples=50,
-    deadline=None,
+    max_examples=examples(50),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-    derandomize=True,
 )
 # a joint grazed its position limit beside a point that lies on it
 @example(

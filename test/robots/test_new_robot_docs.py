@@ -54,7 +54,6 @@ def test_the_commands_lead_to_a_controller_of_ones_own_robot(tmp_path: Path) -> 
         [sys.executable, '-m', 'epson_driver.cli', 'robots', str(mine)],
         capture_output=True,
         text=True,
-        timeout=60,
         check=True,
     )
     assert shown.stdout.startswith(f'# {mine.stem}: ')

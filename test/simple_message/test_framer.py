@@ -11,6 +11,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from wire_examples import DIALECTS, EXAMPLES, bits, drain, frames_of, packets
 
 from epson_driver.simple_message import (
@@ -71,7 +72,7 @@ def test_one_byte_at_a_time_gives_each_frame_with_its_last_byte() -> None:
     assert complete == ends
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(data=st.data())
 def test_any_segmentation_gives_the_same_frames(data: st.DataObject) -> None:
     dialect = data.draw(st.sampled_from(DIALECTS))
@@ -83,7 +84,6 @@ def test_any_segmentation_gives_the_same_frames(data: st.DataObject) -> None:
     assert outcome(Framer(), cut(stream, cuts)) == (whole, '')
 
 
-@settings(deadline=None)
 @given(
     stream=st.binary(max_size=200) | st.binary(max_size=20).map(lambda tail: STREAM + tail),
     cuts=st.lists(st.integers(0, 800), max_size=12),
@@ -104,7 +104,6 @@ def test_the_byte_order_is_detected_from_the_first_length(order: ByteOrder) -> N
 
 
 @ORDERS
-@settings(deadline=None)
 @given(length=st.integers(12, 65535))
 def test_every_length_that_is_allowed_is_detected_in_its_byte_order(
     order: ByteOrder, length: int
@@ -239,7 +238,7 @@ def test_invariant_7_memory_is_bounded_while_a_long_frame_drips_in() -> None:
     assert framer.next_frame() is None
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=examples(200))
 @given(data=st.data(), max_length=st.sampled_from([12, 64, 300, 65535]))
 def test_invariant_7_arbitrary_bytes_raise_nothing_else_and_hold_no_more_memory(
     data: st.DataObject, max_length: int
@@ -262,7 +261,6 @@ def test_invariant_7_arbitrary_bytes_raise_nothing_else_and_hold_no_more_memory(
             assert held(framer) == 0
 
 
-@settings(deadline=None)
 @given(garbage=st.binary(min_size=4, max_size=200))
 @example(garbage=bytes(4))
 def test_invariant_7_the_next_connection_is_not_touched_by_the_last(garbage: bytes) -> None:

@@ -8,6 +8,7 @@ from itertools import product
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from wire_examples import INT32, frames_of
 
 from epson_driver.simple_message import (
@@ -166,7 +167,7 @@ TOPICS = st.builds(IoPublish, INT32, st.lists(VALUES, max_size=4).map(tuple)).ma
 
 
 @pytest.mark.parametrize('order', ByteOrder, ids=lambda order: order.name)
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=examples(100))
 @given(packet=REQUESTS | REPLIES | TOPICS)
 def test_every_io_message_comes_back(order: ByteOrder, packet: Packet) -> None:
     (frame,) = frames_of(encode(packet, Dialect(order)))
@@ -175,7 +176,7 @@ def test_every_io_message_comes_back(order: ByteOrder, packet: Packet) -> None:
     assert (received.comm_type, received.reply_code) == (packet.comm_type, packet.reply_code)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=examples(300))
 @given(
     msg_type=st.integers(65200, 65206),
     header=st.sampled_from([REQUEST, REPLY, TOPIC]),

@@ -7,6 +7,7 @@ import struct
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from wire_examples import DIALECTS, FLOAT32, HEADERS, INT32, bits, frames_of
 
 from epson_driver.simple_message import (
@@ -64,7 +65,7 @@ def test_the_first_bytes_as_they_are_in_a_capture() -> None:
 
 
 @pytest.mark.parametrize('dialect', DIALECTS, ids=str)
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=examples(40))
 @given(data=st.data())
 def test_every_value_comes_back_bit_exact(dialect: Dialect, data: st.DataObject) -> None:
     ten = st.tuples(*[FLOAT32] * 10)

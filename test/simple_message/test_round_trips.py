@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from wire_examples import DIALECTS, FLOAT32, INT32, ZEROS, bits, frames_of, packets
 
 from epson_driver.simple_message import (
@@ -38,7 +39,7 @@ WITHOUT_REALS = (Ping, GetVersion, Status, Opaque)
 
 
 @pytest.mark.parametrize('dialect', DIALECTS, ids=str)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(data=st.data())
 def test_invariant_8_every_message_comes_back_bit_exact(
     dialect: Dialect, data: st.DataObject
@@ -55,7 +56,7 @@ def test_invariant_8_every_message_comes_back_bit_exact(
 
 
 @pytest.mark.parametrize('order', ByteOrder, ids=lambda order: order.name)
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=examples(50))
 @given(words=st.lists(FLOAT32, min_size=31, max_size=31))
 def test_invariant_8_measured_values_keep_bits_order_and_sign(
     order: ByteOrder, words: list[float]
@@ -96,7 +97,7 @@ def _epson_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures('_epson_inputs')
 @pytest.mark.parametrize('dialect', DIALECTS, ids=str)
 def test_a_vendor_message_is_one_class_and_one_row(dialect: Dialect) -> None:
-    @settings(deadline=None, max_examples=20)
+    @settings(max_examples=examples(20))
     @given(bank=INT32, gain=FLOAT32, held=st.just(()) | st.tuples(INT32, INT32))
     def round_trip(bank: int, gain: float, held: tuple[int, ...]) -> None:
         message = EpsonInputs(bank, gain, held)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.controller.arm.executor import Point
 from epson_driver.controller.arm.low_power import LowPower
@@ -487,7 +488,7 @@ NEAR = st.tuples(*[STEPS] * 6).map(np.array)
 EVENTS = st.sampled_from(['stop', 'hold', 'resume', 'low', 'high', 'slow', 'send', 'none'])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     start=SPOTS,
     moves=st.lists(NEAR | SPOTS.map(lambda spot: spot / 2.0), min_size=2, max_size=6),
@@ -543,7 +544,7 @@ def test_invariant_2_and_3_no_limit_is_exceeded_whatever_happens(
         assert one.answers[-1][0] == one.taken[-1][0]
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     corner=SPOTS,
     before=NEAR,

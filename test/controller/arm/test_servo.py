@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.controller.arm.servo import Servo
 from epson_driver.motion import go
@@ -202,7 +203,7 @@ def test_what_is_reported_is_the_callers_own():
     assert not one.velocity.any()
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=examples(40))
 @given(
     steps=st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(0.0, 0.1)), max_size=30),
     lag=st.sampled_from([0.0, 0.001, 0.01, 0.1]),

@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from streaming_bench import (
     DT,
@@ -15,6 +15,7 @@ from streaming_bench import (
     assert_within_limits,
     way,
 )
+from support.examples import examples
 
 FAST = way(60, 1.0)
 """Points for which PERIOD is too short: the arm is as fast as its limits allow."""
@@ -286,10 +287,7 @@ holds = st.lists(
 
 @pytest.mark.timeout(600)
 @settings(
-    max_examples=30,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow],
+    max_examples=examples(30),
 )
 @given(
     holds=holds,

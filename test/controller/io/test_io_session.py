@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.controller.clock import Clock
 from epson_driver.controller.io.io_points import IoPoints
@@ -441,7 +442,7 @@ def test_an_impossible_length_ends_the_session(client: Client) -> None:
         client.session.receive(struct.pack('<i', 65536))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=examples(200))
 @given(
     msg_type=st.integers(65199, 65207),
     comm_type=st.sampled_from([REQUEST, REQUEST, TOPIC, REPLY, 0]),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.controller.errors import ErrorNumber, ErrorRegister, Refusal
 from epson_driver.controller.programs.motoman_program import MotomanProgram
@@ -704,7 +705,7 @@ MESSAGES = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=examples(200))
 @given(script=st.lists(MESSAGES, max_size=30))
 def test_invariants_2_and_7_whatever_comes_targets_are_within_limits_and_all_is_answered(script):
     bench = Bench(room=2, start=False)

@@ -9,6 +9,7 @@ from controller_bench import Bench, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from remote_bench import Remote
+from support.examples import examples
 
 from epson_driver.controller.remote.remote_commands import COMMANDS
 from epson_driver.controller.remote.sim_commands import SIM_COMMANDS
@@ -413,7 +414,7 @@ def test_a_reboot_is_answered_before_it_closes_the_connection():
 # ---- any bytes
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200))
 @given(st.lists(st.binary(max_size=300), max_size=5))
 def test_invariant_7_any_bytes(pieces):
     remote = Remote()
@@ -428,7 +429,7 @@ WORDS = st.sampled_from(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(
     st.sampled_from([*COMMANDS, *(f'Sim,{name}' for name in SIM_COMMANDS)]),
     st.lists(WORDS, max_size=4),

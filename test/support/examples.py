@@ -1,0 +1,35 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How many examples hypothesis tries, and which: one profile for each kind of run.
+
+`make test` and `make test-all` try the same examples each time, so that they fail only for what
+was changed; `make soak` looks for new ones, and prints how to see a failure again.
+"""
+
+from hypothesis import HealthCheck, settings
+
+FULL = 100
+"""`max_examples` of the profile in which a test gets the number that it names."""
+
+_ANY_MACHINE = settings(
+    deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
+)
+PROFILES = {
+    'quick': settings(_ANY_MACHINE, max_examples=FULL // 4, derandomize=True),
+    'thorough': settings(_ANY_MACHINE, max_examples=FULL, derandomize=True),
+    'soak': settings(_ANY_MACHINE, max_examples=10 * FULL),
+}
+
+
+def load_profile(marks: str) -> None:
+    """Load the profile for what `pytest -m` says."""
+    for name, profile in PROFILES.items():
+        settings.register_profile(name, profile)
+    words = marks.replace('not ', 'not-').split()
+    thorough = 'thorough' if 'not-slow' not in words else 'quick'
+    settings.load_profile('soak' if 'soak' in words else thorough)
+
+
+def examples(count: int) -> int:
+    """Return how many of so many examples are tried in this run, 10 at least."""
+    return max(count * settings.default.max_examples // FULL, min(count, 10))
