@@ -3,11 +3,14 @@
 """Writes the tables that come from elsewhere.
 
 Parameters in ros_interface.md, from client/parameters.py; error numbers in troubleshooting.md,
-from config/errors/epson.yaml; robot models in new_robot.md, from config/robots.
+from config/errors/epson.yaml; robot models in new_robot.md, from config/robots; the tests of each
+invariant in invariants.md, from their marker.
 
 Run it after a change there: `python docs/make_tables.py`. Tests compare them.
 """
 
+import ast
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,6 +19,8 @@ from epson_driver.error_texts import NO_ERROR, load_error_texts
 from epson_driver.robots import load_robot_model, robot_models
 
 DOCS = Path(__file__).parent
+TEST = DOCS.parent / 'test'
+INVARIANTS = range(1, 10)
 KINDS = {bool: 'bool', int: 'integer', float: 'double', str: 'string', list: 'array'}
 
 
@@ -58,6 +63,42 @@ def models() -> Iterator[tuple[str, ...]]:
         )
 
 
+def invariants() -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the invariants: how many tests carry the number, and in which files."""
+    found: dict[int, Counter[str]] = defaultdict(Counter)
+    for path in sorted(TEST.rglob('test_*.py')):
+        for number in marked(path.read_text(encoding='utf-8')):
+            found[number][path.relative_to(TEST).as_posix()] += 1
+    yield '', 'tests', 'in `test/`'
+    for number in sorted({*INVARIANTS, *found}):
+        files = ', '.join(f'`{file}` {count}' for file, count in found[number].items())
+        yield str(number), str(found[number].total()), files
+
+
+def marked(module: str) -> Iterator[int]:
+    """Yield the numbers of `pytest.mark.invariant`, once for each test of a module."""
+    tree = ast.parse(module)
+    of_all: set[int] = set()
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'pytestmark':
+            of_all = _numbers(node.value)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            if node.name.startswith('test'):
+                yield from of_all.union(*map(_numbers, node.decorator_list))
+        elif isinstance(node, ast.Assign) and ast.unparse(node.value).endswith('.TestCase'):
+            yield from of_all  # hypothesis makes a test of a state machine
+
+
+def _numbers(expression: ast.expr) -> set[int]:
+    return {
+        ast.literal_eval(number)
+        for node in ast.walk(expression)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'pytest.mark.invariant'
+        for number in node.args
+    }
+
+
 def page(name: str) -> str:
     """Return a page with its table as it should be."""
     mark, rows = TABLES[name]
@@ -85,6 +126,7 @@ def _allowed(row: Row) -> str:
 
 
 TABLES: dict[str, tuple[str, Callable[[], Iterator[tuple[str, ...]]]]] = {
+    'invariants.md': ('tests', invariants),
     'new_robot.md': ('models', models),
     'ros_interface.md': ('parameters', parameters),
     'troubleshooting.md': ('errors', errors),

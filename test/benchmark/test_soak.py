@@ -4,7 +4,11 @@
 
 from pathlib import Path
 
+import pytest
+
 from benchmark.soak import growth, soak
+
+pytestmark = pytest.mark.invariant(7, 9)
 
 WARM_UP = 400
 MOST_PER_CALL = 400

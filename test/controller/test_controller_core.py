@@ -71,6 +71,7 @@ def test_status_while_it_moves_and_after():
     assert (status.drives_powered, status.in_motion, status.motion_possible) == (1, 0, 1)
 
 
+@pytest.mark.invariant(3)
 def test_invariant_3_motors_off_in_mid_move_brakes_first():
     bench = moving_bench(point(1, HERE))
     bench.do('motors off')
@@ -88,6 +89,7 @@ def test_invariant_3_motors_off_in_mid_move_brakes_first():
     assert_stays(bench)
 
 
+@pytest.mark.invariant(4)
 @pytest.mark.parametrize(
     'how', ['end of stream', 'garbage', 'other byte order', 'negative length']
 )
@@ -161,6 +163,7 @@ def test_only_one_client():
     assert len(bench.controller.faults._wires) == 1
 
 
+@pytest.mark.invariant(3, 4)
 def test_invariant_3_and_4_estop_in_mid_move_and_the_way_back():
     bench = moving_bench(point(1, HERE))
     controller = bench.controller
@@ -262,6 +265,7 @@ def test_a_long_step_goes_through_all_points_that_wait():
     assert not bench.controller.in_motion
 
 
+@pytest.mark.invariant(4)
 def test_invariant_4_a_client_that_is_hung_up_is_not_heard_any_more():
     bench = Bench(motors=True)
     bench.controller.lines.hang_up('motion')

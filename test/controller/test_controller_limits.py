@@ -40,6 +40,7 @@ def assert_within_limits(samples, dt=DT, slack=SLACK):
         assert np.all(differences <= limit * (1.0 + slack)), f'derivative {order}'
 
 
+@pytest.mark.invariant(2, 3)
 @settings(max_examples=examples(300))
 @given(
     start=fractions,
@@ -80,12 +81,14 @@ ACTIONS = st.one_of(
 )
 
 
+@pytest.mark.invariant(1, 2, 3, 4, 7)
 @settings(max_examples=examples(200))
 @given(st.lists(ACTIONS, max_size=40))
 def test_invariants_1_to_4_and_7_hold_through_any_sequence_of_actions(actions):
     assert_invariants(Bench(), actions)
 
 
+@pytest.mark.invariant(1, 2, 3, 4, 7)
 @settings(max_examples=examples(60))
 @given(st.lists(ACTIONS, max_size=40))
 def test_invariants_1_to_4_and_7_hold_in_smooth_motion_too(actions):
@@ -132,6 +135,7 @@ def assert_invariants(bench, actions):
         assert bench.rest() < 1.0
 
 
+@pytest.mark.invariant(2, 3)
 @pytest.mark.parametrize('stop', sorted(STOPS))
 @pytest.mark.parametrize('seed', range(2))
 def test_invariant_2_and_3_every_stop_of_smooth_motion_keeps_every_limit(stop, seed):
@@ -152,6 +156,7 @@ def test_invariant_2_and_3_every_stop_of_smooth_motion_keeps_every_limit(stop, s
         np.testing.assert_allclose(bench.joints, angles(targets[-1]), atol=1e-6)
 
 
+@pytest.mark.invariant(7)
 @settings(max_examples=examples(300))
 @given(st.lists(st.binary(max_size=200), max_size=5))
 def test_invariant_7_any_bytes_no_crash_no_motion(chunks):
@@ -164,6 +169,7 @@ def test_invariant_7_any_bytes_no_crash_no_motion(chunks):
     assert bench.joints.tolist() == [0.0] * 6
 
 
+@pytest.mark.invariant(7)
 @settings(max_examples=examples(300))
 @given(
     st.lists(st.tuples(st.integers(0, 67), st.integers(0, 255)), min_size=1, max_size=4),

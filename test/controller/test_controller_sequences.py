@@ -8,6 +8,7 @@ The numbers are those of docs/invariants.md.
 import struct
 
 import numpy as np
+import pytest
 from controller_bench import (
     FAILURE,
     LIMITS,
@@ -28,6 +29,8 @@ from support.examples import examples
 from epson_driver.controller.core import Controller
 from epson_driver.controller.states import Event, Motors, RefusedError, Tasks
 from epson_driver.simple_message import FrameError
+
+pytestmark = pytest.mark.invariant(1, 2, 3, 4)
 
 DT = 0.004
 JOINTS = 6

@@ -406,6 +406,7 @@ def reachable():
     return found
 
 
+@pytest.mark.invariant(4)
 def test_invariant_4_power_comes_only_from_motors_on_and_from_continue_after_the_door():
     conditions = reachable()
     assert len(conditions) > 100

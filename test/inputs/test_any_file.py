@@ -26,6 +26,8 @@ from epson_driver.motion import problems
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_folder
 
+pytestmark = pytest.mark.invariant(7)
+
 
 def _trajectory(path: Path) -> None:
     for timed in (True, False):

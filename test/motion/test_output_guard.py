@@ -19,6 +19,8 @@ from epson_driver.motion.smoother.law import Law
 from epson_driver.motion.smoother.output_guard import Motion, OutputGuard
 from epson_driver.motion.smoother.path import Knots
 
+pytestmark = pytest.mark.invariant(2, 3, 9)
+
 DT = 1e-3
 FAR = np.array([1.0, -0.8, 0.6, 0.9, 0.7, -0.5])
 

@@ -98,6 +98,7 @@ TARGETS = st.tuples(*[STEPS] * JOINTS)
 INSTANTS = FRACTIONS | st.sampled_from([1e-15, 1e-6, 0.5, 1.0 - 1e-9, 1.0 - 1e-15])
 
 
+@pytest.mark.invariant(2)
 @settings(max_examples=examples(60))
 @given(start=STARTS, steps=TARGETS, speed=PERCENTAGES, accel=PERCENTAGES)
 def test_invariant_2_a_move_stays_within_every_limit(
@@ -116,6 +117,7 @@ def test_invariant_2_a_move_stays_within_every_limit(
         assert not acceleration.any()
 
 
+@pytest.mark.invariant(3)
 @settings(max_examples=examples(60))
 @given(
     start=STARTS,
@@ -180,6 +182,7 @@ def test_a_long_move_takes_the_shortest_time(joint: int, accel: float, speed: fl
     assert velocity[joint] == pytest.approx(-v)
 
 
+@pytest.mark.invariant(3)
 def test_invariant_3_a_stop_from_full_speed_takes_the_shortest_time() -> None:
     motion = go(LIMITS, *one_joint(2.9), speed=0.5)
     stop = motion.stop(motion.duration / 2.0)
@@ -198,6 +201,7 @@ def test_the_joints_start_and_end_together_and_the_slowest_sets_the_time() -> No
     assert np.all(velocity * target > 0.0)
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize('length', [1e-9, 1e-8, 1e-6, 1e-4])
 def test_invariant_2_a_tiny_move_is_a_move(length: float) -> None:
     start, target = one_joint(length, joint=3)
@@ -220,6 +224,7 @@ def test_a_move_shorter_than_the_shortest_is_no_move(step: float) -> None:
         assert not acceleration.any()
 
 
+@pytest.mark.invariant(2)
 @settings(max_examples=examples(30))
 @given(tiny=st.floats(-1e-8, 1e-8), instant=INSTANTS)
 @example(tiny=1e-12, instant=0.5)
@@ -241,6 +246,7 @@ def test_invariant_2_a_joint_that_hardly_moves_does_not_hold_up_the_others(
         check_line(moving, start, target)
 
 
+@pytest.mark.invariant(3)
 def test_invariant_3_a_stop_at_rest_stays_there() -> None:
     start, target = one_joint(1.0)
     motion = go(LIMITS, start, target)
@@ -250,6 +256,7 @@ def test_invariant_3_a_stop_at_rest_stays_there() -> None:
         np.testing.assert_array_equal(stop.at(0.0)[0], where)
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_a_motion_does_not_follow_arrays_that_change_later() -> None:
     start, target = one_joint(1.0)
     motion = go(LIMITS, start, target)
@@ -267,6 +274,7 @@ def test_the_arm_may_come_back_from_outside_the_position_limits() -> None:
     np.testing.assert_array_equal(motion.at(motion.duration)[0], HIGH)
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize('joint', range(JOINTS))
 @pytest.mark.parametrize('limit', [LOW, HIGH], ids=['min', 'max'])
 def test_invariant_2_a_target_is_refused_just_outside_the_limits_and_accepted_at_them(
@@ -368,6 +376,7 @@ def check_blend(
     assert np.all(jerks <= accel * LIMITS.jerk * slack + 1e-11 / step)
 
 
+@pytest.mark.invariant(2)
 @settings(max_examples=examples(80))
 @given(
     corner=STARTS,
@@ -418,6 +427,7 @@ def test_equal_moves_on_a_line_go_on_at_full_speed() -> None:
     np.testing.assert_allclose(acceleration + opposite, 0.0, atol=1e-6)
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_a_way_back_at_full_acceleration_begins_later() -> None:
     there, back = np.zeros(JOINTS), np.array([1.0, 0, 0, 0, 0, 0])
     first, second = moves(there, back, there)
@@ -429,6 +439,7 @@ def test_invariant_2_a_way_back_at_full_acceleration_begins_later() -> None:
     assert blend_start(first, second, LIMITS, first.braking) == first.braking
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_a_blend_does_not_pass_a_position_limit() -> None:
     # From the limit and back to it by a short move that is over before the first one has ended.
     top, below = np.array([HIGH[0], 0, 0, 0, 0, 0]), np.array([HIGH[0] - 0.02, 0, 0, 0, 0, 0])
@@ -443,6 +454,7 @@ def test_invariant_2_a_blend_does_not_pass_a_position_limit() -> None:
     assert blend_start(first, second, wide, first.braking) < begin
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_a_blend_keeps_the_speed_of_the_tool() -> None:
     reach = np.array([0.5, 0.5, 0, 0, 0, 0])
     corner = np.array([0.5, 0, 0, 0, 0, 0])
@@ -487,6 +499,7 @@ def check_stop(stop: JointStop, state: tuple[Array, Array, Array]) -> None:
     assert not acceleration.any()
 
 
+@pytest.mark.invariant(3)
 def test_invariant_3_every_joint_stops_as_fast_as_it_can() -> None:
     velocity = 0.8 * LIMITS.velocity * [1, -1, 1, -1, 1, 0]
     state = ((LOW + HIGH) / 2.0, velocity, np.zeros(JOINTS))
@@ -500,6 +513,7 @@ def test_invariant_3_every_joint_stops_as_fast_as_it_can() -> None:
     assert stop.end[5] == state[0][5]
 
 
+@pytest.mark.invariant(3)
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 @pytest.mark.parametrize('share', [0.02, 0.1, 0.3])
 def test_invariant_3_a_joint_that_cannot_stop_before_its_limit_turns_back(

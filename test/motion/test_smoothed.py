@@ -180,6 +180,7 @@ def test_retimed_leaves_out_points_that_count_as_one():
     assert np.array_equal(plan.positions[-1], doubled[-1])
 
 
+@pytest.mark.invariant(2)
 def test_a_motion_that_would_break_a_limit_is_refused() -> None:
     """Invariant 2: whoever plans wrongly, nothing of it is handed on."""
 

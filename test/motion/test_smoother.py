@@ -15,6 +15,8 @@ from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, S
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 
+pytestmark = pytest.mark.invariant(2, 3)
+
 LIMITS = load_robot_model('c3_a601s').limits
 HOME = np.array([0.0, -0.5, 1.0, 0.0, -1.0, 0.0])
 DT = 1e-3

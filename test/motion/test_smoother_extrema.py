@@ -8,6 +8,8 @@ Invariant 2 of docs/invariants.md.
 import pytest
 from smoother_runs import exact_extrema, random_run, sampled_extrema
 
+pytestmark = pytest.mark.invariant(2)
+
 QUICK = 20
 """Plans of `make test`, every tenth sampled at 10 kHz, the others at 1 kHz."""
 

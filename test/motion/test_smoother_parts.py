@@ -169,6 +169,7 @@ def sampled_loads(path: Path, law: Law) -> list[float]:
     return [float(np.max(np.abs(value))) for value in values]
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize('gap', [3e-4, 1e-3, 3e-3])
 def test_the_judge_sees_what_happens_on_a_segment_that_is_driven_in_no_time(gap: float) -> None:
     """Invariant 2: no sample can miss what no sample is needed for."""

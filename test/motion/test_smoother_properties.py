@@ -16,6 +16,8 @@ from support.examples import examples
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Smoother
 
+pytestmark = pytest.mark.invariant(2, 3)
+
 FAR_APART = ('sparse', 'at limits')
 DT = 1e-3
 LONGEST = 10.0

@@ -47,6 +47,7 @@ def test_a_good_trajectory_has_no_problems() -> None:
     assert bare.duration == 3.0
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize(
     ('changes', 'sentences'),
     [
@@ -129,6 +130,7 @@ def test_a_trajectory_without_points_is_a_problem() -> None:
     assert list(problems(empty, LIMITS)) == ['the trajectory has no points']
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize(('excess', 'count'), [(0.0, 0), (1e-7, 0), (1e-4, 1)])
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_invariant_2_a_limit_is_meant_up_to_rounding(
@@ -165,6 +167,7 @@ def test_in_order_keeps_what_is_not_there_and_refuses_an_unknown_joint() -> None
         bare.in_order(('shoulder', 'elbow', 'tool'))
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize('path', PLANS, ids=lambda path: path.stem)
 def test_invariant_2_the_planned_trajectories_of_this_package_have_no_problems(
     path: Path,

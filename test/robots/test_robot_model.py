@@ -42,6 +42,7 @@ def test_the_c3_has_the_documented_joints_and_ranges() -> None:
     np.testing.assert_allclose(model.limits.position_max, high, rtol=1e-15)
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_the_c3_is_never_faster_than_documented() -> None:
     limits = load_robot_model('c3_a601s').limits
     documented = np.deg2rad(np.array(SPEEDS, dtype=float))

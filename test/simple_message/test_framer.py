@@ -134,6 +134,7 @@ def test_a_given_byte_order_refuses_the_other(order: ByteOrder) -> None:
     assert str(error.value) == ('length = 939524096: must be 12 … 65535; is the byte order right?')
 
 
+@pytest.mark.invariant(7)
 @ORDERS
 @pytest.mark.parametrize('length', [0, -1, -(2**31), 11, 65536, 2**31 - 1])
 def test_invariant_7_an_impossible_length_is_refused(order: ByteOrder, length: int) -> None:
@@ -152,6 +153,7 @@ def test_the_outermost_lengths_are_accepted(order: ByteOrder, length: int) -> No
         assert len(frame.body) == length - 12
 
 
+@pytest.mark.invariant(7)
 @pytest.mark.parametrize('prefix', ['00000000', 'ffffffff', '0b000000', '0000000b', '01000001'])
 def test_invariant_7_a_length_that_is_impossible_in_both_orders_is_refused(prefix: str) -> None:
     framer = Framer()
@@ -201,6 +203,7 @@ def test_after_an_error_the_error_repeats_whatever_comes() -> None:
     assert texts == {'length = 0: must be 12 … 65535; is the byte order right?'}
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_memory_is_bounded_after_an_error() -> None:
     framer = Framer()
     framer.receive_data(bytes(4))
@@ -226,6 +229,7 @@ def test_invariant_7_memory_is_bounded_after_an_error() -> None:
     assert after - before < 4096  # an error object that is kept and raised again grows
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_memory_is_bounded_while_a_long_frame_drips_in() -> None:
     stream = frame_bytes(65535)
     framer = Framer()
@@ -238,6 +242,7 @@ def test_invariant_7_memory_is_bounded_while_a_long_frame_drips_in() -> None:
     assert framer.next_frame() is None
 
 
+@pytest.mark.invariant(7)
 @settings(max_examples=examples(200))
 @given(data=st.data(), max_length=st.sampled_from([12, 64, 300, 65535]))
 def test_invariant_7_arbitrary_bytes_raise_nothing_else_and_hold_no_more_memory(
@@ -261,6 +266,7 @@ def test_invariant_7_arbitrary_bytes_raise_nothing_else_and_hold_no_more_memory(
             assert held(framer) == 0
 
 
+@pytest.mark.invariant(7)
 @given(garbage=st.binary(min_size=4, max_size=200))
 @example(garbage=bytes(4))
 def test_invariant_7_the_next_connection_is_not_touched_by_the_last(garbage: bytes) -> None:

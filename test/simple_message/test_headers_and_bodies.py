@@ -267,6 +267,7 @@ def test_a_joint_traj_with_a_wrong_number_of_points_is_refused(body: bytes) -> N
     )
 
 
+@pytest.mark.invariant(8)
 def test_invariant_8_the_points_of_a_joint_traj_keep_their_bits() -> None:
     odd = JointTrajPt(-3, (float('nan'), -0.0, float('inf'), float('-inf'), *ZEROS[4:]), 1.0, -0.0)
     (frame,) = frames_of(encode(request(JointTraj((odd, odd))), LITTLE_ENDIAN))

@@ -38,6 +38,7 @@ from epson_driver.simple_message.layouts import LAYOUT_OF_CLASS, LAYOUT_OF_TYPE,
 WITHOUT_REALS = (Ping, GetVersion, Status, Opaque)
 
 
+@pytest.mark.invariant(8)
 @pytest.mark.parametrize('dialect', DIALECTS, ids=str)
 @settings(max_examples=examples(60))
 @given(data=st.data())
@@ -55,6 +56,7 @@ def test_invariant_8_every_message_comes_back_bit_exact(
         assert received.dialect == dialect
 
 
+@pytest.mark.invariant(8)
 @pytest.mark.parametrize('order', ByteOrder, ids=lambda order: order.name)
 @settings(max_examples=examples(50))
 @given(words=st.lists(FLOAT32, min_size=31, max_size=31))

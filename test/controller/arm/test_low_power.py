@@ -16,6 +16,7 @@ LIMITS = MODEL.limits
 CAPS = LowPower(0.05, 0.25, MODEL.reach)
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_the_limits_keep_the_tools_speed_whatever_the_joints_do():
     capped = CAPS.limits(LIMITS)
     assert capped.velocity @ MODEL.reach == pytest.approx(0.25, rel=1e-12)
@@ -53,6 +54,7 @@ def test_the_speed_of_a_line_depends_on_the_joints_that_move(direction, speed):
 WAYS = st.tuples(*[st.floats(-5.0, 5.0)] * 6).map(np.array)
 
 
+@pytest.mark.invariant(2)
 @given(way=WAYS, fraction=st.floats(0.01, 1.0), tool_speed=st.floats(0.01, 5.0))
 def test_invariant_2_no_line_moves_the_tool_faster(way, fraction, tool_speed):
     caps = LowPower(fraction, tool_speed, MODEL.reach)

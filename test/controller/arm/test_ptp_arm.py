@@ -211,6 +211,7 @@ def test_a_wrong_fraction_is_refused_and_changes_nothing(name, value):
         bench(**{name: value})
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_a_wrong_point_is_refused_and_nothing_moves():
     arm = bench().arm
     for target in (at(9.0), at(np.nan), np.zeros(5)):
@@ -307,6 +308,7 @@ def test_the_last_point_rests():
 # ---- stop, hold, resume, settle
 
 
+@pytest.mark.invariant(3)
 @pytest.mark.parametrize('cp', [False, True])
 def test_invariant_3_stop_ends_everything(cp):
     one = bench(cp=cp, acknowledge='taken')
@@ -349,6 +351,7 @@ def test_a_stop_during_the_overhead_leaves_the_arm_at_rest():
     assert not np.any(one.positions)
 
 
+@pytest.mark.invariant(3)
 @pytest.mark.parametrize('instant', np.arange(0.02, 1.0, 0.049))
 def test_invariant_3_hold_stays_on_the_path_and_resume_reaches_every_target(instant):
     one = bench(acknowledge='taken', statement_overhead=0.012)
@@ -457,6 +460,7 @@ def test_low_power_is_slow_and_counts_from_the_next_move_from_rest(cp):
     one.check()
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_the_tool_keeps_its_low_power_speed_on_any_line():
     random = np.random.default_rng(3)
     one = bench(acknowledge='taken', look_ahead_points=30, cp=True)
@@ -468,6 +472,7 @@ def test_invariant_2_the_tool_keeps_its_low_power_speed_on_any_line():
     assert np.max(tool) > 0.9 * CAPS.tool_speed
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_a_blend_at_low_power_keeps_the_speed_of_the_tool():
     # joint 2 gains speed faster than joint 1 loses it
     one = bench(cp=True, acknowledge='taken')
@@ -488,6 +493,7 @@ NEAR = st.tuples(*[STEPS] * 6).map(np.array)
 EVENTS = st.sampled_from(['stop', 'hold', 'resume', 'low', 'high', 'slow', 'send', 'none'])
 
 
+@pytest.mark.invariant(2, 3)
 @settings(max_examples=examples(60))
 @given(
     start=SPOTS,
@@ -544,6 +550,7 @@ def test_invariant_2_and_3_no_limit_is_exceeded_whatever_happens(
         assert one.answers[-1][0] == one.taken[-1][0]
 
 
+@pytest.mark.invariant(3)
 @settings(max_examples=examples(60))
 @given(
     corner=SPOTS,
@@ -575,6 +582,7 @@ def test_invariant_3_a_stop_in_a_blend_keeps_every_limit(
         assert np.float32(one.arm.position).tolist() == np.float32(end).tolist()
 
 
+@pytest.mark.invariant(3)
 def test_invariant_3_a_stop_where_a_blend_turns_back_at_a_limit_stays_inside():
     for step in range(0, 120, 3):
         one = bench(at(2.0), 1.0, 0.5, cp=True, acknowledge='taken')

@@ -175,6 +175,7 @@ def waiting_to_continue(smooth, push=0.3):
     return bench
 
 
+@pytest.mark.invariant(2)
 @both
 @pytest.mark.parametrize('end', ['STOP', 'bad point'])
 def test_invariant_2_no_jump_when_the_motion_was_ended_while_it_waited(smooth, end):
@@ -187,6 +188,7 @@ def test_invariant_2_no_jump_when_the_motion_was_ended_while_it_waited(smooth, e
     assert np.allclose(bench.joints, np.float32(POINTS[0]), atol=1e-6)
 
 
+@pytest.mark.invariant(2)
 @both
 @pytest.mark.parametrize('end', ['motors off', 'motion client lost', 'mode manual', 'stop'])
 def test_invariant_2_no_jump_after_a_way_back_that_was_ended(smooth, end):
@@ -203,6 +205,7 @@ def test_invariant_2_no_jump_after_a_way_back_that_was_ended(smooth, end):
     assert np.allclose(bench.joints, np.float32(POINTS[0]), atol=1e-6)
 
 
+@pytest.mark.invariant(3)
 @both
 def test_invariant_3_a_stop_ends_the_way_back(smooth):
     bench = waiting_to_continue(smooth)

@@ -60,6 +60,7 @@ def test_at_rest_it_stands_exactly_at_the_command(lag, encoder):
     assert len(positions) * DT < motion.duration + 15 * lag + 3 * DT
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize('dt', [0.001, 0.004])
 @pytest.mark.parametrize('lag', [0.001, 0.008, 0.05])
 def test_invariant_2_the_joints_never_exceed_what_was_commanded(lag, dt):

@@ -247,6 +247,7 @@ def moving_bench(delay=0.0, count=80, **settings):
     return bench
 
 
+@pytest.mark.invariant(3)
 @pytest.mark.parametrize('delay', [0.0, 0.03])
 def test_invariant_3_stop_flushes_and_brings_to_rest(delay):
     bench = moving_bench(delay, look_ahead=0.3)
@@ -326,6 +327,7 @@ def test_a_duration_of_more_than_a_day_is_refused():
     assert bench.error == 8000
 
 
+@pytest.mark.invariant(3, 4)
 def test_invariant_3_and_4_estop_in_motion():
     bench = moving_bench(look_ahead=0.3)
     bench.do('E-stop press')
@@ -340,6 +342,7 @@ def test_invariant_3_and_4_estop_in_motion():
     assert bench.codes() == [(40, FAILURE)]
 
 
+@pytest.mark.invariant(3)
 @pytest.mark.parametrize('how', ['motors off', 'client lost'])
 def test_invariant_3_motors_off_and_a_lost_client_brake_first(how):
     bench = moving_bench(delay=0.02)
@@ -355,6 +358,7 @@ def test_invariant_3_motors_off_and_a_lost_client_brake_first(how):
     assert bench.joints.tolist() == trace[-1].tolist()
 
 
+@pytest.mark.invariant(1)
 def test_invariant_1_no_plan_from_before_a_stop_moves_the_arm():
     """The answer comes when the arm rests again and there are other points."""
     bench = smooth_bench(delay=0.2)
@@ -393,6 +397,7 @@ def test_a_pause_brakes_on_the_path_and_continue_goes_on_to_the_same_points(seco
     assert bench.error == 0
 
 
+@pytest.mark.invariant(3, 4)
 def test_invariant_3_and_4_estop_in_a_pause_ends_the_trajectory():
     bench = moving_bench()
     bench.do('pause')
@@ -405,6 +410,7 @@ def test_invariant_3_and_4_estop_in_a_pause_ends_the_trajectory():
     assert [code for _, code in bench.codes()] == [FAILURE]
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_low_power_keeps_the_tool_slow():
     bench = smooth_bench(power='low')
     points = way(20, amplitude=0.1)
@@ -453,6 +459,7 @@ def test_late_plans_are_counted_and_told_once(caplog):
     assert bench.remote('Sim,timing') == [f'#Sim,0,{late},0,0']
 
 
+@pytest.mark.invariant(3, 4)
 def test_invariant_3_and_4_a_planner_that_dies_in_motion_stops_the_arm(caplog):
     bench = moving_bench(delay=0.02, look_ahead=0.3)
     bench.planner.die()

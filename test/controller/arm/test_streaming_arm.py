@@ -340,6 +340,7 @@ def test_a_planner_that_finds_nothing_is_a_failure_after_some_attempts():
     assert bench.arm.position.tolist() == HOME.tolist()
 
 
+@pytest.mark.invariant(2, 9)
 def test_a_plan_that_would_break_a_limit_is_braked_told_and_counted():
     """Invariants 2 and 9: the arm trusts no planner."""
     bench = StreamingBench()

@@ -43,6 +43,7 @@ def farthest(trace, others):
     return max(np.min(np.max(np.abs(others - each), axis=1)) for each in trace)
 
 
+@pytest.mark.invariant(2, 3)
 @pytest.mark.parametrize('delay', [0.0, 0.012, 0.1])
 @pytest.mark.parametrize('seconds', [0.25, 0.35, 0.5, 0.8, 1.1])
 def test_invariant_2_and_3_a_hold_brakes_on_the_path_and_keeps_all_points(seconds, delay):
@@ -222,6 +223,7 @@ def test_a_hold_while_the_arm_brakes_for_a_stop_changes_nothing_of_that():
     assert np.array_equal(*ends)
 
 
+@pytest.mark.invariant(3)
 @pytest.mark.parametrize('answers', [False, True])
 def test_invariant_3_a_planner_that_dies_in_a_hold(answers):
     """The arm stays, or brakes on; nothing of it needs a plan."""
@@ -285,6 +287,7 @@ holds = st.lists(
 )  # ms until each hold, and how long it lasts
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.timeout(600)
 @settings(
     max_examples=examples(30),

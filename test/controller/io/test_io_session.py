@@ -442,6 +442,7 @@ def test_an_impossible_length_ends_the_session(client: Client) -> None:
         client.session.receive(struct.pack('<i', 65536))
 
 
+@pytest.mark.invariant(7)
 @settings(max_examples=examples(200))
 @given(
     msg_type=st.integers(65199, 65207),

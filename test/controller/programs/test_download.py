@@ -176,6 +176,7 @@ def test_or_the_points_beyond_the_buffer_are_lost(caplog):
     assert b.joints == rounded(THERE)
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_downloads_on_downloads_are_limited():
     b = bench(buffer=10, pending_limit=15)
     b.send(*trajectory(10), *trajectory(10))  # one point of the first is with the arm
@@ -189,6 +190,7 @@ def test_invariant_7_downloads_on_downloads_are_limited():
     assert len(b.program._queue) <= 15
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_a_download_without_an_end_is_limited():
     b = bench(buffer=10, overflow='drop')
     b.send(point(FIRST, HOME, TOPIC), *[point(1, THERE, TOPIC)] * 1000)
@@ -197,6 +199,7 @@ def test_invariant_7_a_download_without_an_end_is_limited():
     assert b.events == []
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_requests_in_a_pause_are_limited():
     b = bench(pending_limit=10)
     b.program.pause()
@@ -222,6 +225,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.invariant(1)
 @pytest.mark.parametrize('comm_type', [TOPIC, REQUEST])
 @pytest.mark.parametrize('at', [0, 3, 9])
 @pytest.mark.parametrize('name', REFUSED)
@@ -243,6 +247,7 @@ def test_invariant_1_a_bad_point_refuses_the_whole_and_its_cause_stays_shown(nam
     assert b.error == 0
 
 
+@pytest.mark.invariant(1)
 def test_invariant_1_a_new_beginning_replaces_what_has_come():
     b = bench()
     b.send(*trajectory(10)[:-1], *trajectory(2, joints=HOME))
@@ -250,6 +255,7 @@ def test_invariant_1_a_new_beginning_replaces_what_has_come():
     assert (b.joints, b.events) == (list(HOME), ['began', 0, 1])
 
 
+@pytest.mark.invariant(3)
 @pytest.mark.parametrize('dead_time', [0.0, 0.1])
 def test_invariant_3_a_stop_ends_a_download_in_every_phase(dead_time):
     messages = trajectory(5)
@@ -267,6 +273,7 @@ def test_invariant_3_a_stop_ends_a_download_in_every_phase(dead_time):
         assert b.codes() == [(0, SUCCESS)]
 
 
+@pytest.mark.invariant(1)
 def test_invariant_1_a_lost_client_ends_a_download():
     for number in (3, 5):
         b = bench(dead_time=0.1)

@@ -158,6 +158,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.invariant(1)
 @pytest.mark.parametrize('name', REFUSED)
 def test_invariant_1_a_refused_point_moves_nothing_and_the_next_good_one_works(name, caplog):
     bad, error, words = REFUSED[name]
@@ -234,6 +235,7 @@ def test_no_point_is_skipped_after_an_abort():
 # ---- limits
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize('joint', range(6))
 @pytest.mark.parametrize('limit', [LIMITS.position_min, LIMITS.position_max])
 def test_invariant_2_a_limit_rounded_to_float32_is_inside_and_one_step_more_is_not(joint, limit):
@@ -254,6 +256,7 @@ def test_invariant_2_a_limit_rounded_to_float32_is_inside_and_one_step_more_is_n
     assert bench.error == 4001
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_rounding_on_the_way_to_a_limit_does_not_pass_it():
     random = np.random.default_rng(0)
     for _ in range(300):
@@ -300,6 +303,7 @@ def test_reset_clears_an_error_and_leaves_the_motors_alone():
 # ---- STOP
 
 
+@pytest.mark.invariant(3)
 def test_invariant_3_stop_in_mid_move_answers_in_order_and_brakes():
     bench = Bench()
     bench.send(point(0, THERE), point(1, HERE), point(2, THERE))
@@ -385,6 +389,7 @@ def test_pipelined_points_are_all_visited_and_answered_in_order():
         assert joint_1 == pytest.approx(angles[sequence], abs=2e-3)
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_too_many_points_end_the_motion():
     motion = replace(PROFILE.motion, pending_limit=5)
     bench = Bench(profile=replace(PROFILE, motion=motion))

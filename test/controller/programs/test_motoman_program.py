@@ -477,6 +477,7 @@ def test_after_an_abort_the_arm_waits_for_start_traj_mode(end):
     assert bench.point(0) == (SUCCESS, 0)
 
 
+@pytest.mark.invariant(4)
 def test_invariant_4_after_an_estop_nothing_moves_before_start_traj_mode():
     bench = Bench()
     bench.point(0)
@@ -705,6 +706,7 @@ MESSAGES = st.one_of(
 )
 
 
+@pytest.mark.invariant(2, 7)
 @settings(max_examples=examples(200))
 @given(script=st.lists(MESSAGES, max_size=30))
 def test_invariants_2_and_7_whatever_comes_targets_are_within_limits_and_all_is_answered(script):

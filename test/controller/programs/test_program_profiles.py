@@ -219,6 +219,7 @@ def test_stops_that_do_not_work_take_no_more_memory_than_points():
 # ---- limits
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_a_point_outside_the_limits_ends_the_motion_when_its_turn_comes():
     bench = ProgramBench(check_limits=False)
     bench.send(point(0, THERE), point(1, OUTSIDE), point(2, HOME))
@@ -237,6 +238,7 @@ def test_invariant_2_a_point_outside_the_limits_ends_the_motion_when_its_turn_co
     assert bench.error == 0
 
 
+@pytest.mark.invariant(2)
 def test_invariant_2_without_failure_replies_it_is_not_executed_either():
     bench = ProgramBench('thesis')
     bench.send(point(0, OUTSIDE))
@@ -372,6 +374,7 @@ def test_a_point_that_comes_in_a_pause_moves_nothing_until_it_ends():
     assert bench.codes() == [(0, SUCCESS)]
 
 
+@pytest.mark.invariant(3)
 def test_invariant_3_stop_works_in_a_pause():
     bench = ProgramBench()
     bench.send(point(0, THERE))
@@ -385,6 +388,7 @@ def test_invariant_3_stop_works_in_a_pause():
     assert bench.codes() == []
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_points_in_a_pause_are_limited():
     bench = ProgramBench(pending_limit=3)
     bench.pause()
@@ -416,6 +420,7 @@ def test_fanuc_acknowledges_before_it_moves():
 # ---- anything at all
 
 
+@pytest.mark.invariant(2, 7)
 @pytest.mark.parametrize('name', ['rc620', 'thesis', 'fanuc', 'abb', 'generic'])
 def test_invariants_2_and_7_whatever_comes_in_whatever_order(name):
     random = np.random.default_rng(7)

@@ -414,6 +414,7 @@ def test_a_reboot_is_answered_before_it_closes_the_connection():
 # ---- any bytes
 
 
+@pytest.mark.invariant(7)
 @settings(max_examples=examples(200))
 @given(st.lists(st.binary(max_size=300), max_size=5))
 def test_invariant_7_any_bytes(pieces):
@@ -429,6 +430,7 @@ WORDS = st.sampled_from(
 )
 
 
+@pytest.mark.invariant(1)
 @settings(max_examples=examples(300))
 @given(
     st.sampled_from([*COMMANDS, *(f'Sim,{name}' for name in SIM_COMMANDS)]),

@@ -42,6 +42,7 @@ def gone(clients):
     return [index for index, client in enumerate(clients) if client.gone]
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_the_one_too_many_gets_in_and_the_one_idle_longest_makes_room(bench, idle):
     for count in range(1, 2 * REMOTE_CLIENTS):
         newest = Client(bench)
