@@ -4,12 +4,21 @@
 
 from typing import Any
 
+import pytest
 from support.examples import load_profile
+
+from epson_driver.cli import processes
 
 
 def pytest_configure(config: Any) -> None:
     """Choose the examples before the tests are collected: their settings are made then."""
     load_profile(config.option.markexpr)
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _patience() -> None:
+    """Processes may take their time to end: on a busy machine they are as right as elsewhere."""
+    processes.END_TIMEOUT = 300.0
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

@@ -44,7 +44,7 @@ def running_client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         yield domain
 
 
-def action_names(domain: int, patience: float = 30.0) -> set[str]:
+def action_names(domain: int, patience: float = 300.0) -> set[str]:
     """Return the FollowJointTrajectory actions that somebody in a domain serves."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     from rclpy.action import get_action_names_and_types
@@ -61,6 +61,7 @@ def action_names(domain: int, patience: float = 30.0) -> set[str]:
         while not names and time.monotonic() < end:
             found = get_action_names_and_types(node)
             names = {name for name, types in found if wanted in types}
+            time.sleep(0.05)
         return names
     finally:
         node.destroy_node()

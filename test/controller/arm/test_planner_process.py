@@ -19,6 +19,7 @@ from epson_driver.motion.smoother import Smoother, plan
 from epson_driver.robots import load_robot_model
 
 LIMITS = load_robot_model('c3_a601s').limits
+PATIENCE = 300.0
 SLOW = replace(LIMITS, velocity=0.02 * LIMITS.velocity)
 
 
@@ -46,7 +47,7 @@ class Told:
 async def planning():
     planner, told = PlannerProcess(LIMITS), Told()
     assert not planner.ready
-    async with asyncio.timeout(60):
+    async with asyncio.timeout(PATIENCE):
         await planner.start()
         assert planner.ready
         running = asyncio.create_task(planner.run(told.failures.append))
@@ -58,8 +59,11 @@ async def planning():
 
 
 @pytest.fixture(autouse=True)
-def soon_again(monkeypatch):
-    monkeypatch.setattr(planner_process, 'PAUSE', 0.05)
+def patience(monkeypatch):
+    """Have it start again at once, and give it the time that a busy machine needs."""
+    monkeypatch.setattr(planner_process, 'PAUSE', 0.0)
+    monkeypatch.setattr(planner_process, 'START_TIMEOUT', PATIENCE)
+    monkeypatch.setattr(planner_process, 'HUNG', PATIENCE)
 
 
 def test_its_plans_are_those_of_the_function():
