@@ -11,7 +11,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from driver_bench import Bench, cell, now, pose, run, simulated, until
+from driver_bench import PATIENCE, Bench, cell, now, pose, run, simulated, until
 from slow_remote import SlowRemote
 
 from epson_driver.client import services
@@ -19,7 +19,6 @@ from epson_driver.client.services import ServiceError
 from epson_driver.controller.faults.fault_text import parse
 from epson_driver.controller.states import Event
 from epson_driver.controllers import load_controller_profile
-from epson_driver.simple_message import JointTrajPt
 
 RC620 = load_controller_profile('rc620')
 QUICK = replace(RC620, state=replace(RC620.state, joint_positions_per_status=1))
@@ -77,7 +76,7 @@ async def links_are_cut(bench, controller, chance):
 
 
 async def error_comes_and_goes(bench, controller, chance):
-    bench.driver.motion_link.post(JointTrajPt(0, (9.0,) * 10), lambda *_: None)
+    controller.servo_error(1)
     await seen(bench, in_error=1)
     controller.apply(Event.RESET)
     await seen(bench, in_error=0)
@@ -125,7 +124,8 @@ async def races(count, closings, seed):
         await bench.ready()
         for index in range(count):
             closing = closings[index % len(closings)]
-            won += await race(bench, controller, far, closing, chance)
+            async with asyncio.timeout(PATIENCE):
+                won += await race(bench, controller, far, closing, chance)
         await until(lambda: bench.driver.motion_link.connected)
         await seen(bench, e_stopped=0, in_error=0)
         assert await enable(bench) == (True, 'the arm is enabled')  # and it still works
