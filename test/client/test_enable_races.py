@@ -94,7 +94,8 @@ async def race(bench, controller, remote, closing, chance):
 
     Whatever the order in which they get through: what closes it was later than ~/enable.
     """
-    await until(lambda: not remote.busy and bench.driver.motion_link.connected)
+    # a command that a canceled ~/enable has left on its way would switch them on again
+    await until(lambda: not bench.driver.motors.busy and bench.driver.motion_link.connected)
     controller.apply(Event.MOTORS_OFF)
     await seen(bench, drives_powered=0)
     remote.delay = chance.uniform(0.0, 0.04)
