@@ -152,6 +152,11 @@ class OneAfterTheOther:
         self._given: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
+    @property
+    def busy(self) -> bool:
+        """A command is on its way, or waits for its turn."""
+        return bool(self._tasks)
+
     async def act(self, action: Action, timeout: float) -> None:
         """Do it when all before it is done, within `timeout` s from then. Raises MotorsError."""
         task = asyncio.create_task(self._act(action, timeout))

@@ -23,7 +23,6 @@ class SlowRemote:
     def __init__(self, controller, delay):
         self.delay = delay
         self.obeyed = []
-        self.busy = 0
         self.given = asyncio.Event()
         self._controller = controller
         self._tasks = set()
@@ -54,11 +53,7 @@ class SlowRemote:
         name = line[1:].partition(',')[0]
         if line in EVENTS:
             self.given.set()
-            self.busy += 1
-            try:
-                await asyncio.sleep(self.delay)
-            finally:
-                self.busy -= 1
+            await asyncio.sleep(self.delay)
             self.obeyed.append(name)
             try:
                 self._controller.apply(EVENTS[line])

@@ -13,11 +13,10 @@ from dataclasses import replace
 import pytest
 from driver_bench import Bench, cell, pose, simulated
 from slow_remote import SlowRemote
-from support.event_loop import now, run, until
+from support.event_loop import PATIENCE, now, run, until
 
 from epson_driver.client import services
 from epson_driver.client.services import ServiceError
-from epson_driver.controller.errors import ErrorNumber
 from epson_driver.controller.faults.fault_text import parse
 from epson_driver.controller.states import Event
 from epson_driver.controllers import load_controller_profile
@@ -78,7 +77,7 @@ async def links_are_cut(bench, controller, chance):
 
 
 async def error_comes_and_goes(bench, controller, chance):
-    controller.raise_error(ErrorNumber.SERVO_ERROR)
+    controller.servo_error(1)
     await seen(bench, in_error=1)
     controller.apply(Event.RESET)
     await seen(bench, in_error=0)
@@ -96,7 +95,8 @@ async def race(bench, controller, remote, closing, chance):
 
     Whatever the order in which they get through: what closes it was later than ~/enable.
     """
-    await until(lambda: not remote.busy and bench.driver.motion_link.connected)
+    # a command that a canceled ~/enable has left on its way would switch them on again
+    await until(lambda: not bench.driver.motors.busy and bench.driver.motion_link.connected)
     controller.apply(Event.MOTORS_OFF)
     await seen(bench, drives_powered=0)
     remote.delay = chance.uniform(0.0, 0.04)
@@ -126,7 +126,8 @@ async def races(count, closings, seed):
         await bench.ready()
         for index in range(count):
             closing = closings[index % len(closings)]
-            won += await race(bench, controller, far, closing, chance)
+            async with asyncio.timeout(PATIENCE):
+                won += await race(bench, controller, far, closing, chance)
         await until(lambda: bench.driver.motion_link.connected)
         await seen(bench, e_stopped=0, in_error=0)
         assert await enable(bench) == (True, 'the arm is enabled')  # and it still works
