@@ -63,7 +63,7 @@ def near(positions: Array, points: Array) -> float:
 @pytest.mark.parametrize('mode', Mode)
 @pytest.mark.parametrize('name', ['around_pillar_11_points', 'around_pillar_fast_100ms'])
 def test_a_plan_is_followed_without_a_stop(name: str, mode: Mode) -> None:
-    trajectory = read_trajectory(Path(share_file(f'config/trajectories/{name}.yaml')))
+    trajectory = read_trajectory(Path(share_file('config', 'trajectories', f'{name}.yaml')))
     smoother = Smoother(LIMITS, trajectory.positions[0], mode)
     durations = np.diff(trajectory.times)
     for point, duration in zip(trajectory.positions[1:], durations.tolist(), strict=True):
