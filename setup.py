@@ -64,6 +64,7 @@ setup(
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
         'dev': [
             'colcon-common-extensions',
+            'coverage',
             'hypothesis',
             'mypy',
             'pytest',
