@@ -5,14 +5,14 @@
 from typing import Any
 
 import pytest
-from support.examples import load_profile
+from support.examples import load_profile, profile_for
 
 from epson_driver.cli import processes
 
 
 def pytest_configure(config: Any) -> None:
     """Choose the examples before the tests are collected: their settings are made then."""
-    load_profile(config.option.markexpr)
+    load_profile(profile_for(config.option.markexpr))
 
 
 @pytest.fixture(scope='session', autouse=True)

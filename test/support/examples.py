@@ -21,13 +21,19 @@ PROFILES = {
 }
 
 
-def load_profile(marks: str) -> None:
-    """Load the profile for what `pytest -m` says."""
-    for name, profile in PROFILES.items():
-        settings.register_profile(name, profile)
-    words = marks.replace('not ', 'not-').split()
-    thorough = 'thorough' if 'not-slow' not in words else 'quick'
-    settings.load_profile('soak' if 'soak' in words else thorough)
+def profile_for(marks: str) -> str:
+    """Return the profile's name for what `pytest -m` says."""
+    chosen = set(marks.replace('not ', 'not-').replace('(', ' ').replace(')', ' ').split())
+    if 'soak' in chosen:
+        return 'soak'
+    return 'quick' if 'not-slow' in chosen else 'thorough'
+
+
+def load_profile(name: str) -> None:
+    """Make it that of all tests whose modules are imported from now on."""
+    for each, profile in PROFILES.items():
+        settings.register_profile(each, profile)
+    settings.load_profile(name)
 
 
 def examples(count: int) -> int:

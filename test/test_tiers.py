@@ -1,0 +1,51 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What make test, test-all and soak-tests choose, and how many examples they try."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+from support.examples import FULL, PROFILES, examples, profile_for
+
+ROOT = Path(__file__).resolve().parents[1]
+MAKEFILE = (ROOT / 'Makefile').read_text(encoding='utf-8')
+SETTINGS = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
+
+
+def marks(text: str) -> str:
+    """Return what a command chooses with -m."""
+    return re.findall(r"-m '([^']+)'", text)[-1]
+
+
+def goal(name: str) -> str:
+    """Return what make does for a goal."""
+    return re.findall(rf'(?m)^{name}:.*\n((?:\t.*\n)+)', MAKEFILE)[-1]
+
+
+def test_each_goal_has_its_marks_and_its_examples() -> None:
+    default = marks(SETTINGS['tool']['pytest']['ini_options']['addopts'])
+    chosen = [default, marks(goal('test-all')), marks(goal('soak-tests'))]
+    assert chosen == ['not slow and not soak', 'not soak', 'soak or hypothesis']
+    assert [profile_for(each) for each in chosen] == list(PROFILES)
+    assert '-m' not in goal('test').replace('-m pytest', '')
+
+
+def test_ci_runs_what_a_newcomer_would() -> None:
+    lines = (ROOT / '.ci' / 'run').read_text(encoding='utf-8').splitlines()
+    assert [line for line in lines if line.startswith('make')] == ['make test', 'make test-all']
+
+
+def test_no_profile_judges_by_time_and_only_soak_is_not_the_same_each_time() -> None:
+    for name, profile in PROFILES.items():
+        assert profile.deadline is None
+        assert profile.derandomize == (name != 'soak')
+    assert settings.default in PROFILES.values()
+
+
+@pytest.mark.parametrize('count', [1, 5, 10, 30, 200])
+def test_examples_are_a_share_of_what_a_test_names(count: int) -> None:
+    share = settings.default.max_examples / FULL
+    assert examples(count) == max(int(count * share), min(count, 10))
