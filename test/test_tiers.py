@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from support.examples import FULL, PROFILES, examples, profile_for
+from support.examples import FULL, LEAST, PROFILES, examples, profile_for
 
 ROOT = Path(__file__).resolve().parents[1]
 MAKEFILE = (ROOT / 'Makefile').read_text(encoding='utf-8')
@@ -48,4 +48,4 @@ def test_no_profile_judges_by_time_and_only_soak_is_not_the_same_each_time() -> 
 @pytest.mark.parametrize('count', [1, 5, 10, 30, 200])
 def test_examples_are_a_share_of_what_a_test_names(count: int) -> None:
     share = settings.default.max_examples / FULL
-    assert examples(count) == max(int(count * share), min(count, 10))
+    assert examples(count) == max(int(count * share), min(count, LEAST))

@@ -11,11 +11,14 @@ from hypothesis import HealthCheck, settings
 FULL = 100
 """`max_examples` of the profile in which a test gets the number that it names."""
 
+LEAST = 5
+"""So many are tried in any run."""
+
 _ANY_MACHINE = settings(
     deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
 )
 PROFILES = {
-    'quick': settings(_ANY_MACHINE, max_examples=FULL // 4, derandomize=True),
+    'quick': settings(_ANY_MACHINE, max_examples=FULL // 5, derandomize=True),
     'thorough': settings(_ANY_MACHINE, max_examples=FULL, derandomize=True),
     'soak': settings(_ANY_MACHINE, max_examples=10 * FULL),
 }
@@ -37,5 +40,5 @@ def load_profile(name: str) -> None:
 
 
 def examples(count: int) -> int:
-    """Return how many of so many examples are tried in this run, 10 at least."""
-    return max(count * settings.default.max_examples // FULL, min(count, 10))
+    """Return how many of so many examples are tried in this run."""
+    return max(count * settings.default.max_examples // FULL, min(count, LEAST))
