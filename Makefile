@@ -86,7 +86,7 @@ bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
 
 # not in the tests, which have a short form of it: ten minutes
-soak: $(VENV)/.run
+soak: $(VENV)/.driver
 	$(BIN)/python -m benchmark.soak $(ARGS)
 
 # in this order: each uses what the one before has made

@@ -7,15 +7,20 @@ import errno
 import logging
 import os
 import time
+from functools import partial
 
 import pytest
 from link_bench import Bench, Peer, frame, joints
-from support.event_loop import PATIENCE, run, until
+from support.event_loop import PATIENCE, until
+from support.event_loop import run as run_in
 
 from epson_driver.link import Trace, TraceError, WireEvent, open_trace
 from epson_driver.link import trace as trace_module
 from epson_driver.link.recording import read_recording
 from epson_driver.simple_message import JointTrajPt
+
+run = partial(run_in, real_time=True)
+"""A trace is written by a thread."""
 
 EVENTS = {
     'opened': WireEvent.OPENED,

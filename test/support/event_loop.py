@@ -30,6 +30,10 @@ TURN = 1e-6
 """What a turn of the loop takes, s of virtual time. Without it a timer for the rest of a rounding
 error would be due at once, again and again."""
 
+LOOK = 0.01
+"""How often a condition is looked at in real time when nothing happens in the loop, s: a thread or
+another process may make it hold."""
+
 START = 1000.0
 """The loop's time in the beginning, s: 0 must not happen to mean 'never'."""
 
@@ -61,6 +65,11 @@ class EventLoop(asyncio.SelectorEventLoop):
         self._waiting.append((condition, future))
         self.call_soon(lambda: None)  # it may hold already
         return future
+
+    @property
+    def waits(self) -> bool:
+        """Whether somebody waits for a condition."""
+        return bool(self._waiting)
 
     def _thread_done(self, _future: object) -> None:
         self.threads -= 1
@@ -95,6 +104,8 @@ class _Selector(selectors.DefaultSelector):
             return ready
         loop = self._loop
         if loop.threads or timeout is None or not loop.virtual:
+            if loop.waits:
+                timeout = LOOK if timeout is None else min(timeout, LOOK)
             began = time.monotonic()
             ready = super().select(timeout)
             loop.now += time.monotonic() - began
