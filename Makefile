@@ -40,7 +40,7 @@ help:
 	@echo "make bench-motion   the smoother against stop-and-go, splines and optima; tables and pictures in benchmark/results"
 	@echo "             (a part of it: make bench-motion ARGS='--quick'; all of what can be chosen: ARGS=--help)"
 	@echo "make soak           2,000 goals and 20,000 service calls: the driver's memory stays flat (ten minutes)"
-	@echo "make soak-tests     2,000 random plans, and new examples for every property (two hours)"
+	@echo "make soak-tests     2,000 random plans, and new examples for every property (hours)"
 	@echo "make generate       meshes, URDFs and MoveIt files, made again from config/robots"
 	@echo "make pictures       the pictures of the robots in docs"
 	@echo "make clean   remove what the others made"

@@ -61,6 +61,7 @@ BAD_FILE = {'demo': 1}
 """What ends with 1 for a bad file; the others end with 2, as their pages say."""
 
 
+@pytest.mark.invariant(7)
 @pytest.mark.parametrize(
     ('name', 'values', 'words'),
     [(name, values, words) for name, values, *words in TABLE],

@@ -112,6 +112,7 @@ def pressed(port):
 PRESSED = (0, 'E-stop pressed\n')
 
 
+@pytest.mark.invariant(7)
 @pytest.mark.parametrize('idle', [16, 64, 1000])
 def test_invariant_7_idle_clients_do_not_keep_the_pendant_out(crowded, crowd, idle):
     process, ports, log = crowded()
@@ -121,6 +122,7 @@ def test_invariant_7_idle_clients_do_not_keep_the_pendant_out(crowded, crowd, id
     assert b'Traceback' not in log.read_bytes()
 
 
+@pytest.mark.invariant(9)
 @pytest.mark.parametrize('limit', [64, 48, 32])
 def test_invariant_9_without_descriptors_left_the_pendant_gets_in_and_no_traceback_is_logged(
     crowded, crowd, limit
@@ -137,6 +139,7 @@ def test_invariant_9_without_descriptors_left_the_pendant_gets_in_and_no_traceba
     assert process.poll() is None
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_a_flood_of_refused_commands_neither_fills_the_log_nor_keeps_the_pendant_out(
     crowded, flooding
 ):

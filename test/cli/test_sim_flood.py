@@ -81,6 +81,7 @@ def read_all(sock):
             pass
 
 
+@pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', ['motion', 'state', 'io', 'remote'])
 def test_invariant_7_floods_do_not_add_memory_and_the_state_goes_on(start, port):
     process, ports = start('--motion', 'ptp')

@@ -11,6 +11,8 @@ from epson_driver.client.arm_gate import ArmGate, GateError, only_motors_off, wh
 from epson_driver.error_texts import load_error_texts
 from epson_driver.simple_message import Mode, Status, TriState
 
+pytestmark = pytest.mark.invariant(4)
+
 
 def test_inv4_closed_at_start():
     """docs/invariants.md, 4."""

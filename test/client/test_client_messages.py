@@ -18,6 +18,8 @@ from epson_driver.client.goal import End, ErrorCode, Outcome
 from epson_driver.client.robot_state import JointSample, RobotState
 from epson_driver.simple_message import Status
 
+pytestmark = pytest.mark.invariant(8)
+
 
 def in_s(duration):
     return duration.sec + duration.nanosec * 1e-9

@@ -298,6 +298,7 @@ def test_an_e_stop_ends_a_download():
     run(check())
 
 
+@pytest.mark.invariant(7)
 def test_inv7_a_long_download_never_fills_the_memory():
     """docs/invariants.md, 7: points wait while the controller does not read."""
 

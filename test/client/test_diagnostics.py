@@ -139,6 +139,7 @@ def test_motors_that_are_off_are_a_warning_with_the_gates_reason(bench, diagnost
     assert (arm.level, arm.message) == (WARN, 'not enabled: the motors are off')
 
 
+@pytest.mark.invariant(6)
 @pytest.mark.parametrize(
     ('joints', 'status', 'level', 'text'),
     [

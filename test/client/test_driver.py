@@ -39,6 +39,7 @@ def test_a_goal_is_executed():
     run(scenario())
 
 
+@pytest.mark.invariant(4)
 def test_inv4_a_goal_before_enable_is_refused_and_nothing_is_sent():
     """docs/invariants.md, 4."""
 
@@ -55,6 +56,7 @@ def test_inv4_a_goal_before_enable_is_refused_and_nothing_is_sent():
     run(scenario())
 
 
+@pytest.mark.invariant(2)
 def test_inv2_a_goal_is_refused_while_the_arm_still_moves():
     """docs/invariants.md, 2: a motion begins at rest. Here the arm brakes after a lost goal."""
 
@@ -85,6 +87,7 @@ def test_a_goal_that_starts_elsewhere_is_refused_and_the_next_one_works():
     run(scenario())
 
 
+@pytest.mark.invariant(3)
 def test_inv3_a_replaced_goal_ends_after_the_arm_rests():
     """docs/invariants.md, 3."""
 
@@ -266,6 +269,7 @@ def test_a_late_no_ends_the_goal():
 # --- faults -----------------------------------------------------------------------------------
 
 
+@pytest.mark.invariant(4)
 def test_inv4_an_estop_ends_the_goal_at_once_and_the_gate_stays_closed():
     """docs/invariants.md, 4."""
 
@@ -343,6 +347,7 @@ def test_a_lost_motion_link_ends_the_goal_and_does_not_blur_the_status():
     run(scenario())
 
 
+@pytest.mark.invariant(4, 6)
 def test_inv4_inv6_a_killed_controller_that_comes_back_moves_nothing(tmp_path):
     """docs/invariants.md, 4 and 6."""
 
@@ -396,6 +401,7 @@ def _started(log, ports=None):
     return process, process.ports()
 
 
+@pytest.mark.invariant(6)
 def test_inv6_joints_that_stop_while_the_status_goes_on_are_not_taken_for_fresh():
     """docs/invariants.md, 6."""
 
@@ -450,6 +456,7 @@ def test_a_silent_state_link_is_lost_after_its_timeout():
 # --- the state road ---------------------------------------------------------------------------
 
 
+@pytest.mark.invariant(8)
 def test_inv8_a_reply_on_the_state_port_is_no_state():
     """docs/invariants.md, 8; REP-I0006: the body of a FAILURE means nothing."""
 
@@ -556,6 +563,7 @@ def test_the_link_state_is_the_worse_of_both():
 # --- the end ----------------------------------------------------------------------------------
 
 
+@pytest.mark.invariant(3)
 def test_inv3_shut_down_brings_the_arm_to_rest_and_ends_the_goal():
     """docs/invariants.md, 3."""
 
@@ -585,6 +593,7 @@ def test_a_driver_that_is_cancelled_ends_its_goal():
     run(scenario())
 
 
+@pytest.mark.invariant(2)
 def test_inv2_nothing_outside_the_limits_arrives_at_the_controller():
     """docs/invariants.md, 2: a plan at the very limit is executed, and the arm stays inside."""
 

@@ -21,6 +21,8 @@ from epson_driver.controller.faults.fault_text import parse
 from epson_driver.controller.states import Event
 from epson_driver.controllers import load_controller_profile
 
+pytestmark = pytest.mark.invariant(4)
+
 RC620 = load_controller_profile('rc620')
 QUICK = replace(RC620, state=replace(RC620.state, joint_positions_per_status=1))
 """A STATUS every 10 ms: more races per second."""
@@ -196,6 +198,7 @@ def test_inv4_disable_is_obeyed_after_the_enable_that_it_overtakes():
     slow_cell(scenario)
 
 
+@pytest.mark.invariant(9)
 def test_inv9_disable_says_that_the_motors_may_come_on_yet(monkeypatch):
     """docs/invariants.md, 9: the controller does not answer in time that it switch them on."""
 

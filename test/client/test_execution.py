@@ -15,6 +15,8 @@ from epson_driver.client.goal_states import FINAL, TRANSITIONS, Event, State
 from epson_driver.client.standstill import DOUBTFUL_REST, REST_TIME
 from epson_driver.simple_message import TriState
 
+pytestmark = pytest.mark.invariant(5)
+
 TABLE = """
 preparing  prepared     streaming
 preparing  cancel       canceling
@@ -691,6 +693,7 @@ def test_inv5_a_fault_before_it_is_prepared_ends_the_goal_and_nothing_is_sent():
 # --- what the state alone can say -------------------------------------------------------------
 
 
+@pytest.mark.invariant(9)
 def test_inv9_a_way_shorter_than_the_tolerance_is_no_success_before_its_time():
     """docs/invariants.md, 9: all is acknowledged, and the arm has not begun to move."""
     bench = Bench(((0.0, 0.0), (0.009, 0.0)), in_motion=TriState.UNKNOWN)
@@ -704,6 +707,7 @@ def test_inv9_a_way_shorter_than_the_tolerance_is_no_success_before_its_time():
     assert bench.now - bench.execution.started >= 1.0
 
 
+@pytest.mark.invariant(9)
 def test_inv9_a_rest_on_the_way_at_the_goals_place_is_no_success():
     """docs/invariants.md, 9: a plan that passes its end, waits there, and goes round once more."""
     path = ((0.0, 0.0), (1.0, 0.5), (1.0, 0.5), (0.5, 0.2), (1.0, 0.5))
@@ -719,6 +723,7 @@ def test_inv9_a_rest_on_the_way_at_the_goals_place_is_no_success():
     assert bench.outcome.end is End.SUCCEEDED
 
 
+@pytest.mark.invariant(9)
 def test_inv9_a_reply_to_a_point_may_be_the_one_to_stop_and_the_state_decides():
     """docs/invariants.md, 9: one of the two never comes."""
     bench = Bench()

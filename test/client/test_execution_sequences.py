@@ -2,15 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever happens in whatever order, a goal ends at most once (docs/invariants.md, 5)."""
 
+import pytest
 from execution_bench import CYCLE, LINE, Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 
 from epson_driver.client.execution import Settings
 from epson_driver.client.goal import End
 from epson_driver.client.goal_states import FINAL
 from epson_driver.client.points import STOP
 from epson_driver.simple_message import TriState
+
+pytestmark = pytest.mark.invariant(5)
 
 HAPPENINGS = st.lists(
     st.one_of(
@@ -68,7 +72,7 @@ def apply(bench, what, value):
         bench.robot.clear()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(st.sampled_from((LINE, CYCLE)), st.booleans(), HAPPENINGS)
 def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, start, happenings):
     """docs/invariants.md, 5."""
@@ -94,7 +98,7 @@ def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, start, 
         assert bench.sent.index(STOP) >= len(points)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 @given(HAPPENINGS)
 def test_inv5_success_is_never_reported_beside_the_goal(happenings):
     """docs/invariants.md, 5."""

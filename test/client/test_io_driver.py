@@ -252,6 +252,7 @@ def test_every_wrong_point_has_its_sentence_and_keeps_no_other_from_being_done()
     run(test())
 
 
+@pytest.mark.invariant(6)
 def test_no_values_while_the_io_server_does_not_run_and_again_when_it_does():
     """Invariant 6: an E-stop silences the I/O server; old values are not shown as known."""
 

@@ -69,6 +69,7 @@ def test_rows_are_mapped_one_by_one(mapping, rows):
     np.testing.assert_array_equal(together, [mapping.positions_to_controller(r) for r in rows])
 
 
+@pytest.mark.invariant(8)
 def test_inv8_without_a_mapping_the_values_are_the_same_bits():
     """docs/invariants.md, 8."""
     values = np.array([0.1, -0.0, 5e-324])

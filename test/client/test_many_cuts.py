@@ -13,6 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import pytest
 from driver_bench import Bench, cell, pose, simulated
 from support.event_loop import now, run, until
 
@@ -169,6 +170,7 @@ class CutCell:
         assert [each for each in self.tickets if each() is not None] == []
 
 
+@pytest.mark.invariant(4)
 def test_a_hundred_cuts_are_a_hundred_clean_outcomes():
     """docs/invariants.md, 4: and nothing moves before enable.
 

@@ -31,6 +31,7 @@ def feed(state, position_at, seconds, begin=50.0, dt=DT, jitter=None):
     return [sample for sample in samples if sample is not None]
 
 
+@pytest.mark.invariant(8)
 @given(st.tuples(*[st.floats(width=32, allow_nan=False, allow_infinity=False)] * 10))
 def test_inv8_positions_are_what_came_bit_for_bit(values):
     """docs/invariants.md, 8."""
@@ -135,6 +136,7 @@ def test_what_is_not_finite_in_an_unused_joint_does_not_matter():
     assert RobotState(2).on_joints(values, 1.0, values).positions.tolist() == [0.0, 0.0]
 
 
+@pytest.mark.invariant(6)
 def test_inv6_clear_forgets_everything():
     """docs/invariants.md, 6."""
     state = RobotState(1)

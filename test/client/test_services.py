@@ -212,6 +212,7 @@ def test_stop_without_a_goal_is_acknowledged_by_the_controller():
     run(scenario())
 
 
+@pytest.mark.invariant(3)
 def test_inv3_stop_ends_the_goal_when_the_arm_stands_and_the_next_one_works():
     """docs/invariants.md, 3."""
 

@@ -87,6 +87,7 @@ def test_a_goal_without_times_is_retimed_and_executed():
     run(scenario())
 
 
+@pytest.mark.invariant(5)
 def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
     """docs/invariants.md, 5."""
 
@@ -105,6 +106,7 @@ def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
     run(scenario())
 
 
+@pytest.mark.invariant(5)
 def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
     """docs/invariants.md, 5."""
 
@@ -120,6 +122,7 @@ def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
     run(scenario())
 
 
+@pytest.mark.invariant(4, 5)
 def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothing_is_sent(slow):
     """docs/invariants.md, 4 and 5."""
 
@@ -138,6 +141,7 @@ def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothing_is_
     run(scenario())
 
 
+@pytest.mark.invariant(5)
 def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
     """docs/invariants.md, 5."""
 
@@ -153,6 +157,7 @@ def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
     run(scenario())
 
 
+@pytest.mark.invariant(5)
 def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
     """docs/invariants.md, 5."""
 
@@ -168,6 +173,7 @@ def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
     run(scenario())
 
 
+@pytest.mark.invariant(5)
 def test_inv5_the_end_of_the_driver_ends_the_goal_and_the_process(slow):
     """docs/invariants.md, 5."""
 

@@ -8,6 +8,8 @@ import pytest
 
 from epson_driver.client.stamps import Stamps
 
+pytestmark = pytest.mark.invariant(6, 8)
+
 BEGIN = 1_700_000_000_000_000_000
 
 

@@ -9,6 +9,8 @@ from epson_driver.client.robot_state import RobotState
 from epson_driver.client.standstill import REST_TIME, Standstill
 from epson_driver.simple_message import Status, TriState, joint_data
 
+pytestmark = pytest.mark.invariant(5)
+
 STOPPED = np.array([0.01])
 BEGIN = 100.0
 

@@ -16,6 +16,8 @@ from epson_driver.client.goal import End, ErrorCode
 from epson_driver.client.robot_state import DISTRUST, POSE_AGE
 from epson_driver.client.services import ServiceError
 
+pytestmark = pytest.mark.invariant(6, 8)
+
 
 def position(*values):
     return frame(10, 1, 0, struct.pack('<i10f', 0, *values, *[0.0] * (10 - len(values))))
@@ -191,6 +193,7 @@ def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path
     run(scenario(), real_time=True)
 
 
+@pytest.mark.invariant(5)
 @pytest.mark.parametrize('end', ['cancel', 'newer', 'fault'])
 def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
     """docs/invariants.md, 5: between the goal and its start."""

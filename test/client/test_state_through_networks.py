@@ -20,6 +20,8 @@ from epson_driver.client.robot_state import RobotState, StateRules
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import Status, joint_data
 
+pytestmark = pytest.mark.invariant(6, 8)
+
 LIMITS = load_robot_model('c3_a601s').limits
 BEGIN = 1000.0
 RATES = {'nominal': 200.0, '182 joints/s': 182.0 * 11 / 10, '179 joints/s': 179.0 * 11 / 10}

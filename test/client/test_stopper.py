@@ -21,6 +21,8 @@ from epson_driver.controller.states import Event
 from epson_driver.motion import Trajectory
 from epson_driver.simple_message import ReplyCode
 
+pytestmark = pytest.mark.invariant(3, 4, 9)
+
 STOP = -4
 
 
@@ -265,6 +267,7 @@ def submitted_goal(bench, to, goal_time=0.0):
     return submitted
 
 
+@pytest.mark.invariant(5)
 def test_inv5_after_a_goal_time_violation_the_next_goal_waits_until_stop_is_answered():
     """docs/invariants.md, 3 and 5: the controller may still be busy with the first."""
 

@@ -106,6 +106,7 @@ plans = st.lists(
 )
 
 
+@pytest.mark.invariant(2)
 @given(plans, st.booleans(), st.booleans())
 def test_inv2_velocity_is_at_most_1_and_enough_for_the_plan(rows, with_velocities, from_zero):
     """docs/invariants.md, 2."""
@@ -133,6 +134,7 @@ ranges = st.tuples(
 )
 
 
+@pytest.mark.invariant(2)
 @given(st.lists(ranges, min_size=1, max_size=6))
 def test_inv2_float32_positions_never_leave_the_limits(rows):
     """docs/invariants.md, 2: rounding a limit to float32 may lead outside."""
@@ -151,6 +153,7 @@ def test_inv2_float32_positions_never_leave_the_limits(rows):
         assert np.all(np.abs(sent - inside) <= np.spacing(np.abs(inside).astype(np.float32)))
 
 
+@pytest.mark.invariant(2)
 @pytest.mark.parametrize('side', ['position_min', 'position_max'])
 def test_inv2_a_plan_at_the_limit_and_a_rounding_beyond_it_is_sent_inside(side):
     """docs/invariants.md, 2."""

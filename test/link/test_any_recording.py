@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from link_bench import frame, joints
+from support.examples import examples
 
 from epson_driver.inputs import InputError
 from epson_driver.link.pcap import Conversation, Flag, PcapError, PcapWriter, Segment, Stream
@@ -16,6 +17,8 @@ from epson_driver.link.player import Player
 from epson_driver.link.recording import read_recording
 from epson_driver.link.script import ScriptError, make_script
 from epson_driver.simple_message import LITTLE_ENDIAN, JointTrajPt, encode, request
+
+pytestmark = pytest.mark.invariant(7)
 
 SECOND = 1_000_000_000
 
@@ -70,7 +73,8 @@ def test_the_recording_itself_is_played(tmp_path: Path) -> None:
 
 
 @settings(
-    deadline=None, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(300),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(
     changes=st.lists(

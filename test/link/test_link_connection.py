@@ -497,6 +497,7 @@ def test_small_frames_are_not_delayed_and_a_vanished_peer_is_noticed():
     run(scenario())
 
 
+@pytest.mark.invariant(7)
 def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
     """docs/invariants.md, 7."""
 
@@ -529,6 +530,7 @@ def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
     run(scenario())
 
 
+@pytest.mark.invariant(7)
 @pytest.mark.parametrize(
     'data',
     [
@@ -562,6 +564,7 @@ def test_inv7_any_bytes_at_all_and_the_next_connection_works(data):
     run(scenario())
 
 
+@pytest.mark.invariant(7)
 def test_inv7_closing_leaves_no_task_and_no_socket():
     """docs/invariants.md, 7."""
 

@@ -34,6 +34,7 @@ def test_a_refusal_has_its_number():
         ask(b'!SetMotorsOn,16\r\n')
 
 
+@pytest.mark.invariant(9)
 @pytest.mark.parametrize(
     'answer',
     [

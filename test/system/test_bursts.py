@@ -19,6 +19,8 @@ from rclpy.qos import QoSProfile
 from ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
 from std_srvs.srv import Trigger
 
+pytestmark = pytest.mark.invariant(5, 9)
+
 DEEP = QoSProfile(depth=1000)
 
 

@@ -29,6 +29,8 @@ from watcher import PROFILE, Watcher
 
 from epson_driver.cli import processes
 
+pytestmark = pytest.mark.invariant(9)
+
 LOOP = (
     'state link',
     'motion link',

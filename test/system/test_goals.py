@@ -26,6 +26,7 @@ def there_and_back() -> Any:
     return trajectory((0.0, START), (0.3, A), (0.6, START))
 
 
+@pytest.mark.invariant(5)
 def test_goal_is_executed_and_reported(shared_cell: Cell) -> None:
     peer = shared_cell.peer
     first = len(peer.joint_states)
@@ -63,6 +64,7 @@ def test_joint_names_in_any_order(shared_cell: Cell) -> None:
     assert shared_cell.peer.goal(back).result()[0] == 'succeeded'
 
 
+@pytest.mark.invariant(8)
 def test_invariant_8_measured_values_reach_ros_unchanged(shared_cell: Cell) -> None:
     state = shared_cell.peer.joint_states[-1]
     assert list(state.name) == JOINTS

@@ -140,6 +140,7 @@ def test_states_on_change_reads_and_writes_by_address(cell: Cell, make_io_peer: 
     assert late.value(DI, 3) == 1
 
 
+@pytest.mark.invariant(6)
 def test_estop_and_lost_controller_make_the_values_invalid(cell: Cell, make_io_peer: Any) -> None:
     """Invariant 6, of the I/O: once, with the reason, and the services fail with it too."""
     peer = make_io_peer(cell.domain)

@@ -5,6 +5,7 @@
 import math
 from typing import Any
 
+import pytest
 from cell import Cell
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import (
@@ -88,6 +89,7 @@ class Values:
             self._call(request, ListParameters)
 
 
+@pytest.mark.invariant(7)
 def test_inv7_an_odd_value_is_refused_with_a_reason_and_the_node_goes_on(make_cell: Any) -> None:
     cell = make_cell().ready()
     values = Values(cell)

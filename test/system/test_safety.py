@@ -37,6 +37,7 @@ def assert_works_after_enable(cell: Cell) -> None:
     assert ended == 'succeeded', text
 
 
+@pytest.mark.invariant(4)
 def test_invariant_4_nothing_moves_before_the_first_enable(cell: Cell) -> None:
     assert_disabled(cell, 'since the driver started')
     status = cell.peer.robot_status[-1]
@@ -99,6 +100,7 @@ def test_disable_stops_and_switches_the_motors_off(cell: Cell) -> None:
     assert_disabled(cell, '~/disable')
 
 
+@pytest.mark.invariant(6)
 def test_controller_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
     peer = cell.peer
     peer.enable()

@@ -63,6 +63,7 @@ def test_replacement_stops_the_old_goal_and_runs_the_new_one(smooth_cell: Cell) 
     assert np.abs(peer.assert_still() - START).max() < 1e-6
 
 
+@pytest.mark.invariant(4)
 def test_invariant_4_estop_in_mid_motion(smooth_cell: Cell) -> None:
     peer = smooth_cell.peer
     goal = peer.goal(trajectory((0.0, START), (4.0, FAR)))

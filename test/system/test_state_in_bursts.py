@@ -27,6 +27,7 @@ FASTEST = 1.5 * 7.85
 AWAY = [1.6, *START[1:]]
 
 
+@pytest.mark.invariant(8)
 @pytest.mark.parametrize('fault', ['coalesce 0.05 port=state', 'coalesce 0.2 port=state'])
 def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_clock(
     make_cell: Any, fault: str
@@ -87,6 +88,7 @@ def _errors(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     return np.array(errors)
 
 
+@pytest.mark.invariant(6)
 def test_a_node_that_stood_still_for_seconds_goes_on(make_cell: Any) -> None:
     """Invariant 6: it takes nothing old for new, and its own absence not for the controller's."""
     cell: Cell = make_cell(state_timeout=0.5).ready()

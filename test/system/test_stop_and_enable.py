@@ -21,6 +21,7 @@ def call(peer: RosPeer, service: str) -> Any:
     return peer.in_executor(lambda: client.call_async(Trigger.Request()))
 
 
+@pytest.mark.invariant(4)
 @pytest.mark.parametrize('remote', [True, False], ids=['remote port', 'no remote port'])
 def test_invariant_4_no_enable_on_its_way_arms_after_disable(make_cell: Any, remote: bool) -> None:
     cell: Cell = make_cell(**({} if remote else {'remote_port': 0})).ready()
@@ -47,6 +48,7 @@ def test_invariant_4_no_enable_on_its_way_arms_after_disable(make_cell: Any, rem
     assert peer.goal(trajectory((0.0, here), (1.0, there))).result()[0] == 'succeeded'
 
 
+@pytest.mark.invariant(3)
 def test_invariant_3_a_controller_that_does_not_stop_is_said_and_its_motors_go_off(
     make_cell: Any, tmp_path: Path
 ) -> None:

@@ -133,6 +133,7 @@ async def refused(reader):
         return True
 
 
+@pytest.mark.invariant(4)
 @pytest.mark.parametrize('how', ['close', 'reset', 'half close'])
 def test_invariant_4_a_lost_client_stops_the_arm_and_may_come_back(how):
     async def test(served):
@@ -175,6 +176,7 @@ async def test_a_client_that_reconnects_at_once_is_not_refused_for_its_own_past(
         writer.close()
 
 
+@pytest.mark.invariant(7)
 @on_sockets
 async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(served):
     for garbage in (b'GET / HTTP/1.0\r\n\r\n', bytes(64), b'\xff' * 5000, point(0, order='>')):
@@ -190,6 +192,7 @@ async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(se
     assert await read_code(reader) == (0, SUCCESS)
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_a_client_that_does_not_read_its_replies_is_disconnected(caplog):
     async def test(served):
         sock = socket.socket()
@@ -215,6 +218,7 @@ def test_invariant_7_a_client_that_does_not_read_its_replies_is_disconnected(cap
     assert 'does not read: disconnected' in caplog.text
 
 
+@pytest.mark.invariant(7)
 @on_sockets
 async def test_invariant_7_a_flood_of_requests_does_not_stop_the_state(served):
     state, _ = await served.connect('state')
@@ -356,6 +360,7 @@ async def test_requests_on_the_io_port(served):
     assert (await read_frame(reader))[:3] == (13, 3, 2)
 
 
+@pytest.mark.invariant(6)
 def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog):
     async def main():
         async with (
@@ -435,6 +440,7 @@ async def test_remote_lines_with_either_ending_and_several_clients(served):
     assert (await first.readline()).endswith(b',10\r\n')
 
 
+@pytest.mark.invariant(7)
 @on_sockets
 async def test_invariant_7_a_remote_line_without_end_closes_that_connection(served):
     reader, writer = await served.connect('remote')
@@ -473,6 +479,7 @@ def test_what_else_may_answer_a_remote_command(answer, error, text):
     asyncio.run(main())
 
 
+@pytest.mark.invariant(9)
 @pytest.mark.parametrize('how', ['end', 'reset'])
 def test_invariant_9_a_controller_that_hangs_up_before_the_login_is_tried_again(how):
     async def main():

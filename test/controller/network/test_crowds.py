@@ -25,6 +25,7 @@ async def crowd(served, port, count=CROWD):
     return [await served.connect(port) for _ in range(count)]
 
 
+@pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', ['motion', 'state', 'io', 'remote'])
 def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port):
     async def test(served):
@@ -52,6 +53,7 @@ def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port)
     on_sockets(test)()
 
 
+@pytest.mark.invariant(7)
 @on_sockets
 async def test_invariant_7_a_remote_command_is_answered_whatever_the_crowd(served):
     for _ in range(3):
@@ -68,6 +70,7 @@ async def test_a_client_that_is_sent_away_makes_no_difference_to_the_others(serv
         await read_frame(state)
 
 
+@pytest.mark.invariant(9)
 @pytest.mark.parametrize('number', [errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.EPROTO])
 def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(number, caplog):
     async def test(served):
@@ -102,6 +105,7 @@ def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(num
     assert 'Traceback' not in caplog.text
 
 
+@pytest.mark.invariant(7)
 @on_sockets
 async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
     """So what comes between two looks at the clock is bounded, and everybody has his turn."""

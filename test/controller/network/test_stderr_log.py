@@ -43,6 +43,7 @@ def client():
     return bench.controller.connect('remote', Peer())
 
 
+@pytest.mark.invariant(7)
 def test_invariant_7_refused_remote_commands_have_a_pace_and_the_rest_is_counted(log, client):
     client.receive(b'$Nothing\n' * MANY)
     log.now += 1.0
@@ -68,6 +69,7 @@ def test_what_a_client_sends_does_nothing_to_the_terminal(log, client):
     assert r'there is no command \x1b]0;owned\x07' in lines[0]
 
 
+@pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', ['motion', 'state', 'io'])
 def test_invariant_7_refused_messages_have_a_pace_on_every_port(log, port):
     line = Bench(motors=False, connect=False).controller.connect(port, Peer())
