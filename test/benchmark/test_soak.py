@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmark import soak as long_run
 from benchmark.soak import growth, soak
 
 pytestmark = pytest.mark.invariant(7, 9)
@@ -15,7 +16,10 @@ MOST_PER_CALL = 400
 """Bytes of resident memory. It was 1,050 when each turn of the executor left a callback behind."""
 
 
-def test_a_service_call_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_service_call_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(long_run, 'PATIENCE', 300.0)  # a busy machine is no leak
     _, of_calls = soak(goals=5, calls=2_400, folder=tmp_path)
     grown = growth(of_calls, after=WARM_UP)
     assert grown < MOST_PER_CALL * (2_400 - WARM_UP), f'{grown} bytes more after {WARM_UP} calls'

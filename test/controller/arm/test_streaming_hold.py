@@ -288,7 +288,6 @@ holds = st.lists(
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.timeout(600)
 @settings(
     max_examples=examples(30),
 )
