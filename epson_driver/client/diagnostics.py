@@ -128,6 +128,7 @@ class Diagnostics:
         if driver.stopper.alarm is not None:
             yield 'STOP did not work', driver.stopper.alarm
         yield 'goal running', driver.goals.busy
+        yield 'goals without a smooth motion', driver.goals.unsmoothed
         if robot.sample is not None:
             yield 'age of joint state [ms]', f'{(now - robot.sample.measured) * 1e3:.1f}'
             yield 'velocities beyond what a joint can do', robot.bounded

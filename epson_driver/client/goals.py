@@ -70,6 +70,8 @@ class Goals:
     ) -> None:
         self.start_tolerance = 0.05
         self.scaling = SpeedScaling()
+        self.unsmoothed = 0
+        """Goals for which no smooth motion inside every limit was found."""
         self._limits = limits
         self._robot = robot
         self._gate = gate
@@ -314,6 +316,7 @@ class Goals:
             if execution.state is State.PREPARING:
                 sample = self._sample_at_start(planned)
         except SmoothingError as error:
+            self.unsmoothed += 1
             refusal = GoalRefusedError(ErrorCode.INVALID_GOAL, str(error))
         except GoalRefusedError as error:
             refusal = error

@@ -86,6 +86,7 @@ def test_the_arm_that_is_enabled_is_fine(bench, diagnostics):
     assert values(arm) == {
         'arm gate': 'open',
         'goal running': 'False',
+        'goals without a smooth motion': '0',
         'age of joint state [ms]': '250.0',
         'age of status [ms]': '250.0',
         'velocities beyond what a joint can do': '0',

@@ -197,6 +197,7 @@ def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another():
             outcome = await bench.submit(pose(0.2)).end()
             assert outcome.code is ErrorCode.INVALID_GOAL
             assert outcome.text == 'the smoother was ended by SIGKILL'
+            assert bench.driver.goals.unsmoothed == 1
             assert nothing_sent(bench)
             assert bench.gate is None
             assert (await bench.submit(pose(0.2)).end()).end is End.SUCCEEDED
