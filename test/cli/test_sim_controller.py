@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from sim_process import COMMAND, FREE, connect, receive
+from support.sim_process import COMMAND, FREE, connect, receive
 
 
 def run(*arguments):

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from sim_process import COMMAND, FREE, LINE, PORTS, connect, receive
+from support.sim_process import COMMAND, FREE, LINE, PORTS, connect, receive
 
 from epson_driver.controller.network.stderr_log import BURST
 

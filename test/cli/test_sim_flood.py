@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from sim_process import connect, receive
+from support.sim_process import connect, receive
 
 BOUND = 12
 """MiB that a flood may add, of any port and size."""

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 from ament_index_python import get_package_share_directory, get_resource
-from cell import START, Cell
+from support.cell import START, Cell
 from control_msgs.action import FollowJointTrajectory
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -46,7 +46,7 @@ from rclpy.qos import (
     qos_profile_sensor_data,
     qos_profile_system_default,
 )
-from ros_peer import JOINTS, PATIENCE, trajectory
+from support.ros_peer import JOINTS, PATIENCE, trajectory
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger

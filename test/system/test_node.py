@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell import START, Cell
-from ros_peer import RosPeer, trajectory
+from support.cell import START, Cell
+from support.ros_peer import RosPeer, trajectory
 
 from epson_driver.cli import processes
 

@@ -5,7 +5,7 @@
 import math
 from typing import Any
 
-from cell import Cell
+from support.cell import Cell
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import (
     GetParameters,

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fleet import NAMES, Fleet
+from support.fleet import NAMES, Fleet
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from ros_peer import RosPeer, trajectory
+from support.ros_peer import RosPeer, trajectory
 
 from epson_driver.cli import processes
 from epson_driver.simple_message import Dialect, Opaque, encode, topic

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell import START, Cell
-from ros_peer import trajectory
+from support.cell import START, Cell
+from support.ros_peer import trajectory
 
 PERIOD = 0.005
 """Of the controller's state, s: ten joints, and a STATUS in the eleventh slot."""
@@ -27,7 +27,13 @@ FASTEST = 1.5 * 7.85
 AWAY = [1.6, *START[1:]]
 
 
-@pytest.mark.parametrize('fault', ['coalesce 0.05 port=state', 'coalesce 0.2 port=state'])
+@pytest.mark.parametrize(
+    'fault',
+    [
+        'coalesce 0.05 port=state',
+        pytest.param('coalesce 0.2 port=state', marks=pytest.mark.slow),
+    ],
+)
 def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_clock(
     make_cell: Any, fault: str
 ) -> None:

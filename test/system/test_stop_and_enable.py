@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell import START, Cell
-from ros_peer import RosPeer, trajectory
+from support.cell import START, Cell
+from support.ros_peer import RosPeer, trajectory
 from std_srvs.srv import Trigger
 
 RACES = 20

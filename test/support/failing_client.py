@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from patient import be_patient  # beside this script
 from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
 
@@ -170,6 +171,7 @@ def main() -> int:
         global armed
         armed = file.read_text(encoding='utf-8')
 
+    be_patient()
     signal.signal(signal.SIGUSR1, arm)
     for arguments in HOOKS:
         hook(*arguments)
