@@ -5,11 +5,10 @@
 from pathlib import Path
 from typing import Any
 
+from epson_driver.cli import processes
 from support import patient
 from support.controller_hands import do
 from support.ros_peer import PATIENCE, RosPeer
-
-from epson_driver.cli import processes
 
 processes.END_TIMEOUT = PATIENCE  # a process that is not scheduled does not hang
 

@@ -4,10 +4,9 @@
 
 import asyncio
 
-from support.ros_peer import PATIENCE
-
 from epson_driver.cli.pendant_words import request
 from epson_driver.link.remote_ethernet import execute
+from support.ros_peer import PATIENCE
 
 
 def do(port: int, *words: str) -> None:

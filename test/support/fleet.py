@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from epson_driver.cli import processes
 from support import patient
 from support.cell import TIMEOUTS
 from support.controller_hands import do
 from support.ros_peer import RosPeer
-
-from epson_driver.cli import processes
 
 NAMES = ('left', 'middle', 'right')
 

@@ -6,11 +6,11 @@ import socket
 import threading
 
 import numpy as np
-from support.cell import START
-from support.ros_peer import PATIENCE
 
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import Framer, JointFeedback, decode
+from support.cell import START
+from support.ros_peer import PATIENCE
 
 LIMITS = load_robot_model('c3_a601s').limits
 ROUNDING = 0.02

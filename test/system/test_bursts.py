@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from support.cell import START, Cell
 from control_msgs.action import FollowJointTrajectory
 from epson_msgs.srv import ReadIo
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
-from support.ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
 from std_srvs.srv import Trigger
+from support.cell import START, Cell
+from support.ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
 
 DEEP = QoSProfile(depth=1000)
 

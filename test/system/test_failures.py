@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.cell import START, TIMEOUTS
 from epson_msgs.msg import IoPoint
 from epson_msgs.srv import ReadIo, SetSpeedScaling, WriteIo
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from support.ros_peer import PATIENCE, RosPeer, trajectory
 from std_srvs.srv import Trigger
+from support.cell import START, TIMEOUTS
+from support.ros_peer import PATIENCE, RosPeer, trajectory
 from support.watcher import PROFILE, Watcher
 
 from epson_driver.cli import processes

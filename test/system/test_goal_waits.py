@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.cell import START, Cell
 from control_msgs.msg import JointTolerance
+from support.cell import START, Cell
 from support.ros_peer import RosPeer, trajectory
 
 A = [0.8, 0.0, 0.3, 0.1, -0.6, 0.1]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from support.cell import START, Cell
 from control_msgs.msg import JointTolerance
-from support.ros_peer import JOINTS, trajectory
 from std_msgs.msg import Header
+from support.cell import START, Cell
+from support.ros_peer import JOINTS, trajectory
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from epson_driver.cli.trajectory_file import read_trajectory

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from support.cell import START, Cell
 from epson_msgs.msg import IoPoint, IoStates
 from epson_msgs.srv import ReadIo, WriteIo
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from support.cell import START, Cell
 from support.ros_peer import PATIENCE, trajectory
 
 DI, DO = IoPoint.DIGITAL_INPUT, IoPoint.DIGITAL_OUTPUT

@@ -211,7 +211,9 @@ def test_refused_point_ends_the_goal(make_cell: Any, tmp_path: Any) -> None:
     assert_works_after_enable(cell)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    'number', [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_client_interrupted_in_mid_motion_stops_the_arm_and_ends_cleanly(
     cell: Cell, number: int
 ) -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.cell import START, Cell
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from support.cell import START, Cell
 from support.ros_peer import RosPeer, trajectory
 
 from epson_driver.cli import processes
