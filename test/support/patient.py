@@ -19,14 +19,19 @@ COMMAND = (sys.executable, str(Path(__file__)))
 LONG = 45.0
 
 TIMEOUTS = {
-    'epson_driver.client.diagnostics': ('STATUS_TIMEOUT',),
-    'epson_driver.client.driver': ('STATUS_TIMEOUT', 'SHUT_DOWN_TIMEOUT'),
-    'epson_driver.client.execution': ('SETTLE_TIME',),
-    'epson_driver.client.node': ('RESULTS_TIMEOUT',),
-    'epson_driver.client.ros_thread': ('LEAVE_TIMEOUT',),
-    'epson_driver.client.services': ('ANSWER_TIMEOUT',),
-    'epson_driver.client.stopper': ('ANSWER_TIME', 'BRAKING_TIME', 'MOTORS_TIMEOUT'),
-    'epson_driver.link.link': ('CONNECT_TIMEOUT',),
+    'epson_driver.client.diagnostics': {'STATUS_TIMEOUT': LONG},
+    # the end of the process waits so long for what may have failed: not too long, therefore
+    'epson_driver.client.driver': {'STATUS_TIMEOUT': LONG, 'SHUT_DOWN_TIMEOUT': 8.0},
+    'epson_driver.client.execution': {'SETTLE_TIME': LONG},
+    'epson_driver.client.node': {'RESULTS_TIMEOUT': 8.0, 'RESULTS_LINGER': 2.0},
+    'epson_driver.client.ros_thread': {'LEAVE_TIMEOUT': 8.0},
+    'epson_driver.client.services': {'ANSWER_TIMEOUT': LONG},
+    'epson_driver.client.stopper': {
+        'ANSWER_TIME': LONG,
+        'BRAKING_TIME': LONG,
+        'MOTORS_TIMEOUT': LONG,
+    },
+    'epson_driver.link.link': {'CONNECT_TIMEOUT': LONG},
 }
 
 
@@ -34,11 +39,9 @@ def be_patient() -> None:
     """Make the client's own time-outs long, in this process."""
     for name, constants in TIMEOUTS.items():
         module = import_module(name)
-        for constant in constants:
+        for constant, seconds in constants.items():
             assert isinstance(getattr(module, constant), float)
-            setattr(module, constant, LONG)
-    # how long a result may take to its receiver: nothing confirms it
-    import_module('epson_driver.client.node').RESULTS_LINGER = 2.0
+            setattr(module, constant, seconds)
 
 
 if __name__ == '__main__':

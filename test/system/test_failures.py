@@ -10,6 +10,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -134,6 +135,10 @@ class Robot:
         assert self.client is not None
         self._file.write_text(name, encoding='utf-8')
         self.client.send_signal(signal.SIGUSR1)
+        end = time.monotonic() + PATIENCE
+        while self._file.exists() and self.client.poll() is None:  # it takes the signal in turn
+            assert time.monotonic() < end, 'the client does not take the signal'
+            time.sleep(0.002)
 
     def move(self) -> Any:
         """Begin a long motion to the far side; return when the arm moves."""
