@@ -188,6 +188,7 @@ def test_an_open_door_is_no_pause(waiting_cell: Cell) -> None:
     waiting_cell.pendant('door', 'open')
     ended, code, text = goal.result()
     waiting_cell.pendant('door', 'close')
+    waiting_cell.pendant('reset')
     assert (ended, code) == ('aborted', -4)
     assert 'motors are off' in text
     peer.enable()
