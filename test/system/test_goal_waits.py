@@ -181,14 +181,12 @@ def test_at_half_the_speed_the_arm_takes_twice_as_long(waiting_cell: Cell) -> No
     assert peer.set_speed(1.0)[0]
 
 
-def test_an_open_door_is_no_pause(waiting_cell: Cell) -> None:
-    peer = at_start(waiting_cell)
+def test_an_open_door_is_no_pause(cell: Cell) -> None:
+    peer = cell.peer
+    peer.enable()
     goal = peer.goal(plan(15.0))
     peer.wait_for_motion()
-    waiting_cell.pendant('door', 'open')
+    cell.pendant('door', 'open')
     ended, code, text = goal.result()
-    waiting_cell.pendant('door', 'close')
-    waiting_cell.pendant('reset')
     assert (ended, code) == ('aborted', -4)
     assert 'motors are off' in text
-    peer.enable()
