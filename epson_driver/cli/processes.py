@@ -26,6 +26,9 @@ _claims: deque[socket.socket] = deque()
 
 END_TIMEOUT = 5.0
 
+EXECUTABLE = (sys.executable, '-m', 'epson_driver.cli')
+"""What runs an executable of this package: its name and its arguments follow."""
+
 
 class RunError(RuntimeError):
     """What was started cannot go on; the text says why."""
@@ -91,13 +94,18 @@ class Process:
     """One executable of this package, running. Its stderr (and stdout) go to a log file."""
 
     def __init__(
-        self, name: str, arguments: Sequence[str], log: Path, environment: dict[str, str]
+        self,
+        name: str,
+        arguments: Sequence[str],
+        log: Path,
+        environment: dict[str, str],
+        run: Sequence[str] = EXECUTABLE,
     ) -> None:
         self.name = name
         self.log = log
         with log.open('ab') as file:
             self._popen = subprocess.Popen(  # noqa: S603 - our own executable
-                [sys.executable, '-m', 'epson_driver.cli', name, *arguments],
+                [*run, name, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE if name == 'sim_controller' else file,
                 stderr=file,
@@ -180,7 +188,14 @@ def sim_controller(
     return Process('sim_controller', [*numbers, *arguments], log, environment or dict(os.environ))
 
 
-def client(log: Path, ports: Ports, domain: int, **parameters: object) -> Process:
+def client(
+    log: Path,
+    ports: Ports,
+    domain: int,
+    *,
+    run: Sequence[str] = EXECUTABLE,
+    **parameters: object,
+) -> Process:
     """Start the ROS 2 node for a controller on these ports. Parameters: `__` for a dot."""
     values = {
         'motion_port': ports.motion,
@@ -191,10 +206,17 @@ def client(log: Path, ports: Ports, domain: int, **parameters: object) -> Proces
     arguments = ['--ros-args']
     for name, value in values.items():
         arguments += ['-p', f'{name}:={value}']
-    return Process('client', arguments, log, ros_environment(domain))
+    return Process('client', arguments, log, ros_environment(domain), run)
 
 
-def clients(log: Path, robots: Mapping[str, Ports], domain: int, **parameters: object) -> Process:
+def clients(
+    log: Path,
+    robots: Mapping[str, Ports],
+    domain: int,
+    *,
+    run: Sequence[str] = EXECUTABLE,
+    **parameters: object,
+) -> Process:
     """Start one process that drives several controllers, each in its namespace.
 
     Beside the log there is a parameter file for them. `parameters` hold for all: `__` for a dot.
@@ -211,7 +233,7 @@ def clients(log: Path, robots: Mapping[str, Ports], domain: int, **parameters: o
     file.write_text(json.dumps(content), encoding='utf-8')  # which is YAML as well
     arguments = [word for name in robots for word in ('--namespace', name)]
     arguments += ['--ros-args', '--params-file', str(file)]
-    return Process('client', arguments, log, ros_environment(domain))
+    return Process('client', arguments, log, ros_environment(domain), run)
 
 
 @contextlib.contextmanager

@@ -3,7 +3,7 @@
 """What the tests of the executables share."""
 
 import pytest
-from sim_process import started
+from support.sim_process import started
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 import pytest
+from support.event_loop import run, until
 
 from epson_driver.link import Link, Trace, open_trace
 from epson_driver.link.recording import read_recording
@@ -41,28 +42,25 @@ class Run:
     def _changed(self, _state, _why):
         pass
 
-    async def _until(self, condition):
-        while not condition():  # noqa: ASYNC110 - it watches a socket's other end
-            await asyncio.sleep(0.001)
-
     async def go(self, requests, trace_file=None):
         """Connect, see some states, send the requests, each after the reply before it."""
-        async with asyncio.timeout(PATIENCE):
-            trace = Trace([self.motion, self.state])
-            tasks = [asyncio.create_task(link.run()) for link in (self.motion, self.state)]
-            await self._until(lambda: self.motion.connected and self.state.connected)
+        trace = Trace([self.motion, self.state])
+        tasks = [asyncio.create_task(link.run()) for link in (self.motion, self.state)]
+        try:
+            await until(lambda: self.motion.connected and self.state.connected)
             if trace_file is not None:
                 trace.begin(open_trace(str(trace_file.parent), trace_file.name))
             enough = len(self.states) + STATES
-            await self._until(lambda: len(self.states) > enough)
+            await until(lambda: len(self.states) > enough)
             for message in requests:
                 count = len(self.replies)
                 self.motion.post(message, lambda packet, _: self.replies.append(packet))
-                await self._until(lambda n=count: len(self.replies) > n)
+                await until(lambda n=count: len(self.replies) > n)
+        finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            trace.end('the run is over', PATIENCE)
+        trace.end('the run is over', PATIENCE)
 
 
 @pytest.fixture
@@ -70,9 +68,9 @@ def recorded(start, tmp_path):
     """Return the trace of a run, and the run."""
     path = tmp_path / 'run.pcap'
     _, ports = start('--motion', 'ptp')
-    run = Run(ports['motion'], ports['state'])
-    asyncio.run(run.go(REQUESTS, path))
-    return path, run, ports
+    a_run = Run(ports['motion'], ports['state'])
+    run(a_run.go(REQUESTS, path), real_time=True)
+    return path, a_run, ports
 
 
 @contextlib.contextmanager
@@ -97,12 +95,12 @@ def playing(path, *arguments):
 
 
 def test_a_client_that_does_the_same_sees_the_same(recorded):
-    path, run, _ = recorded
+    path, first, _ = recorded
     with playing(path) as (process, again):
-        asyncio.run(again.go(REQUESTS))
+        run(again.go(REQUESTS), real_time=True)
         output, errors = process.communicate(timeout=PATIENCE)
-    assert again.replies == run.replies
-    seen = {packet.message for packet in run.states}
+    assert again.replies == first.replies
+    seen = {packet.message for packet in first.states}
     assert {type(message) for message in seen} >= {Status}
     assert all(packet.comm_type is CommType.TOPIC for packet in again.states)
     assert {packet.message for packet in again.states} <= seen
@@ -112,11 +110,11 @@ def test_a_client_that_does_the_same_sees_the_same(recorded):
 
 
 def test_a_client_that_does_something_else_is_told_apart(recorded):
-    path, run, _ = recorded
+    path, first, _ = recorded
     with playing(path, '--speed', '2') as (process, again):
-        asyncio.run(again.go([Ping(), JointTrajPt(0, (0.1, *[0.0] * 9))]))
+        run(again.go([Ping(), JointTrajPt(0, (0.1, *[0.0] * 9))]), real_time=True)
         output, errors = process.communicate(timeout=PATIENCE)
-    assert again.replies == run.replies[:2]
+    assert again.replies == first.replies[:2]
     assert process.returncode == 1
     assert '2 as recorded (1 to the byte), 0 not recorded, 2 missing' in output
     assert 'JOINT_TRAJ_PT 0 was recorded with other values' in errors
@@ -135,7 +133,7 @@ def test_an_unrecorded_request_has_no_answer_and_ctrl_c_ends_with_the_report(rec
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
 
-        asyncio.run(scenario())
+        run(scenario(), real_time=True)
         output, _ = process.communicate(timeout=PATIENCE)
     assert not again.replies
     assert process.returncode == 1
@@ -151,22 +149,22 @@ def test_a_file_that_cannot_be_played_is_refused_with_the_reason(content, text, 
     path = tmp_path / 'a.pcap'
     if content is not None:
         path.write_bytes(content)
-    run = subprocess.run(
+    ended = subprocess.run(
         [*COMMAND, str(path)], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
-    assert run.returncode == 2
-    assert text in run.stderr
-    assert 'Traceback' not in run.stderr
+    assert ended.returncode == 2
+    assert text in ended.stderr
+    assert 'Traceback' not in ended.stderr
 
 
 def test_a_port_in_use_is_told(recorded):
     path, _, ports = recorded  # whose controller still runs
-    run = subprocess.run(
+    ended = subprocess.run(
         [*COMMAND, str(path)], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
-    assert run.returncode == 2
-    assert str(ports['motion']) in run.stderr
-    assert 'Traceback' not in run.stderr
+    assert ended.returncode == 2
+    assert str(ports['motion']) in ended.stderr
+    assert 'Traceback' not in ended.stderr
 
 
 def test_the_recorded_ports_are_the_real_ones(recorded):
@@ -190,8 +188,8 @@ def test_wireshark_finds_no_fault(fault, recorded):
 
     def matching(rule):
         command = ['tshark', '-r', str(path), *checks, '-Y', rule]
-        run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-        return run.stdout
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+        return ended.stdout
 
     assert matching(fault) == ''
     assert len(matching('tcp.checksum.status == 1').splitlines()) > STATES

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from sim_process import COMMAND, FREE, connect, receive
+from support.sim_process import COMMAND, FREE, connect, receive
 
 
 def run(*arguments):
@@ -70,7 +70,7 @@ def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(
     clients[0].sendall(point(0, (1.0, 0, 0, 0, 0, 0), 0.01))
     receive(clients[2], 600)
     process.send_signal(number)
-    assert process.wait(timeout=30) == 0
+    assert process.wait(timeout=120) == 0
     for client in clients:
         client.close()
     assert not any(map(running, planners))
@@ -160,7 +160,7 @@ def test_a_log_that_nobody_reads_stops_nothing(start):
             sock.sendall(refused * 100)
             receive(sock, 6000)
     process.send_signal(signal.SIGTERM)
-    assert process.wait(timeout=30) == 0
+    assert process.wait(timeout=120) == 0
 
 
 def test_a_port_in_use_is_named(start):
@@ -178,22 +178,44 @@ def test_a_port_in_use_is_named(start):
     ('arguments', 'text'),
     [
         (['--start', '-9,0,0,0,0,0'], 'joint_1 = -9 rad is outside the limits -2.96706 … 2.96706'),
-        (['--start', '0,0,0,0,2.5,0'], 'joint_5 = 2.5 rad is outside the limits'),
-        (['--start', 'nan,0,0,0,0,0'], 'joint_1 = nan rad is outside'),
-        (['--start', '0,0,0'], '3 angles for 6 joints'),
-        (['--start', '1,2,three,0,0,0'], 'must be numbers separated by commas'),
-        (['--start='], 'must be numbers'),
-        (['--start'], 'expected one argument'),
-        (['--look-ahead', '0'], 'must be a number from 0.01 to 60 s'),
-        (['--look-ahead', 'far'], 'must be a number from 0.01 to 60 s'),
+        pytest.param(
+            ['--start', '0,0,0,0,2.5,0'],
+            'joint_5 = 2.5 rad is outside the limits',
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ['--start', 'nan,0,0,0,0,0'], 'joint_1 = nan rad is outside', marks=pytest.mark.slow
+        ),
+        pytest.param(['--start', '0,0,0'], '3 angles for 6 joints', marks=pytest.mark.slow),
+        pytest.param(
+            ['--start', '1,2,three,0,0,0'],
+            'must be numbers separated by commas',
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(['--start='], 'must be numbers', marks=pytest.mark.slow),
+        pytest.param(['--start'], 'expected one argument', marks=pytest.mark.slow),
+        pytest.param(
+            ['--look-ahead', '0'], 'must be a number from 0.01 to 60 s', marks=pytest.mark.slow
+        ),
+        pytest.param(
+            ['--look-ahead', 'far'], 'must be a number from 0.01 to 60 s', marks=pytest.mark.slow
+        ),
         (['--motion', 'jump'], 'invalid choice'),
-        (['--byte-order', 'middle'], 'invalid choice'),
+        pytest.param(['--byte-order', 'middle'], 'invalid choice', marks=pytest.mark.slow),
         (['--robot', 'c9'], r'no c9.yaml'),
-        (['--controller', 'rc9'], r'no rc9.yaml'),
-        (['--robot', '/nowhere/r.yaml'], '/nowhere/r.yaml'),
+        pytest.param(['--controller', 'rc9'], r'no rc9.yaml', marks=pytest.mark.slow),
+        pytest.param(['--robot', '/nowhere/r.yaml'], '/nowhere/r.yaml', marks=pytest.mark.slow),
         (['--motion-port', '70000'], 'must be a port from 0 to 65535'),
-        (['--state-period', '0'], 'must be a number from 0.001 to 3600 s'),
-        (['--state-period', 'nan'], 'must be a number from 0.001 to 3600 s'),
+        pytest.param(
+            ['--state-period', '0'],
+            'must be a number from 0.001 to 3600 s',
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ['--state-period', 'nan'],
+            'must be a number from 0.001 to 3600 s',
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):

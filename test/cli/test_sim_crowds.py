@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from sim_process import COMMAND, FREE, LINE, PORTS, connect, receive
+from support.sim_process import COMMAND, FREE, LINE, PORTS, connect, receive
 
 from epson_driver.controller.network.stderr_log import BURST
 
@@ -113,7 +113,9 @@ PRESSED = (0, 'E-stop pressed\n')
 
 
 @pytest.mark.invariant(7)
-@pytest.mark.parametrize('idle', [16, 64, 1000])
+@pytest.mark.parametrize(
+    'idle', [64, *(pytest.param(count, marks=pytest.mark.slow) for count in (16, 1000))]
+)
 def test_invariant_7_idle_clients_do_not_keep_the_pendant_out(crowded, crowd, idle):
     process, ports, log = crowded()
     crowd([ports['remote']], idle)
@@ -123,7 +125,9 @@ def test_invariant_7_idle_clients_do_not_keep_the_pendant_out(crowded, crowd, id
 
 
 @pytest.mark.invariant(9)
-@pytest.mark.parametrize('limit', [64, 48, 32])
+@pytest.mark.parametrize(
+    'limit', [32, *(pytest.param(count, marks=pytest.mark.slow) for count in (64, 48))]
+)
 def test_invariant_9_without_descriptors_left_the_pendant_gets_in_and_no_traceback_is_logged(
     crowded, crowd, limit
 ):

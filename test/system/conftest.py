@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from cell import Cell
+from support.cell import Cell
 
 
 @pytest.fixture
@@ -33,9 +33,17 @@ def cell(make_cell: Any) -> Cell:
 
 
 @pytest.fixture(scope='module')
-def shared_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+def one_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    """One cell for all tests of a module, arm not enabled at first."""
+    one = Cell(tmp_path_factory.mktemp('cell'))
+    try:
+        yield one.ready()
+    finally:
+        one.close()
+
+
+@pytest.fixture(scope='module')
+def shared_cell(one_cell: Cell) -> Cell:
     """One enabled cell for all tests of a module that leave it as they found it."""
-    shared = Cell(tmp_path_factory.mktemp('cell')).ready()
-    shared.peer.enable()
-    yield shared
-    shared.close()
+    one_cell.peer.enable()
+    return one_cell

@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from cell import START, Cell
 from control_msgs.action import FollowJointTrajectory
 from epson_msgs.srv import ReadIo
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
-from ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
 from std_srvs.srv import Trigger
+from support.cell import START, Cell
+from support.ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
 
 pytestmark = pytest.mark.invariant(5, 9)
 
@@ -45,7 +45,7 @@ def action(shared_cell: Cell) -> Iterator[Any]:
     client.destroy()
 
 
-@pytest.mark.parametrize('count', [40, 200])
+@pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
 def test_each_of_many_goals_that_come_at_once_is_answered(
     shared_cell: Cell, action: Any, count: int
 ) -> None:
@@ -63,7 +63,7 @@ def test_each_of_many_goals_that_come_at_once_is_answered(
     assert all(answer.result.error_string for answer in answers)
 
 
-@pytest.mark.parametrize('count', [40, 200])
+@pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ('kind', 'name'), [(ReadIo, 'read_io'), (Trigger, 'stop'), (Trigger, 'enable')]
 )

@@ -18,7 +18,6 @@ from typing import Any
 
 import pytest
 from ament_index_python import get_package_share_directory, get_resource
-from cell import START, Cell
 from control_msgs.action import FollowJointTrajectory
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -46,16 +45,28 @@ from rclpy.qos import (
     qos_profile_sensor_data,
     qos_profile_system_default,
 )
-from ros_peer import JOINTS, PATIENCE, trajectory
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from support.cell import START, Cell
+from support.ros_peer import JOINTS, PATIENCE, trajectory
 
 from epson_driver.client.parameters import TABLE, joint_rows
 
 NODE = 'epson_driver'
 ACTION = '/epson_driver/follow_joint_trajectory'
 LATCHED = {'/epson_driver/link_state', '/epson_driver/speed_scaling', '/epson_driver/io_states'}
+SERVICES = ('stop', 'enable', 'disable', 'reset_error', 'set_speed_scaling', 'read_io', 'write_io')
+WANTED = {
+    *('/joint_states', '/robot_status', '/diagnostics', *LATCHED),
+    *(f'/{NODE}/controller_state', f'/{NODE}/joint_trajectory', '/joint_path_command'),
+    *('/rosout', '/parameter_events'),
+    *(f'{ACTION}/_action/{name}' for name in ('feedback', 'status', 'send_goal', 'get_result')),
+    f'{ACTION}/_action/cancel_goal',
+    *(f'/{NODE}/{name}' for name in SERVICES),
+    *(f'/{NODE}/{name}_parameters' for name in ('list', 'describe', 'get', 'set')),
+    *(f'/{NODE}/get_parameter_types', f'/{NODE}/set_parameters_atomically'),
+}
 SUBSCRIBERS = {
     'default': QoSProfile(depth=10),
     'sensor data': qos_profile_sensor_data,
@@ -90,22 +101,23 @@ class Tool:
         self._thread.start()
 
     def discover(self) -> 'Tool':
-        """Wait until the driver is there, and nothing more of it comes."""
+        """Wait until all of the driver is there."""
         end = time.monotonic() + PATIENCE
-        seen: list[Any] = []
-        while len(seen) < 10 or not seen[-1] or any(each != seen[-1] for each in seen[-10:]):
-            assert time.monotonic() < end, f'the driver is not discovered: {seen[-1:]}'
+        while missing := self._missing():
+            assert time.monotonic() < end, f'the driver is not discovered: {missing}'
             time.sleep(0.05)
-            if (NODE, '/') in self.node.get_node_names_and_namespaces():
-                ask = self.node
-                seen.append(
-                    [
-                        ask.get_publisher_names_and_types_by_node(NODE, '/'),
-                        ask.get_subscriber_names_and_types_by_node(NODE, '/'),
-                        ask.get_service_names_and_types_by_node(NODE, '/'),
-                    ]
-                )
         return self
+
+    def _missing(self) -> set[str]:
+        if (NODE, '/') not in self.node.get_node_names_and_namespaces():
+            return {NODE}
+        ask = self.node
+        found = (
+            *ask.get_publisher_names_and_types_by_node(NODE, '/'),
+            *ask.get_subscriber_names_and_types_by_node(NODE, '/'),
+            *ask.get_service_names_and_types_by_node(NODE, '/'),
+        )
+        return WANTED - {name for name, _ in found}
 
     def close(self) -> None:
         self._executor.shutdown()

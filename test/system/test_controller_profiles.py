@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell import START
-from ros_peer import trajectory
+from support.cell import START
+from support.ros_peer import trajectory
 
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.controllers import load_controller_profile
@@ -26,7 +26,13 @@ def message_of(plan: Trajectory) -> Any:
     return message
 
 
-@pytest.mark.parametrize('name', ['rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
+@pytest.mark.parametrize(
+    'name',
+    [
+        *('generic', 'abb', 'motoman'),  # one for each way of sending points
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ('rc620', 'rc700a', 'fanuc')),
+    ],
+)
 def test_the_same_planned_trajectories_succeed_on_every_controller(
     make_cell: Any, name: str
 ) -> None:

@@ -8,6 +8,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from epson_driver.share import share_file
 
 
@@ -16,7 +18,7 @@ def demo(*arguments: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, '-m', 'epson_driver.cli', 'demo', *arguments],
         capture_output=True,
         text=True,
-        timeout=110,
+        timeout=550,
         check=False,
     )
 
@@ -64,6 +66,7 @@ def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_smooth_and_point_to_point_side_by_side(tmp_path: Path) -> None:
     picture = tmp_path / 'both.png'
     run = demo('--compare', f'--picture={picture}')

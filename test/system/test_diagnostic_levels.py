@@ -5,7 +5,7 @@
 from pathlib import Path
 from typing import Any
 
-from cell import Cell
+from support.cell import Cell
 
 OK, WARN, ERROR, STALE = (bytes([level]) for level in range(4))
 

@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell import START, Cell
 from control_msgs.msg import JointTolerance
-from ros_peer import RosPeer, trajectory
+from support.cell import START, Cell
+from support.ros_peer import RosPeer, trajectory
 
 A = [0.8, 0.0, 0.3, 0.1, -0.6, 0.1]
 POINTS = 21
+SLOW_PTP = pytest.param('ptp', marks=pytest.mark.slow)
 
 
-@pytest.fixture(scope='module', params=['smooth', 'ptp'])
+@pytest.fixture(scope='module', params=['smooth', SLOW_PTP])
 def waiting_cell(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Cell]:
@@ -37,7 +38,10 @@ def plan(seconds: float) -> Any:
 
 def at_start(cell: Cell) -> RosPeer:
     peer = cell.peer
-    assert peer.goal(trajectory((1.5, START))).result()[0] == 'succeeded'
+    here = peer.position()
+    if not np.allclose(here, START, atol=1e-3):
+        ended, _, text = peer.goal(trajectory((0.0, here.tolist()), (1.0, START))).result()
+        assert ended == 'succeeded', text
     return peer
 
 
@@ -49,7 +53,7 @@ def seconds(duration: Any) -> float:
 def test_a_wide_path_tolerance_is_kept_and_a_narrow_one_stops_the_arm(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
     wide = [JointTolerance(name='joint_1', position=1.0)]
-    ended, code, text = peer.goal(plan(3.0), path_tolerance=wide).result()
+    ended, code, text = peer.goal(plan(1.5), path_tolerance=wide).result()
     assert (ended, code) == ('succeeded', 0), text
     at_start(waiting_cell)
     narrow = [JointTolerance(name='joint_1', position=1e-4)]  # no servo is that good
@@ -60,9 +64,10 @@ def test_a_wide_path_tolerance_is_kept_and_a_narrow_one_stops_the_arm(waiting_ce
     assert peer.assert_still()[0] < 0.7
 
 
+@pytest.mark.parametrize('waiting_cell', ['smooth', 'ptp'], indirect=True)
 def test_a_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
-    goal = peer.goal(plan(3.0))
+    goal = peer.goal(plan(5.0))
     peer.wait_for_motion()
     waiting_cell.pendant('pause')
     peer.wait_for(
@@ -76,7 +81,7 @@ def test_a_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
         lambda: peer.controller_states[-1].speed_scaling_factor == 0.0, 'a clock at rest'
     )
     seen = len(peer.controller_states)
-    peer.wait_for(lambda: len(peer.controller_states) >= seen + 45, 'two seconds of states')
+    peer.wait_for(lambda: len(peer.controller_states) >= seen + 20, 'more states')
     states = peer.controller_states[seen:]
     assert len({seconds(state.reference.time_from_start) for state in states}) == 1
     assert not goal.done
@@ -91,7 +96,7 @@ def test_a_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
 
 def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
-    goal = peer.goal(plan(3.0))
+    goal = peer.goal(plan(15.0))
     peer.wait_for_motion()
     waiting_cell.pendant('pause')
     peer.wait_for(
@@ -107,7 +112,7 @@ def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled(waiting_cell:
 
 def test_an_estop_ends_a_goal_that_waits(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
-    goal = peer.goal(plan(3.0))
+    goal = peer.goal(plan(15.0))
     peer.wait_for_motion()
     waiting_cell.pendant('pause')
     peer.wait_for(
@@ -127,7 +132,7 @@ def test_the_speed_scaling_slows_a_running_goal_pauses_it_and_goes_on(waiting_ce
     peer = at_start(waiting_cell)
     peer.wait_for(lambda: peer.speed_scaling, 'the latched factor')
     assert peer.speed_scaling[-1] == 1.0
-    goal = peer.goal(plan(4.0), goal_tolerance=[])
+    goal = peer.goal(plan(5.0), goal_tolerance=[])
     peer.wait_for_motion()
     success, message = peer.set_speed(0.0)
     assert success
@@ -165,21 +170,21 @@ def test_at_half_the_speed_the_arm_takes_twice_as_long(waiting_cell: Cell) -> No
     assert peer.set_speed(0.5)[0]
     peer.wait_for(lambda: peer.speed_scaling[-1] == 0.5, 'a factor of one half')
     first = len(peer.joint_states)
-    ended, _, text = peer.goal(plan(3.0)).result()
+    ended, _, text = peer.goal(plan(1.5)).result()
     assert ended == 'succeeded', text
     times = [
         seconds(state.header.stamp)
         for state in peer.joint_states[first:]
         if 0.01 < (state.position[0] - START[0]) / (A[0] - START[0]) < 0.99
     ]
-    assert times[-1] - times[0] > 1.6 * 3.0  # 1 % at either end takes some time, too
+    assert times[-1] - times[0] > 1.6 * 1.5  # 1 % at either end takes some time, too
     assert peer.set_speed(1.0)[0]
 
 
 def test_an_open_door_is_no_pause(cell: Cell) -> None:
     peer = cell.peer
     peer.enable()
-    goal = peer.goal(plan(3.0))
+    goal = peer.goal(plan(15.0))
     peer.wait_for_motion()
     cell.pendant('door', 'open')
     ended, code, text = goal.result()

@@ -205,7 +205,11 @@ def distances(samples: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ('name', 'rests'), [('around_pillar_11_points', False), ('pick_and_place_20ms', True)]
+    ('name', 'rests'),
+    [
+        ('around_pillar_11_points', False),
+        pytest.param('pick_and_place_20ms', True, marks=pytest.mark.slow),
+    ],
 )
 def test_smooth_motion_as_a_standard_library_peer_sees_it(
     tmp_path: Path, name: str, rests: bool

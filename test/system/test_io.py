@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from cell import START, Cell
 from epson_msgs.msg import IoPoint, IoStates
 from epson_msgs.srv import ReadIo, WriteIo
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_peer import PATIENCE, trajectory
+from support.cell import START, Cell
+from support.ros_peer import PATIENCE, trajectory
 
 DI, DO = IoPoint.DIGITAL_INPUT, IoPoint.DIGITAL_OUTPUT
 AO, GO = IoPoint.ANALOG_OUTPUT, IoPoint.GROUP_OUTPUT

@@ -5,8 +5,8 @@
 from typing import Any
 
 import numpy as np
-from cell import START
-from ros_peer import trajectory
+from support.cell import START
+from support.ros_peer import trajectory
 
 
 def test_a_motoman_is_enabled_reset_and_disabled_by_its_own_commands(make_cell: Any) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell import START, Cell
-from ros_peer import RosPeer, trajectory
+from support.cell import START, Cell
+from support.ros_peer import RosPeer, trajectory
 
 from epson_driver.cli import processes
 
@@ -85,7 +85,7 @@ def test_start_order_does_not_matter(tmp_path: Path) -> None:
         assert client.end() == 0
 
 
-@pytest.mark.parametrize('byte_order', ['auto', 'big'])
+@pytest.mark.parametrize('byte_order', ['auto', pytest.param('big', marks=pytest.mark.slow)])
 def test_big_endian_controller(make_cell: Any, byte_order: str) -> None:
     cell = make_cell('--byte-order=big', byte_order=byte_order).ready()
     cell.peer.enable()
@@ -108,15 +108,29 @@ def run_client(*arguments: str) -> subprocess.CompletedProcess[str]:
     ('setting', 'words'),
     [
         ('byte_order:=middle', ('byte_order', 'middle', 'auto, little, big')),
-        ('robot_model:=c9', ('c9.yaml', 'c3_a601s')),
+        pytest.param('robot_model:=c9', ('c9.yaml', 'c3_a601s'), marks=pytest.mark.slow),
         ('motion_port:=70000', ('motion_port', '70000')),
-        ('joint_names:=[a, b]', ('joint_names', '2 names', '6 joints')),
-        ('state_timeout:=0.0', ('state_timeout', '0.0')),
-        ('motion_port:=eleven', ('motion_port', 'eleven')),
-        ('robot_ip:=a..b', ("parameter robot_ip = 'a..b'", 'must be an IP address')),
-        ('robot_ip:=' + 'x' * 64, ('parameter robot_ip', 'must be an IP address')),
+        pytest.param(
+            'joint_names:=[a, b]', ('joint_names', '2 names', '6 joints'), marks=pytest.mark.slow
+        ),
+        pytest.param('state_timeout:=0.0', ('state_timeout', '0.0'), marks=pytest.mark.slow),
+        pytest.param('motion_port:=eleven', ('motion_port', 'eleven'), marks=pytest.mark.slow),
+        pytest.param(
+            'robot_ip:=a..b',
+            ("parameter robot_ip = 'a..b'", 'must be an IP address'),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            'robot_ip:=' + 'x' * 64,
+            ('parameter robot_ip', 'must be an IP address'),
+            marks=pytest.mark.slow,
+        ),
         ('joint_names:=[]', ('parameter joint_names = []', 'must be a list of names')),
-        ('joint_signs:=[]', ('parameter joint_signs = []', 'needs one number')),
+        pytest.param(
+            'joint_signs:=[]',
+            ('parameter joint_signs = []', 'needs one number'),
+            marks=pytest.mark.slow,
+        ),
         ('robot_ip:=', ('Failed to parse ROS arguments', 'robot_ip')),
     ],
 )

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import pytest
-from cell import Cell
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import (
     GetParameters,
@@ -14,6 +13,7 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
+from support.cell import Cell
 
 from epson_driver.client.parameters import TABLE, joint_rows
 

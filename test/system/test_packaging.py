@@ -33,7 +33,7 @@ def colcon_install(tmp_path_factory: pytest.TempPathFactory) -> Path:
         env=os.environ | {'AMENT_PREFIX_PATH': sys.prefix},
         check=True,
         capture_output=True,
-        timeout=110,
+        timeout=550,
     )
     return workspace / 'install' / 'epson_driver'
 
@@ -65,7 +65,7 @@ def check_executables(lib: Path, workspace: Path | None) -> None:
     assert any('state link connected' in line for line in lines)
     for process in (client, controller):
         process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 0
+        assert process.wait(120) == 0
         process.stdout.close()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_peer import trajectory
+from support.ros_peer import trajectory
 
 from epson_driver.robots import load_robot_model
 
@@ -16,7 +16,7 @@ NAMES = [f'joint_{number}' for number in range(1, 5)]
 TARGET = [0.5, -0.4, -0.12, -1.0]
 
 
-@pytest.mark.parametrize('motion', ['smooth', 'ptp'])
+@pytest.mark.parametrize('motion', ['smooth', pytest.param('ptp', marks=pytest.mark.slow)])
 def test_a_scara_moves_and_is_spoken_of_in_metres(make_cell: Any, motion: str) -> None:
     start = '--start=' + ','.join(map(str, START))
     cell = make_cell(f'--robot={ROBOT}', f'--motion={motion}', start, robot_model=ROBOT).ready()

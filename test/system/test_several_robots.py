@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fleet import NAMES, Fleet
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from ros_peer import RosPeer, trajectory
+from support.fleet import NAMES, Fleet
+from support.ros_peer import RosPeer, trajectory
 
 from epson_driver.cli import processes
 from epson_driver.simple_message import Dialect, Opaque, encode, topic
@@ -31,7 +31,11 @@ ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events'}
 """Shared by all nodes of a ROS system: the entries say whose they are."""
 
 
-@pytest.fixture(scope='module', params=SHAPES)
+EACH_SHAPE = [pytest.param('a process each', marks=pytest.mark.slow), 'one process']
+"""Of two robots with a process each there is a test in test_node."""
+
+
+@pytest.fixture(scope='module', params=EACH_SHAPE)
 def fleet(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     """Three enabled robots for the tests that leave them enabled, and standing."""
     made = Fleet(tmp_path_factory.mktemp('fleet'), together=SHAPES[request.param])
@@ -141,7 +145,7 @@ def test_a_goal_moves_its_own_arm_only(fleet: Fleet) -> None:
 
 def test_what_ends_one_goal_ends_no_other(fleet: Fleet) -> None:
     left, middle, right = fleet.peers.values()
-    goals = [move(peer, 0.4, seconds=3.0) for peer in fleet.peers.values()]
+    goals = [move(peer, 0.4, seconds=6.0) for peer in fleet.peers.values()]
     for peer in fleet.peers.values():
         peer.wait_for_motion()
     assert left.call('stop')[0]
@@ -154,7 +158,7 @@ def test_what_ends_one_goal_ends_no_other(fleet: Fleet) -> None:
 
 def test_an_e_stop_leaves_the_others_enabled(fleet: Fleet) -> None:
     left, middle, right = fleet.peers.values()
-    goals = [move(peer, -0.3, seconds=2.0) for peer in fleet.peers.values()]
+    goals = [move(peer, -0.3, seconds=5.0) for peer in fleet.peers.values()]
     middle.wait_for_motion()
     fleet.pendant('middle', 'estop', 'press')
     assert goals[1].result()[:2] == ('aborted', -4)
@@ -208,13 +212,13 @@ def test_the_log_says_which_robot(fleet: Fleet) -> None:
         assert said in fleet.log_text()
 
 
-@pytest.mark.parametrize('together', SHAPES.values(), ids=SHAPES)
+@pytest.mark.parametrize('shape', EACH_SHAPE)
 def test_a_controller_that_dies_takes_nobody_along(
-    make_fleet: Callable[..., Fleet], together: bool
+    make_fleet: Callable[..., Fleet], shape: str
 ) -> None:
-    fleet = make_fleet(together=together).enabled()
+    fleet = make_fleet(together=SHAPES[shape]).enabled()
     left, middle, right = fleet.peers.values()
-    goals = [move(peer, 0.5, seconds=2.0) for peer in fleet.peers.values()]
+    goals = [move(peer, 0.5, seconds=5.0) for peer in fleet.peers.values()]
     left.wait_for_motion()
     fleet.controllers['left'].kill()
     ended, code, text = goals[0].result()
@@ -230,12 +234,14 @@ def test_a_controller_that_dies_takes_nobody_along(
         assert move(peer, -0.1).result()[0] == 'succeeded'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_one_signal_stops_all_arms_and_ends_each_goal_once(
     make_fleet: Callable[..., Fleet], number: int
 ) -> None:
     fleet = make_fleet(together=True).enabled()
-    goals = [move(peer, 1.0, seconds=4.0) for peer in fleet.peers.values()]
+    goals = [move(peer, 1.0, seconds=20.0) for peer in fleet.peers.values()]
     for peer in fleet.peers.values():
         peer.wait_for_motion()
     (client,) = fleet.clients

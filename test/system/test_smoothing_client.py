@@ -5,8 +5,8 @@
 from typing import Any
 
 import numpy as np
-from cell import START
-from ros_peer import trajectory
+from support.cell import START
+from support.ros_peer import trajectory
 
 from epson_driver.motion.smoothed import passages
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell import START, Cell
-from ros_peer import trajectory
+from support.cell import START, Cell
+from support.ros_peer import trajectory
 
 PERIOD = 0.005
 """Of the controller's state, s: ten joints, and a STATUS in the eleventh slot."""
@@ -28,7 +28,13 @@ AWAY = [1.6, *START[1:]]
 
 
 @pytest.mark.invariant(8)
-@pytest.mark.parametrize('fault', ['coalesce 0.05 port=state', 'coalesce 0.2 port=state'])
+@pytest.mark.parametrize(
+    'fault',
+    [
+        'coalesce 0.05 port=state',
+        pytest.param('coalesce 0.2 port=state', marks=pytest.mark.slow),
+    ],
+)
 def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_clock(
     make_cell: Any, fault: str
 ) -> None:
@@ -91,13 +97,13 @@ def _errors(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
 @pytest.mark.invariant(6)
 def test_a_node_that_stood_still_for_seconds_goes_on(make_cell: Any) -> None:
     """Invariant 6: it takes nothing old for new, and its own absence not for the controller's."""
-    cell: Cell = make_cell(state_timeout=0.5).ready()
+    cell: Cell = make_cell(state_timeout=3.0).ready()
     cell.peer.enable()
     connected = list(cell.peer.link_states)
     seen = len(cell.peer.joint_states)
     os.kill(cell.client.process_id, signal.SIGSTOP)
     try:
-        time.sleep(3.0)
+        time.sleep(4.0)  # longer than its time-out, which is what is tested
     finally:
         os.kill(cell.client.process_id, signal.SIGCONT)
     ended, _, text = cell.peer.goal(trajectory((0.0, START), (1.0, AWAY))).result()

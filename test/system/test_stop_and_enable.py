@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell import START, Cell
-from ros_peer import RosPeer, trajectory
 from std_srvs.srv import Trigger
+from support.cell import START, Cell
+from support.ros_peer import RosPeer, trajectory
 
 RACES = 20
 
@@ -61,10 +61,10 @@ def test_invariant_3_a_controller_that_does_not_stop_is_said_and_its_motors_go_o
 
     text = share_file('config', 'controllers', 'rc620.yaml').read_text(encoding='utf-8')
     (tmp_path / 'rc620.yaml').write_text(text, encoding='utf-8')
-    cell: Cell = make_cell(f'--controller={profile}').ready()
+    cell: Cell = make_cell(f'--controller={profile}', patience=False).ready()
     peer = cell.peer
     peer.enable()
-    goal = peer.goal(trajectory((0.0, START), (12.0, [1.5, *START[1:]])))
+    goal = peer.goal(trajectory((0.0, START), (60.0, [1.5, *START[1:]])))
     peer.wait_for_motion()
     success, message = peer.call('stop')
     assert not success, message

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell import START, Cell
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from ros_peer import RosPeer, trajectory
+from support.cell import START, Cell
+from support.ros_peer import RosPeer, trajectory
 
 from epson_driver.cli import processes
 from epson_driver.link.recording import read_recording

@@ -133,7 +133,7 @@ class PortServer:
         """Take one client of those that the system keeps; what cannot be taken now stays there."""
         limit = self._rules.max_clients
         if limit is None and len(self._tasks) >= REMOTE_CLIENTS:
-            wait = self._admitted[0] + GRACE - time.monotonic()
+            wait = self._admitted[0] + GRACE - asyncio.get_running_loop().time()
             if wait > 0.0:  # too many have just come: let them be heard
                 self._pause(listening, wait)
                 return
@@ -148,7 +148,7 @@ class PortServer:
             if error.errno not in _GONE:
                 self._cannot(listening, error.strerror or str(error))
             return
-        self._admitted.append(time.monotonic())
+        self._admitted.append(asyncio.get_running_loop().time())
         if limit is not None and len(self._tasks) >= limit + WAITING:
             sock.close()
             _log.warning(
@@ -215,7 +215,7 @@ class PortServer:
     async def _serve(self, connection: Connection) -> None:
         with self._pacer.present() as controller:
             line = controller.connect(self._rules.name, connection)
-        share = Share(time.monotonic())
+        share = Share(asyncio.get_running_loop().time())
         try:
             while data := await connection.receive():
                 async with self._turn:
@@ -235,6 +235,6 @@ class PortServer:
         """Let a client wait that used more than its share of the processor's time."""
         if self._rules.share is not None:
             own = self._rules.share / len(self._tasks)
-            wait = share.used(used, own, time.monotonic())
+            wait = share.used(used, own, asyncio.get_running_loop().time())
             if wait:
                 await asyncio.sleep(wait)

@@ -2,24 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """One robot cell of real processes: a simulated controller, the driver's node, a ROS peer."""
 
-import os
 from pathlib import Path
 from typing import Any
 
-from ros_peer import RosPeer
-
 from epson_driver.cli import processes
+from support import patient
+from support.controller_hands import do
+from support.ros_peer import PATIENCE, RosPeer
+
+processes.END_TIMEOUT = PATIENCE  # a process that is not scheduled does not hang
+
+TIMEOUTS = {'state_timeout': 45.0, 'io_timeout': 45.0, 'reply_timeout': 90.0}
+"""A controller that is not scheduled is not silent. Who tests a time-out says how long it is."""
 
 START = [0.0, 0.1, 0.2, 0.0, -0.5, 0.0]
 
 
 class Cell:
-    """One controller, one driver, one peer, on ports and a domain of their own."""
+    """One controller, one driver, one peer, on ports and a domain of their own.
 
-    def __init__(self, folder: Path, *controller_arguments: str, **parameters: Any) -> None:
+    The driver is patient with a machine that is busy (patient.py), unless `patience` is False.
+    """
+
+    def __init__(
+        self, folder: Path, *controller_arguments: str, patience: bool = True, **parameters: Any
+    ) -> None:
         self._folder = folder
         self._controller_arguments = controller_arguments
-        self._parameters = parameters
+        self._parameters = (TIMEOUTS if patience else {}) | parameters
+        self._run = patient.COMMAND if patience else processes.EXECUTABLE
         self.domain = processes.free_ros_domain()
         self.start = START
         self.controller = self._start_controller(None)
@@ -41,9 +52,8 @@ class Cell:
         )
 
     def _start_client(self) -> processes.Process:
-        return processes.client(
-            self._folder / 'client.log', self.ports, self.domain, **self._parameters
-        )
+        log = self._folder / 'client.log'
+        return processes.client(log, self.ports, self.domain, run=self._run, **self._parameters)
 
     def restart_controller(self, start: list[float] | None = None) -> None:
         """Start it again on the same ports."""
@@ -52,17 +62,15 @@ class Cell:
         self.controller.ports()
 
     def restart_client(self) -> None:
+        """Start it again, with a peer that has never heard of the one before."""
+        self.peer.close()
         self.client = self._start_client()
+        self.peer = RosPeer(self.domain)
+        self.ready()
 
     def pendant(self, *words: str) -> None:
         """Do what a person does at the controller."""
-        pendant = processes.Process(
-            'pendant',
-            ['--port', str(self.ports.remote), *words],
-            self._folder / 'pendant.log',
-            dict(os.environ),
-        )
-        assert pendant.wait() == 0, pendant.log_text()
+        do(self.ports.remote, *words)
 
     def close(self) -> None:
         self.peer.close()

@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several robot cells in one ROS domain, their drivers a process each or all in one."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ros_peer import RosPeer
-
 from epson_driver.cli import processes
+from support import patient
+from support.cell import TIMEOUTS
+from support.controller_hands import do
+from support.ros_peer import RosPeer
 
 NAMES = ('left', 'middle', 'right')
 
@@ -30,7 +31,11 @@ class Fleet:
         for group in [list(names)] if together else [[name] for name in names]:
             ports = {name: self.ports[name] for name in group}
             log = folder / f'client_{group[0]}.log'
-            self.clients.append(processes.clients(log, ports, self.domain, **parameters))
+            self.clients.append(
+                processes.clients(
+                    log, ports, self.domain, run=patient.COMMAND, **(TIMEOUTS | parameters)
+                )
+            )
         self.peers = {name: RosPeer(self.domain, prefix=f'/{name}') for name in names}
 
     def _start_controller(self, name: str) -> processes.Process:
@@ -50,10 +55,7 @@ class Fleet:
 
     def pendant(self, name: str, *words: str) -> None:
         """Do what a person does at one of the controllers."""
-        log = self._folder / 'pendant.log'
-        arguments = ['--port', str(self.ports[name].remote), *words]
-        pendant = processes.Process('pendant', arguments, log, dict(os.environ))
-        assert pendant.wait() == 0, pendant.log_text()
+        do(self.ports[name].remote, *words)
 
     def log_text(self) -> str:
         """Return what the drivers have logged so far."""

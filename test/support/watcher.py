@@ -4,14 +4,13 @@
 
 import socket
 import threading
-import time
 
 import numpy as np
-from cell import START
-from ros_peer import PATIENCE
 
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import Framer, JointFeedback, decode
+from support.cell import START
+from support.ros_peer import PATIENCE
 
 LIMITS = load_robot_model('c3_a601s').limits
 ROUNDING = 0.02
@@ -31,6 +30,8 @@ class Watcher:
 
     def __init__(self, port: int) -> None:
         self.seen: list[JointFeedback] = []
+        self._changed = threading.Condition()
+        self._over = False
         self._socket = socket.create_connection(('127.0.0.1', port), PATIENCE)
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -42,7 +43,12 @@ class Watcher:
             while (frame := framer.next_frame()) is not None:
                 message = decode(frame).message
                 if isinstance(message, JointFeedback):
-                    self.seen.append(message)
+                    with self._changed:
+                        self.seen.append(message)
+                        self._changed.notify_all()
+        with self._changed:
+            self._over = True
+            self._changed.notify_all()
 
     def _receive(self) -> bytes:
         try:
@@ -52,11 +58,15 @@ class Watcher:
 
     def until_at_rest(self) -> None:
         """Wait until a hundred messages in a row show no motion."""
-        end = time.monotonic() + PATIENCE
-        while len(self.seen) < 100 or any(any(each.velocities) for each in self.seen[-100:]):
-            assert time.monotonic() < end, 'the arm does not come to rest'
-            assert self._thread.is_alive(), 'the controller closed the connection'
-            time.sleep(0.01)
+        with self._changed:
+            begin = len(self.seen)
+
+            def rests() -> bool:
+                newest = self.seen[begin:][-100:]
+                return len(newest) == 100 and not any(any(each.velocities) for each in newest)
+
+            assert self._changed.wait_for(lambda: self._over or rests(), PATIENCE), 'it moves'
+            assert not self._over, 'the controller closed the connection'
 
     def close(self) -> None:
         self._socket.shutdown(socket.SHUT_RDWR)

@@ -25,7 +25,9 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-PATIENCE = 30.0
+PATIENCE = 120.0
+"""Until what does not come is taken for a hang, s: no assertion depends on it."""
+
 JOINTS = [f'joint_{i}' for i in range(1, 7)]
 STATUS_NAMES = {
     GoalStatus.STATUS_SUCCEEDED: 'succeeded',
@@ -42,6 +44,12 @@ def trajectory(*points: tuple[float, list[float]], names: list[str] = JOINTS) ->
         duration = Duration(sec=int(whole), nanosec=round(fraction * 1e9))
         message.points.append(JointTrajectoryPoint(positions=positions, time_from_start=duration))
     return message
+
+
+def stamp(message: Any) -> float:
+    """Return the time of a message with a header, s."""
+    seconds: float = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+    return seconds
 
 
 class Goal:
@@ -203,11 +211,27 @@ class RosPeer:
         success, message = self.call('enable')
         assert success, message
 
+    def newer(self, count: int = 1) -> list[JointState]:
+        """Return so many joint states that are of a time after this call.
+
+        What merely comes after it may have waited: a goal's result takes another way, and passes
+        joint states that were published before it.
+        """
+        begin, now = len(self.joint_states), time.time()
+        old = begin
+
+        def there() -> bool:
+            nonlocal old
+            while old < len(self.joint_states) and stamp(self.joint_states[old]) <= now:
+                old += 1
+            return len(self.joint_states) >= old + count
+
+        self.wait_for(there, 'new joint states')
+        return self.joint_states[old : old + count]
+
     def position(self) -> np.ndarray:
-        """Return the newest measured joints that came after this call."""
-        seen = len(self.joint_states)
-        self.wait_for(lambda: len(self.joint_states) > seen, 'a new joint state')
-        return np.array(self.joint_states[-1].position)
+        """Return joints that were measured after this call."""
+        return np.array(self.newer()[0].position)
 
     def wait_for_motion(self) -> None:
         """Wait until the joints really move."""
@@ -219,9 +243,7 @@ class RosPeer:
 
     def assert_still(self, states: int = 60) -> np.ndarray:
         """Check that the next joint states are all the same; return the position."""
-        start = self.position()
-        seen = len(self.joint_states)
-        self.wait_for(lambda: len(self.joint_states) >= seen + states, 'more joint states')
-        for state in self.joint_states[seen:]:
-            assert np.array_equal(np.array(state.position), start)
-        return start
+        first, *others = self.newer(states)
+        for state in others:
+            assert list(state.position) == list(first.position)
+        return np.array(first.position)

@@ -3,6 +3,7 @@
 """The real client, one function of which can be made to raise: `failing_client.py FILE ARGUMENT…`.
 
 At SIGUSR1 it reads from FILE which one, by its name in HOOKS: that raises when it is next called.
+The file is gone when it will.
 """
 
 import asyncio
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from patient import be_patient  # beside this script
 from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
 
@@ -169,7 +171,9 @@ def main() -> int:
     def arm(_number: int, _frame: object) -> None:
         global armed
         armed = file.read_text(encoding='utf-8')
+        file.unlink()
 
+    be_patient()
     signal.signal(signal.SIGUSR1, arm)
     for arguments in HOOKS:
         hook(*arguments)

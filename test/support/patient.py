@@ -1,0 +1,50 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver NAME …`, patient: the client's own time-outs are long.
+
+They are there for controllers that do not answer, and for a person who waits. A machine that is
+busy with something else must not make the driver say that its controller is slow. Time-outs that
+are parameters are long in `cell.Cell`, and so is this, for what no parameter says. Tests of a
+time-out itself are on a manual clock (test/client), or say how long it is.
+"""
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+from epson_driver.cli.__main__ import main
+
+COMMAND = (sys.executable, str(Path(__file__)))
+
+LONG = 45.0
+
+TIMEOUTS = {
+    'epson_driver.client.diagnostics': {'STATUS_TIMEOUT': LONG},
+    # the end of the process waits so long for what may have failed: not too long, therefore
+    'epson_driver.client.driver': {'STATUS_TIMEOUT': LONG, 'SHUT_DOWN_TIMEOUT': 8.0},
+    'epson_driver.client.execution': {'SETTLE_TIME': LONG},
+    'epson_driver.client.node': {'RESULTS_TIMEOUT': 8.0, 'RESULTS_LINGER': 2.0},
+    'epson_driver.client.ros_thread': {'LEAVE_TIMEOUT': 8.0},
+    'epson_driver.client.services': {'ANSWER_TIMEOUT': LONG},
+    'epson_driver.client.stopper': {
+        'ANSWER_TIME': LONG,
+        'BRAKING_TIME': LONG,
+        'MOTORS_TIMEOUT': LONG,
+    },
+    'epson_driver.link.link': {'CONNECT_TIMEOUT': LONG},
+}
+
+
+def be_patient() -> None:
+    """Make the client's own time-outs long, in this process."""
+    for name, constants in TIMEOUTS.items():
+        module = import_module(name)
+        for constant, seconds in constants.items():
+            assert isinstance(getattr(module, constant), float)
+            setattr(module, constant, seconds)
+
+
+if __name__ == '__main__':
+    if sys.argv[1:2] == ['client']:
+        be_patient()
+    sys.exit(main())
