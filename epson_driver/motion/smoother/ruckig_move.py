@@ -10,7 +10,7 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.smoother.check import loads
+from epson_driver.motion.smoother.check import BACKWARD, loads
 from epson_driver.motion.smoother.law import Law, State, from_ruckig
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
@@ -26,7 +26,7 @@ One speed for all of it, so one sharp bend, be it short, slows down all the way.
 there is better: a plan from there follows.
 """
 
-HARDNESS = (1.0, 0.5, 0.2)
+HARDNESS = (1.0, 0.9, 0.5, 0.2)
 """Fractions of the acceleration and the jerk that the path's slope alone would allow."""
 
 BISECTIONS = 6
@@ -75,7 +75,10 @@ def _rank(law: Law, longest: float) -> tuple[float, float]:
 def _fastest(
     problem: Problem, end: float, velocity: float, acceleration: float, jerk: float
 ) -> Law | None:
-    """Return the verified move with the highest speed, found by bisection."""
+    """Return the verified move with the highest speed, found by bisection.
+
+    A speed can be too low as well: what is too fast for it turns back.
+    """
     low, high = velocity * SLOWEST, velocity
     found: Law | None = None
     for turn in range(BISECTIONS):
@@ -85,6 +88,8 @@ def _fastest(
             if turn == 0:
                 return law
             found, low = law, speed
+        elif turn > 0 and law is not None and law.velocities.min() < -BACKWARD:
+            low = speed
         else:
             high = speed
     return found
@@ -95,7 +100,7 @@ def stop(problem: Problem) -> Law | None:
     _, acceleration, jerk = _slope_bounds(problem, problem.end)
     for hardness in (1.0, 0.7, 0.5, 0.35):
         law = brake(problem.start, acceleration * hardness, jerk * hardness)
-        if law is None or law.end > problem.end or np.any(law.velocities < -1e-9):
+        if law is None or law.end > problem.end or np.any(law.velocities < -BACKWARD):
             continue
         if loads(problem.path, law, problem.limits).allowed:
             return law
