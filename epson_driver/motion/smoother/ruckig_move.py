@@ -41,7 +41,8 @@ SLOWEST = 3e-3
 def propose(problem: Problem, _course: Course) -> Law | None:
     """Return the verified move that gets on fastest, or None if none was found.
 
-    It may end before the path does. If all are slow, it is the one that ends first.
+    It may end before the path does. If all are slow, it is the one that ends first from rest, and
+    none while moving: the plan so far rests soon, and from there more is possible.
     """
     limits = problem.limits
     unit = float(
@@ -62,6 +63,8 @@ def propose(problem: Problem, _course: Course) -> Law | None:
                 best, best_rank = law, rank
         if best_rank[0] == 0.0 and end < problem.end:
             break
+    if best_rank[0] < 0.0 and problem.start[1] > 0.0:
+        return None
     return best
 
 
