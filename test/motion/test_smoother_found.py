@@ -13,9 +13,9 @@ from smoother_runs import ARM
 from test_smoother_extrema import assert_within_all_limits
 
 from epson_driver.motion import Trajectory
+from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.planner import plan
-from epson_driver.motion.smoothed import smoothed
 
 NO_WAY = (2095, 2134)
 """The arm rested on a point to rounding, and the path to it had no length: NaN."""

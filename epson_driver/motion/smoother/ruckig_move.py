@@ -69,7 +69,7 @@ def propose(problem: Problem, _course: Course) -> Law | None:
 
 
 def _rank(law: Law, longest: float) -> tuple[float, float]:
-    """Return what is greater for a better move: one that is not slow, and the faster the better."""
+    """Return what is greater for a better move: one that is not slow, then a faster one."""
     if law.duration > longest:
         return -law.duration, 0.0
     return 0.0, (law.end - float(law.positions[0])) / law.duration
