@@ -45,7 +45,8 @@ def smoothed(
     It begins and ends at rest, at the first and the last point. Its joints are in the order of
     the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
     TIME_OPTIMAL takes the positions only. Raises ValueError that names point, joint, value and
-    limit for a trajectory that cannot be smoothed, or if its motion would break a limit.
+    limit for a trajectory that cannot be smoothed, or if its motion would break a limit;
+    RuntimeError if the planner raises.
     """
     if not period > 0.0:
         raise ValueError(f'period = {period} s: must be positive')
@@ -69,6 +70,8 @@ def smoothed(
             motion = smoother.step(period / steps)
             if smoother.violation is not None:
                 raise ValueError(f'the smooth motion breaks a limit: {smoother.violation}')
+            if smoother.planner_error is not None:
+                raise RuntimeError('the planner failed') from smoother.planner_error
         samples.append(motion)
     position, velocity, acceleration = (np.array(column) for column in zip(*samples, strict=True))
     offset = 0.0 if mode is Mode.TIME_OPTIMAL else float(times[0])

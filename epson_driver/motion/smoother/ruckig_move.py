@@ -10,16 +10,23 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.smoother.check import loads
+from epson_driver.motion.smoother.check import BACKWARD, loads
 from epson_driver.motion.smoother.law import Law, State, from_ruckig
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.profile import Course
 
-REACHES = (0.75, 0.25, 0.08, 0.025)
+REACHES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
 """How far to go, in stopping distances of a joint at its velocity limit."""
 
-HARDNESS = (1.0, 0.5, 0.2)
+SLOW = 5.0
+"""A move is slow if it takes so many times longer than the highest speed and a stop would.
+
+One speed for all of it, so one sharp bend, be it short, slows down all the way. A move that ends
+there is better: a plan from there follows.
+"""
+
+HARDNESS = (1.0, 0.9, 0.5, 0.2)
 """Fractions of the acceleration and the jerk that the path's slope alone would allow."""
 
 BISECTIONS = 6
@@ -34,7 +41,8 @@ SLOWEST = 3e-3
 def propose(problem: Problem, _course: Course) -> Law | None:
     """Return the verified move that gets on fastest, or None if none was found.
 
-    It may end before the path does.
+    It may end before the path does. If all are slow, it is the one that ends first from rest, and
+    none while moving: the plan so far rests soon, and from there more is possible.
     """
     limits = problem.limits
     unit = float(
@@ -42,26 +50,38 @@ def propose(problem: Problem, _course: Course) -> Law | None:
     )
     u = problem.start[0]
     best: Law | None = None
+    best_rank = (-np.inf, 0.0)
     for reach in REACHES:
         end = min(problem.end, u + reach * unit)
         velocity, acceleration, jerk = _slope_bounds(problem, end)
         for hardness in HARDNESS:
             law = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
-            if law is not None and (best is None or _pace(law) > _pace(best)):
-                best = law
-        if best is not None and end < problem.end:
+            if law is None:
+                continue
+            rank = _rank(law, SLOW * (unit + (law.end - u) / velocity))
+            if rank > best_rank:
+                best, best_rank = law, rank
+        if best_rank[0] == 0.0 and end < problem.end:
             break
+    if best_rank[0] < 0.0 and problem.start[1] > 0.0:
+        return None
     return best
 
 
-def _pace(law: Law) -> float:
-    return (law.end - float(law.positions[0])) / law.duration
+def _rank(law: Law, longest: float) -> tuple[float, float]:
+    """Return what is greater for a better move: one that is not slow, then a faster one."""
+    if law.duration > longest:
+        return -law.duration, 0.0
+    return 0.0, (law.end - float(law.positions[0])) / law.duration
 
 
 def _fastest(
     problem: Problem, end: float, velocity: float, acceleration: float, jerk: float
 ) -> Law | None:
-    """Return the verified move with the highest speed, found by bisection."""
+    """Return the verified move with the highest speed, found by bisection.
+
+    A speed can be too low as well: what is too fast for it turns back.
+    """
     low, high = velocity * SLOWEST, velocity
     found: Law | None = None
     for turn in range(BISECTIONS):
@@ -71,6 +91,8 @@ def _fastest(
             if turn == 0:
                 return law
             found, low = law, speed
+        elif turn > 0 and law is not None and law.velocities.min() < -BACKWARD:
+            low = speed
         else:
             high = speed
     return found
@@ -81,7 +103,7 @@ def stop(problem: Problem) -> Law | None:
     _, acceleration, jerk = _slope_bounds(problem, problem.end)
     for hardness in (1.0, 0.7, 0.5, 0.35):
         law = brake(problem.start, acceleration * hardness, jerk * hardness)
-        if law is None or law.end > problem.end or np.any(law.velocities < -1e-9):
+        if law is None or law.end > problem.end or np.any(law.velocities < -BACKWARD):
             continue
         if loads(problem.path, law, problem.limits).allowed:
             return law

@@ -62,6 +62,9 @@ class Mode(StrEnum):
     """Nothing: as fast as the limits allow."""
 
 
+Planner = Callable[[Request, JointLimits], Plan | None]
+"""Returns a verified plan, or None if none was found."""
+
 log = logging.getLogger(__name__)
 
 
@@ -76,7 +79,9 @@ class Smoother:
     Whatever happens to the stream, the arm comes to rest at the last point known, never beyond.
     Should what `step` is about to give out break a limit, the arm brakes from what it gave out
     last, all points are forgotten, an error is logged, and `violations` counts it: that is a
-    defect of this package. `violation` says what the last one was.
+    defect of this package. `violation` says what the last one was. A planner that raises has found
+    no plan: the plan so far, which ends at rest, goes on, an error is logged, `planner_errors`
+    counts it, and `planner_error` is the last one.
     Raises ValueError for a start that is not n finite numbers within the limits.
     """
 
@@ -87,7 +92,7 @@ class Smoother:
         mode: Mode = Mode.TIME_PRESERVING,
         *,
         latency: float = 0.0,
-        planner: Callable[[Request, JointLimits], Plan | None] | None = plan,
+        planner: Planner | None = plan,
     ) -> None:
         self.limits = limits
         self.mode = mode
@@ -121,6 +126,8 @@ class Smoother:
         self.violations = 0
         self.violation: Violation | None = None
         self._guard = OutputGuard(self.motion)
+        self.planner_errors = 0
+        self.planner_error: Exception | None = None
 
     # What comes in.
 
@@ -443,7 +450,18 @@ class Smoother:
         if self._planner is not None:
             request = self.request()
             if request is not None:
-                self.take(self._planner(request, self.limits))
+                self.take(self._planned(self._planner, request))
+
+    def _planned(self, planner: Planner, request: Request) -> Plan | None:
+        """Return what the planner found; None too if it fails: the plan so far ends at rest."""
+        try:
+            return planner(request, self.limits)
+        except Exception as error:
+            self.planner_errors += 1
+            if repr(error) != repr(self.planner_error):  # it may fail so again and again
+                log.exception('the planner failed, and the motion goes on as planned before')
+            self.planner_error = error
+            return None
 
     def _worth_planning(self) -> bool:
         if self._joint_motion is not None or self._stopping:
@@ -582,7 +600,14 @@ class Smoother:
     def _rest_between(self, course: Committed, u: float) -> None:
         """Rest between two points of a path, free to go on to the next one by another."""
         position = course.path.at(u)[0]
-        index = course.route[course.path.segment(u)].index
+        segment = course.path.segment(u)
+        left = course.path.knots.position[segment + 1] - position
+        if np.max(np.abs(left)) <= TELLABLE:
+            segment += 1  # what is left is rounding, and no way
+        if segment == len(course.route) - 1:
+            self._arrive(position, course.route[segment])
+            return
+        index = course.route[segment].index
         self._rest = Point(index, position, position, course.clock(self._now))
         self._arrive(position)
 
