@@ -233,6 +233,7 @@ def resident():
     return int(Path('/proc/self/statm').read_text().split()[1]) * resource.getpagesize()
 
 
+@pytest.mark.slow
 def test_a_goal_of_10000_points_streams_without_growth(caplog):
     caplog.set_level('ERROR')  # pytest keeps every record, and a busy machine makes many
 

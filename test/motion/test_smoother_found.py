@@ -20,7 +20,7 @@ from epson_driver.motion.smoother.planner import plan
 NO_WAY = (2095, 2134)
 """The arm rested on a point to rounding, and the path to it had no length: NaN."""
 
-CRAWLING = (2298, 2819, 2950)
+CRAWLING = (2298, 2819, pytest.param(2950, marks=pytest.mark.slow))
 """A sharp bend of 1e-4 rad made the move past it take a minute: no shorter one was tried."""
 
 

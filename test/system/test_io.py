@@ -141,8 +141,11 @@ def test_states_on_change_reads_and_writes_by_address(cell: Cell, make_io_peer: 
 
 
 @pytest.mark.invariant(6)
-def test_estop_and_lost_controller_make_the_values_invalid(cell: Cell, make_io_peer: Any) -> None:
+def test_estop_and_lost_controller_make_the_values_invalid(
+    make_cell: Any, make_io_peer: Any
+) -> None:
     """Invariant 6, of the I/O: once, with the reason, and the services fail with it too."""
+    cell: Cell = make_cell(io_timeout=1.0).ready()
     peer = make_io_peer(cell.domain)
     peer.wait_until_valid()
     cell.pendant('estop', 'press')
