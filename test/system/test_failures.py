@@ -96,6 +96,7 @@ class Robot:
         return (
             TIMEOUTS
             | ports
+            | {'io_timeout': 1.0}  # how soon the I/O's task has its next turn to fail
             | {'controller': str(self._profile), 'trace_folder': str(self._folder)}
         )
 
