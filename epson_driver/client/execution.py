@@ -37,6 +37,10 @@ CAUSE_TIME = 0.095
 CAUSE_MARGIN = 0.04
 """What it waits beyond the time between two of them, s."""
 
+LONGEST_LOOK = 0.5
+"""Time from one state to the next that counts as waiting, s: what is longer is this process not
+scheduled, or a controller that is silent, which the driver sees by itself (link/silence.py)."""
+
 Send = Callable[[Message, Callable[[Packet, float], None]], object]
 """send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
 Raises ConnectionError if there is no link."""
@@ -82,6 +86,7 @@ class Execution:
         self.point = 0
         self._points: list[Message] = []
         self._begins_by = 0.0
+        self._looked = now
         self.settings = settings
         self._send = send
         self._on_end = on_end
@@ -194,6 +199,7 @@ class Execution:
         sample = robot.sample
         if self.ended or sample is None:
             return
+        self._forgive(now)
         self._keep_time(robot, now)
         distance = np.abs(sample.positions - self.goal.trajectory.positions[-1])
         self._left = self._left or float(distance.max()) >= self._must_leave
@@ -349,6 +355,13 @@ class Execution:
             and min(waited, now - self._begins_by) > timeout
         ):
             self._break_off(f'the controller did not confirm the standstill within {waited:.3g} s')
+
+    def _forgive(self, now: float) -> None:
+        """Leave the time in which nobody looked out of the patience: a reply may be there."""
+        unseen = now - self._looked - LONGEST_LOOK
+        self._looked = now
+        if unseen > 0.0:
+            self._standstill.alive += unseen
 
     def _break_off(self, why: str) -> None:
         self.broken_off = self.unanswered = True

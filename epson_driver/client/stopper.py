@@ -55,7 +55,8 @@ CAUSE_TIME = 0.1
 """A STATUS that says why STOP was refused is waited for so long, s."""
 
 LOOK = 0.1
-"""How often a stop that is under way is looked at when nothing comes, s."""
+"""How often a stop that is under way is looked at when nothing comes, s. Patience is counted in
+looks: however long one took, as where this process was not scheduled, it counts once."""
 
 _log = logging.getLogger(__name__)
 
@@ -98,6 +99,7 @@ class Stopper:
         self._alarm_since: float | None = None
         self._standstill = Standstill(0.0)
         self._timer: asyncio.TimerHandle | None = None
+        self._looks = 0
         self._switching: asyncio.Task[None] | None = None
 
     # --- as a Delivery ----------------------------------------------------------------------
@@ -237,6 +239,7 @@ class Stopper:
             self._standstill = Standstill(now)
             self._standstill.expect(now, DOUBTFUL_REST)
             self._look_no_more()
+            self._looks = 0
             self._look_later()
         self._unsent = None
 
@@ -289,7 +292,8 @@ class Stopper:
         if self._since is None:
             return
         now = _now()
-        waited = now - self._since
+        self._looks += 1
+        waited = self._looks * LOOK
         self._look_later()
         if self._moves() and self._robot.sample is not None and waited >= BRAKING_TIME:
             self.raise_alarm(f'the arm still moves {BRAKING_TIME:g} s after STOP')

@@ -325,3 +325,17 @@ def test_patience_for_a_reply_knows_how_slow_the_point_is():
     assert not bench.outcomes
     stand(bench, 0.8)
     assert 'no reply' in bench.outcome.text
+
+
+@pytest.mark.invariant(9)
+def test_a_process_that_was_not_scheduled_has_not_waited_for_a_reply():
+    """docs/invariants.md, 9: the reply came meanwhile, and is read after the state."""
+    bench = Bench(settings=PATIENT)
+    bench.go_and_answer()
+    bench.pass_time(60.0)
+    stand(bench, DT)
+    assert not bench.outcomes
+    bench.answer()
+    assert bench.sequences[-1] == 2
+    stand(bench, 4.0)
+    assert 'no reply' in bench.outcome.text

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from driver_bench import JOINTS, LIMITS, Bench, Submitted, WaxController, answer, cell, frame, pose
-from support.event_loop import run, until
+from support.event_loop import run, stand_still, until
 
 from epson_driver.client.diagnostics import Diagnostics
 from epson_driver.client.execution import Settings
@@ -363,5 +363,26 @@ def test_inv9_a_reply_that_may_be_a_points_confirms_no_standstill_but_the_state_
             assert goal.outcome.end is End.CANCELED
             assert 'a reply is missing' in goal.outcome.text
             assert bench.gate is not None
+
+    run(scenario())
+
+
+@pytest.mark.invariant(9)
+def test_a_process_that_was_not_scheduled_does_not_take_stop_for_unanswered():
+    """docs/invariants.md, 9: the reply waits in the socket."""
+
+    def reply(number):
+        stand_still(30.0)
+        return answer(1, number)
+
+    async def scenario():
+        async with WaxController(reply) as wax, Bench(wax.ports) as bench:
+            await bench.ready()
+            await bench.services.enable()
+            bench.driver.stopper.stop()
+            await until(lambda: bench.driver.stopper.over)
+            assert wax.received == [STOP]
+            assert bench.driver.stopper.alarm is None
+            assert bench.gate is None
 
     run(scenario())
