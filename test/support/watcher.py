@@ -4,6 +4,8 @@
 
 import socket
 import threading
+import time
+from contextlib import suppress
 
 import numpy as np
 
@@ -25,27 +27,39 @@ server: {{state_clients: 2}}
 """
 
 
+BUFFER = 4_000_000
+"""What the system may keep for a watcher whose process has no turn, bytes: minutes of messages."""
+
+AT_REST = 100
+"""So many messages in a row without a velocity are an arm at rest."""
+
+
 class Watcher:
-    """Another state client of the controller: it sees the arm also when the driver is gone."""
+    """Another state client of the controller: it sees the arm also when the driver is gone.
+
+    Its thread only takes the bytes, so that the controller never meets a client that does not
+    read; who asks decodes them.
+    """
 
     def __init__(self, port: int) -> None:
-        self.seen: list[JointFeedback] = []
+        self._seen: list[JointFeedback] = []
+        self._framer = Framer()
+        self._unread: list[bytes] = []
         self._changed = threading.Condition()
         self._over = False
-        self._socket = socket.create_connection(('127.0.0.1', port), PATIENCE)
+        self._socket = socket.socket()
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)  # before it connects
+        self._socket.settimeout(PATIENCE)
+        self._socket.connect(('127.0.0.1', port))
+        self._socket.settimeout(None)
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
     def _read(self) -> None:
-        framer = Framer()
         while data := self._receive():
-            framer.receive_data(data)
-            while (frame := framer.next_frame()) is not None:
-                message = decode(frame).message
-                if isinstance(message, JointFeedback):
-                    with self._changed:
-                        self.seen.append(message)
-                        self._changed.notify_all()
+            with self._changed:
+                self._unread.append(data)
+                self._changed.notify_all()
         with self._changed:
             self._over = True
             self._changed.notify_all()
@@ -56,26 +70,41 @@ class Watcher:
         except OSError:
             return b''
 
-    def until_at_rest(self) -> None:
-        """Wait until a hundred messages in a row show no motion."""
+    @property
+    def seen(self) -> list[JointFeedback]:
+        """All messages that have come, the oldest first."""
         with self._changed:
-            begin = len(self.seen)
+            unread, self._unread = self._unread, []
+        for data in unread:
+            self._framer.receive_data(data)
+        while (frame := self._framer.next_frame()) is not None:
+            message = decode(frame).message
+            if isinstance(message, JointFeedback):
+                self._seen.append(message)
+        return self._seen
 
-            def rests() -> bool:
-                newest = self.seen[begin:][-100:]
-                return len(newest) == 100 and not any(any(each.velocities) for each in newest)
-
-            assert self._changed.wait_for(lambda: self._over or rests(), PATIENCE), 'it moves'
-            assert not self._over, 'the controller closed the connection'
+    def until_at_rest(self) -> None:
+        """Wait until the newest messages in a row, of those that come from now on, show no motion."""
+        begin = len(self.seen)
+        end = time.monotonic() + PATIENCE
+        while True:
+            newest = self.seen[max(begin, len(self._seen) - AT_REST) :]
+            if len(newest) == AT_REST and not any(any(each.velocities) for each in newest):
+                return
+            assert time.monotonic() < end, 'it moves'
+            with self._changed:
+                assert self._unread or not self._over, 'the controller closed the connection'
+                self._changed.wait_for(lambda: self._unread or self._over, PATIENCE)
 
     def close(self) -> None:
-        self._socket.shutdown(socket.SHUT_RDWR)
-        self._socket.close()
+        with suppress(OSError):  # the controller may have closed it
+            self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join(PATIENCE)
+        self._socket.close()
 
     def changes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return steps of time (s), velocities and their changes, one row per message."""
-        seen = list(self.seen)  # more may come meanwhile
+        seen = self.seen
         times = np.array([each.time for each in seen])
         velocities = np.array([each.velocities[: len(START)] for each in seen])
         return np.diff(times), velocities, np.diff(velocities, axis=0)

@@ -145,7 +145,9 @@ class Robot:
 
     def move(self) -> Any:
         """Begin a long motion to the far side; return when the arm moves."""
-        peer, here = self.peer, self.peer.position()
+        peer = self.peer
+        peer.enable()  # it may be enabled; what an earlier test left does not matter
+        here = peer.position()
         far = here.copy()
         far[0] = -2.5 if here[0] > 0.0 else 2.5
         # a second to speed up and to slow down; so long that a slow machine is in time
