@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
 
-from epson_driver.client import goal_states
-from epson_driver.controller import states as controller
-from epson_driver.controller.tasks import PROGRAM, TASK_STATES
+from epson_driver.driver.goal import goal_states
 from epson_driver.link import states as link
+from epson_driver.sim_controller import states as controller
+from epson_driver.sim_controller.tasks import PROGRAM, TASK_STATES
 
 DOCS = Path(__file__).parent
 BEGIN, END = '<!-- generated: begin -->\n', '<!-- generated: end -->\n'
@@ -21,7 +21,7 @@ Table = Mapping[tuple[Enum, Enum], Enum]
 
 MACHINES: tuple[tuple[str, str, Table, Enum], ...] = (
     ('A link', 'link/states.py', link.TRANSITIONS, link.LinkState.DISCONNECTED),
-    ('A goal', 'client/goal_states.py', goal_states.TRANSITIONS, goal_states.State.PREPARING),
+    ('A goal', 'driver/goal/goal_states.py', goal_states.TRANSITIONS, goal_states.State.PREPARING),
 )
 
 REGIONS = {

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the tables that come from elsewhere.
 
-Parameters in ros_interface.md, from client/parameters.py; error numbers in troubleshooting.md,
+Parameters in ros_interface.md, from node/parameters.py; error numbers in troubleshooting.md,
 from config/errors/epson.yaml; robot models in new_robot.md, from config/robots; the tests of each
 invariant in invariants.md, from their marker.
 
@@ -14,8 +14,8 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from epson_driver.client.parameters import TABLE, Row, joint_rows
 from epson_driver.error_texts import NO_ERROR, load_error_texts
+from epson_driver.node.parameters import TABLE, Row, joint_rows
 from epson_driver.robots import load_robot_model, robot_models
 
 DOCS = Path(__file__).parent

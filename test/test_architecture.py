@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The import rule of docs/architecture.md: an import goes down or stays in its room, never up."""
+"""The import rule of docs/architecture.md: to a lower layer or within the package, never up."""
 
 import ast
 import subprocess
@@ -21,16 +21,19 @@ LICENCE = (
 ANY = None
 """Any library at all, apart from ROS."""
 
+ANY_SIBLING = frozenset({'*'})
+"""All others of the same package: for what puts them together."""
+
 
 @dataclass(frozen=True)
-class Room:
-    """What the modules of one folder (or of one file beside the folders) may import.
+class Package:
+    """What the modules of one package (or of one file beside the packages) may import.
 
-    `imports` are other rooms, `libraries` what is not in the standard library; `ros` allows rclpy
-    and the ROS messages as well, `dynamic` imports whose name is only known when they run.
+    `imports` are other packages, `libraries` what is not in the standard library; `ros` allows
+    rclpy and the ROS messages as well, `dynamic` imports whose name is only known when they run.
     """
 
-    floor: int
+    layer: int
     imports: frozenset[str]
     libraries: frozenset[str] | None = frozenset()
     ros: bool = False
@@ -38,41 +41,47 @@ class Room:
 
 
 NOTHING: frozenset[str] = frozenset()
-GROUND = frozenset(
+BOTTOM = frozenset(
     {
-        'controllers',
         'error_texts',
         'inputs',
         'log_lines',
         'motion',
-        'remote_errors',
+        'profiles',
         'robots',
         'share',
         'simple_message',
     }
 )
 
-ROOMS = {
-    'share': Room(0, NOTHING),
-    'remote_errors': Room(0, NOTHING),
-    'log_lines': Room(0, frozenset({'inputs'})),
-    'inputs': Room(0, NOTHING, frozenset({'yaml'})),
-    'error_texts': Room(0, frozenset({'inputs', 'share'})),
-    'simple_message': Room(0, NOTHING),
-    'motion': Room(0, NOTHING, frozenset({'numpy', 'ruckig'})),
-    'robots': Room(
+PACKAGES = {
+    'share': Package(0, NOTHING),
+    'log_lines': Package(0, frozenset({'inputs'})),
+    'inputs': Package(0, NOTHING, frozenset({'yaml'})),
+    'error_texts': Package(0, frozenset({'inputs', 'share'})),
+    'simple_message': Package(0, NOTHING),
+    'motion': Package(0, NOTHING, frozenset({'numpy', 'ruckig'})),
+    'robots': Package(
         0,
         frozenset({'inputs', 'motion', 'share'}),
         frozenset({'numpy', 'py_opw_kinematics', 'scipy'}),
     ),
-    'controllers': Room(0, frozenset({'inputs', 'simple_message', 'share'})),
-    'bringup': Room(1, frozenset({'inputs', 'robots', 'share'}), frozenset({'xacro'})),
-    'link': Room(1, GROUND, ANY),
-    'controller': Room(1, GROUND, ANY),
-    'planning': Room(1, GROUND, ANY),
-    'client': Room(2, GROUND | {'link'}, ANY, ros=True),
-    'cli': Room(
-        3, GROUND | {'link', 'controller', 'client', 'planning'}, ANY, ros=True, dynamic=True
+    'profiles': Package(0, frozenset({'inputs', 'simple_message', 'share'})),
+    'remote_ethernet': Package(1, frozenset({'inputs'})),
+    'link': Package(1, frozenset({'inputs', 'log_lines', 'simple_message'})),
+    'trace': Package(1, frozenset({'inputs', 'link', 'simple_message'})),
+    'sim_controller': Package(2, BOTTOM | {'remote_ethernet'}, ANY),
+    'driver': Package(2, BOTTOM | {'link', 'remote_ethernet', 'trace'}, frozenset({'numpy'})),
+    'node': Package(3, BOTTOM | {'link', 'remote_ethernet', 'trace', 'driver'}, ANY, ros=True),
+    'planning': Package(3, BOTTOM, ANY),
+    'bringup': Package(3, frozenset({'inputs', 'robots', 'share'}), frozenset({'xacro'})),
+    'cli': Package(
+        4,
+        BOTTOM
+        | {'link', 'remote_ethernet', 'trace', 'sim_controller', 'driver', 'node', 'planning'},
+        ANY,
+        ros=True,
+        dynamic=True,
     ),
 }
 
@@ -83,11 +92,29 @@ BESIDE = {
     ('log_lines', 'inputs'),
     ('error_texts', 'inputs'),
     ('error_texts', 'share'),
-    ('controllers', 'inputs'),
-    ('controllers', 'simple_message'),
-    ('controllers', 'share'),
+    ('profiles', 'inputs'),
+    ('profiles', 'simple_message'),
+    ('profiles', 'share'),
+    ('trace', 'link'),
 }
-"""Who may import whom on the ground floor."""
+"""Who may import whom on the same layer."""
+
+SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
+    'driver': {
+        'tasks': NOTHING,
+        'outcome': NOTHING,
+        'state': NOTHING,
+        'smoothing': NOTHING,
+        'io': frozenset({'tasks'}),
+        'delivery': frozenset({'outcome', 'state'}),
+        'stopping': frozenset({'delivery', 'state', 'tasks'}),
+        'goal': frozenset({'delivery', 'outcome', 'smoothing', 'state', 'stopping', 'tasks'}),
+        'configuration': frozenset({'delivery', 'smoothing', 'state', 'stopping'}),
+        'driver': ANY_SIBLING,
+        'services': ANY_SIBLING,
+    },
+}
+"""Of packages with packages of their own: what each of these, or file beside them, may import."""
 
 ROS_ENDINGS = ('_msgs', '_srvs', '_interfaces', '_ros')
 ROS_BEGINNINGS = ('ament_', 'launch', 'rcl', 'ros2', 'rosbag', 'rosidl_', 'tf2', 'tracetools')
@@ -99,21 +126,19 @@ def is_ros(library: str) -> bool:
 
 
 def violations(root: Path) -> Iterator[str]:
-    """Yield `file:line: what is wrong` for every import in `root`/epson_driver against ROOMS."""
+    """Yield `file:line: what is wrong` for every import against the tables."""
     for path in sorted((root / PACKAGE).rglob('*.py')):
         parts = path.relative_to(root).with_suffix('').parts
-        room = parts[1]  # a folder, or a file beside the folders
         tree = ast.parse(path.read_text(encoding='utf-8'), str(path))
-        for line, wrong in _wrong_imports(tree, parts, room):
+        for line, wrong in _wrong_imports(tree, parts):
             yield f'{path.relative_to(root).as_posix()}:{line}: {wrong}'
 
 
-def _wrong_imports(
-    tree: ast.Module, parts: tuple[str, ...], room: str
-) -> Iterator[tuple[int, str]]:
+def _wrong_imports(tree: ast.Module, parts: tuple[str, ...]) -> Iterator[tuple[int, str]]:
+    package = parts[1]  # a folder, or a file beside the folders
     for node in ast.walk(tree):
         for target in _targets(node, parts):
-            wrong = _judge(room, target)
+            wrong = _judge(package, target) or _judge_inside(parts, target)
             if wrong:
                 yield node.lineno, wrong
 
@@ -126,7 +151,7 @@ def _targets(node: ast.AST, parts: tuple[str, ...]) -> Iterator[tuple[str, ...]]
     elif isinstance(node, ast.ImportFrom):
         base = parts[: -node.level] if node.level else ()
         base += tuple(node.module.split('.')) if node.module else ()
-        for alias in node.names:  # `from epson_driver import link` imports the room
+        for alias in node.names:  # `from epson_driver import link` imports the package
             yield (*base, alias.name) if base == (PACKAGE,) else base
     elif isinstance(node, ast.Call):
         name = getattr(node.func, 'id', getattr(node.func, 'attr', ''))
@@ -134,17 +159,17 @@ def _targets(node: ast.AST, parts: tuple[str, ...]) -> Iterator[tuple[str, ...]]
             yield ('importlib', name)
 
 
-def _judge(room: str, target: tuple[str, ...]) -> str:
-    """Return what is wrong with an import in a room, or nothing."""
-    if room == '__init__':
+def _judge(package: str, target: tuple[str, ...]) -> str:
+    """Return what is wrong with an import in a package, or nothing."""
+    if package == '__init__':
         return f'{PACKAGE}/__init__.py imports {".".join(target)}: it must import nothing'
-    if room not in ROOMS:
-        return f'{room} has no row in ROOMS'
-    rules = ROOMS[room]
+    if package not in PACKAGES:
+        return f'{package} has no row in PACKAGES'
+    rules = PACKAGES[package]
     top = target[0]
     if top == PACKAGE:
         other = target[1] if len(target) > 1 else '*'
-        allowed = other == room or other in rules.imports
+        allowed = other == package or other in rules.imports
     elif target in (('importlib', 'import_module'), ('importlib', '__import__')):
         other = f'{target[1]}(…)'
         allowed = rules.dynamic
@@ -155,7 +180,19 @@ def _judge(room: str, target: tuple[str, ...]) -> str:
         other = top
         known = rules.libraries is ANY or top in rules.libraries
         allowed = known or top in sys.stdlib_module_names
-    return '' if allowed else f'{room} imports {other}'
+    return '' if allowed else f'{package} imports {other}'
+
+
+def _judge_inside(parts: tuple[str, ...], target: tuple[str, ...]) -> str:
+    """Return what is wrong with an import among the packages of a package, or nothing."""
+    table = SUBPACKAGES.get(parts[1])
+    if table is None or len(parts) < 3 or parts[2] == '__init__' or target[:2] != parts[:2]:
+        return ''
+    here, other = parts[2], target[2] if len(target) > 2 else '*'
+    if here not in table:
+        return f'{parts[1]}.{here} has no row in SUBPACKAGES'
+    allowed = other == here or other in table[here] or table[here] is ANY_SIBLING
+    return '' if allowed else f'{parts[1]}.{here} imports {parts[1]}.{other}'
 
 
 def modules() -> list[Path]:
@@ -167,20 +204,85 @@ def test_no_import_goes_up_or_across() -> None:
     assert list(violations(ROOT)) == []
 
 
-def test_every_folder_of_the_package_is_a_room() -> None:
+def test_every_folder_has_a_row() -> None:
     folders = {path.parent.name for path in (ROOT / PACKAGE).glob('*/__init__.py')}
     files = {path.stem for path in (ROOT / PACKAGE).glob('*.py')} - {'__init__'}
-    assert folders | files == set(ROOMS)
+    assert folders | files == set(PACKAGES)
+
+
+def test_every_folder_of_a_ruled_package_has_a_row() -> None:
+    for name, table in SUBPACKAGES.items():
+        folder = ROOT / PACKAGE / name
+        folders = {path.parent.name for path in folder.glob('*/__init__.py')}
+        files = {path.stem for path in folder.glob('*.py')} - {'__init__'}
+        assert folders | files == set(table)
 
 
 def test_the_table_itself_goes_down_only() -> None:
-    for name, room in ROOMS.items():
-        for other in room.imports:
-            below = ROOMS[other].floor < room.floor
+    for name, package in PACKAGES.items():
+        for other in package.imports:
+            below = PACKAGES[other].layer < package.layer
             assert below or (name, other) in BESIDE
-    assert 'controller' not in ROOMS['client'].imports
-    assert 'client' not in ROOMS['controller'].imports
-    assert {name for name, room in ROOMS.items() if room.ros} == {'client', 'cli'}
+    assert 'sim_controller' not in PACKAGES['node'].imports | PACKAGES['driver'].imports
+    assert 'driver' not in PACKAGES['sim_controller'].imports
+    assert {name for name, package in PACKAGES.items() if package.ros} == {'node', 'cli'}
+
+
+def imports_of_files(root: Path) -> dict[str, set[str]]:
+    """Return for each module of the package (dotted) which others it imports."""
+    names = {}
+    for path in sorted((root / PACKAGE).rglob('*.py')):
+        parts = path.relative_to(root).with_suffix('').parts
+        names['.'.join(parts[:-1] if parts[-1] == '__init__' else parts)] = (path, parts)
+    found: dict[str, set[str]] = {}
+    for name, (path, parts) in names.items():
+        found[name] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            targets = {'.'.join(target) for target in _targets(node, parts)}
+            if isinstance(node, ast.ImportFrom):  # its names may be modules
+                inner = {f'{base}.{each.name}' for base in targets for each in node.names}
+                targets = inner if inner <= names.keys() else targets | inner
+            found[name] |= targets & names.keys()
+        found[name] -= {name}
+    return found
+
+
+def circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Return groups of modules that import each other, be it through others."""
+
+    def reached(start: str) -> set[str]:
+        seen: set[str] = set()
+        left = [start]
+        while left:
+            for each in imports[left.pop()] - seen:
+                seen.add(each)
+                left.append(each)
+        return seen
+
+    reach = {name: reached(name) for name in imports}
+    groups = {
+        tuple(sorted(other for other in reach[name] if name in reach[other])) for name in imports
+    }
+    return [list(group) for group in sorted(groups) if group]
+
+
+def test_no_circle_between_files() -> None:
+    found = circles(imports_of_files(ROOT))
+    assert [group for group in found if '.sim_controller.' not in group[0]] == []
+
+
+def test_a_circle_is_found(tmp_path: Path) -> None:
+    folder = tmp_path / PACKAGE / 'link'
+    folder.mkdir(parents=True)
+    (folder / 'a.py').write_text(
+        'from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n  from epson_driver.link import b\n'
+    )
+    (folder / 'b.py').write_text('from epson_driver.link.c import x\n')
+    (folder / 'c.py').write_text('def f():\n  import epson_driver.link.a\n')
+    names = [f'{PACKAGE}.link.{name}' for name in 'abc']
+    assert circles(imports_of_files(tmp_path)) == [names]
+    (folder / 'c.py').write_text('')
+    assert circles(imports_of_files(tmp_path)) == []
 
 
 @pytest.mark.parametrize(
@@ -203,32 +305,62 @@ def test_the_table_itself_goes_down_only() -> None:
         ('robots/a.py', 'import epson_driver', 'robots imports *'),
         ('bringup/a.py', 'import launch', 'bringup imports launch'),
         ('link/a.py', 'from epson_driver.simple_message import Framer', ''),
-        ('link/a.py', 'import epson_driver.controller.arm.servo', 'link imports controller'),
-        ('link/a.py', 'import rclpy.node as n', 'link imports rclpy'),
-        ('controller/a.py', 'from epson_driver.link import Link', 'controller imports link'),
-        ('controller/a.py', 'def f():\n  import epson_driver.client', 'controller imports client'),
-        ('controller/a.py', 'from sensor_msgs.msg import Joy', 'controller imports sensor_msgs'),
-        ('controller/a.py', 'from std_srvs.srv import Empty', 'controller imports std_srvs'),
-        ('client/a.py', 'import rclpy\nfrom epson_driver import link, motion', ''),
-        ('client/a.py', 'from ..controller import servo', 'client imports controller'),
-        ('client/a.py', 'from epson_driver.cli.demo import main', 'client imports cli'),
         (
-            'client/a.py',
-            'import importlib\nimportlib.import_module("epson_driver.controller")',
-            'client imports import_module(…)',
+            'link/a.py',
+            'import epson_driver.sim_controller.arm.servo',
+            'link imports sim_controller',
+        ),
+        ('link/a.py', 'import rclpy.node as n', 'link imports rclpy'),
+        (
+            'sim_controller/a.py',
+            'from epson_driver.link import Link',
+            'sim_controller imports link',
+        ),
+        (
+            'sim_controller/a.py',
+            'def f():\n  import epson_driver.node',
+            'sim_controller imports node',
+        ),
+        (
+            'sim_controller/a.py',
+            'from sensor_msgs.msg import Joy',
+            'sim_controller imports sensor_msgs',
+        ),
+        (
+            'sim_controller/a.py',
+            'from std_srvs.srv import Empty',
+            'sim_controller imports std_srvs',
+        ),
+        ('node/a.py', 'import rclpy\nfrom epson_driver import link, motion', ''),
+        ('node/a.py', 'from ..sim_controller import servo', 'node imports sim_controller'),
+        ('node/a.py', 'from epson_driver.cli.demo import main', 'node imports cli'),
+        (
+            'node/a.py',
+            'import importlib\nimportlib.import_module("epson_driver.sim_controller")',
+            'node imports import_module(…)',
         ),
         ('link/a.py', '__import__("rclpy")', 'link imports __import__(…)'),
         (
             'link/a.py',
-            'from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n  from ..client import node',
-            'link imports client',
+            'from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n  from ..node import node',
+            'link imports node',
         ),
-        ('cli/a.py', 'from epson_driver import client, controller\nimport rich, rclpy', ''),
+        ('cli/a.py', 'from epson_driver import node, sim_controller\nimport rich, rclpy', ''),
+        ('driver/driver.py', 'from epson_driver.driver.goal import goal\nimport numpy', ''),
+        ('driver/driver.py', 'import rclpy', 'driver imports rclpy'),
+        ('driver/goal/a.py', 'from epson_driver.driver.delivery import points', ''),
+        (
+            'driver/delivery/a.py',
+            'from epson_driver.driver.goal import goal',
+            'driver.delivery imports driver.goal',
+        ),
+        ('driver/state/a.py', 'from ..tasks import b', 'driver.state imports driver.tasks'),
+        ('driver/attic/a.py', 'from ..tasks import b', 'driver.attic has no row in SUBPACKAGES'),
         ('cli/a.py', 'from importlib import import_module\nimport_module("x")', ''),
         ('share.py', 'from pathlib import Path', ''),
         ('share.py', 'from epson_driver.robots import x', 'share imports robots'),
         ('share.py', 'from . import robots', 'share imports robots'),
-        ('attic/a.py', 'import math', 'attic has no row in ROOMS'),
+        ('attic/a.py', 'import math', 'attic has no row in PACKAGES'),
         (
             '__init__.py',
             'from .share import share_file',
@@ -246,18 +378,18 @@ def test_the_rule_finds_a_violation(file: str, code: str, expected: str, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ('room', 'libraries'),
+    ('package', 'libraries'),
     [
         ('simple_message', []),
         ('motion', ['numpy', 'ruckig']),
         ('robots', ['numpy', 'ruckig', 'yaml']),
-        ('controllers', ['yaml']),
+        ('profiles', ['yaml']),
     ],
 )
-def test_the_ground_floor_really_loads_without_ros(room: str, libraries: list[str]) -> None:
+def test_the_lowest_layer_really_loads_without_ros(package: str, libraries: list[str]) -> None:
     code = (
         'import sys; before = set(sys.modules)\n'
-        f'import {PACKAGE}.{room}\n'
+        f'import {PACKAGE}.{package}\n'
         'tops = {name.split(".")[0] for name in set(sys.modules) - before}\n'
         f'print(*sorted(tops - sys.stdlib_module_names - {{"{PACKAGE}"}}))'
     )

@@ -4,12 +4,12 @@
 
 from pathlib import Path
 
-from epson_driver.controller.remote.remote_commands import COMMANDS
-from epson_driver.controller.remote.sim_commands import SIM_COMMANDS
-from epson_driver.controller.remote.spel_functions import FUNCTIONS
-from epson_driver.controller.remote.spel_statements import MOTION_STATEMENTS, STATEMENTS
-from epson_driver.controller.remote.status_words import FLAGS
-from epson_driver.remote_errors import MEANINGS
+from epson_driver.remote_ethernet.errors import MEANINGS
+from epson_driver.sim_controller.remote.remote_commands import COMMANDS
+from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
+from epson_driver.sim_controller.remote.spel_functions import FUNCTIONS
+from epson_driver.sim_controller.remote.spel_statements import MOTION_STATEMENTS, STATEMENTS
+from epson_driver.sim_controller.remote.status_words import FLAGS
 
 DOCS = Path(__file__).parents[1] / 'docs' / 'remote.md'
 ESCAPED = r'\|'

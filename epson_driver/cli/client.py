@@ -19,10 +19,10 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.client.node import ClientNode
-from epson_driver.client.ros_log import RosLogHandler
-from epson_driver.client.ros_thread import RosThread
 from epson_driver.inputs import printable
+from epson_driver.node.node import ClientNode
+from epson_driver.node.ros_log import RosLogHandler
+from epson_driver.node.ros_thread import RosThread
 
 DEFAULT_NAME = 'epson_driver'
 

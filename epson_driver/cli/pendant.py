@@ -16,9 +16,9 @@ from epson_driver.cli.pendant_words import (
     completion,
     request,
 )
-from epson_driver.controller.faults.fault_text import describe
-from epson_driver.link.remote_ethernet import Ask, RemoteError, logged_in
-from epson_driver.remote_errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
+from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.faults.fault_text import describe
 
 _TIMEOUT = 5.0  # s
 

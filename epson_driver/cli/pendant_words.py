@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from epson_driver.controller.faults.fault_kinds import FAULTS
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 LONGEST_SAID = 200
 """Characters of what was said in an answer to it."""

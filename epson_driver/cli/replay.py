@@ -12,10 +12,10 @@ from pathlib import Path
 
 from epson_driver.cli.arguments import FREE_PORT, argument, host
 from epson_driver.inputs import InputError, number, printable
-from epson_driver.link.pcap import PcapError
-from epson_driver.link.player import Order, Player, Score
-from epson_driver.link.recording import read_recording
-from epson_driver.link.script import ROLES, Kind, Script, ScriptError, make_script
+from epson_driver.trace.pcap import PcapError
+from epson_driver.trace.player import Order, Player, Score
+from epson_driver.trace.recording import read_recording
+from epson_driver.trace.script import ROLES, Kind, Script, ScriptError, make_script
 
 TELL_AFTER = 2.0
 """What the recording waits for is told when it has waited this long, s."""

@@ -14,21 +14,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from epson_driver.cli.arguments import FREE_PORT, argument, host
-from epson_driver.controller.arm.planner_process import PlannerError, PlannerProcess
-from epson_driver.controller.core import Controller
-from epson_driver.controller.faults.fault_kinds import Fault, FaultError
-from epson_driver.controller.faults.fault_text import parse
-from epson_driver.controller.network.servers import ControllerServers, Ports
-from epson_driver.controller.network.stderr_log import StderrLog
-from epson_driver.controller.programs.points import angles_refusal, clipped
-from epson_driver.controllers.profile import (
+from epson_driver.inputs import InputError, count, number, shown
+from epson_driver.motion import Array, JointLimits
+from epson_driver.profiles.profile import (
     LOOK_AHEAD,
     ControllerProfile,
     load_controller_profile,
 )
-from epson_driver.inputs import InputError, count, number, shown
-from epson_driver.motion import Array, JointLimits
 from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.faults.fault_kinds import Fault, FaultError
+from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.network.servers import ControllerServers, Ports
+from epson_driver.sim_controller.network.stderr_log import StderrLog
+from epson_driver.sim_controller.programs.points import angles_refusal, clipped
 from epson_driver.simple_message import ByteOrder, Dialect
 
 _PORTS = Ports()

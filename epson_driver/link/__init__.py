@@ -5,15 +5,6 @@
 from epson_driver.link.link import Link
 from epson_driver.link.states import LinkState
 from epson_driver.link.statistics import LinkStatistics
-from epson_driver.link.trace import Trace, TraceError, open_trace
 from epson_driver.link.wire_events import WireEvent
 
-__all__ = [
-    'Link',
-    'LinkState',
-    'LinkStatistics',
-    'Trace',
-    'TraceError',
-    'WireEvent',
-    'open_trace',
-]
+__all__ = ['Link', 'LinkState', 'LinkStatistics', 'WireEvent']

@@ -10,12 +10,11 @@ import socket
 from collections.abc import AsyncIterator, Callable
 
 from epson_driver.inputs import HOST
-from epson_driver.link.pcap import Address
 from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
 from epson_driver.link.silence import Silence, passed
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
-from epson_driver.link.wire_events import Tap, WireEvent
+from epson_driver.link.wire_events import Address, Tap, WireEvent
 from epson_driver.log_lines import LogPace
 from epson_driver.simple_message import (
     ByteOrder,

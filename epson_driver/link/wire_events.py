@@ -5,6 +5,9 @@
 from collections.abc import Callable
 from enum import StrEnum
 
+Address = tuple[str, int]
+"""IP address (either version) and port."""
+
 
 class WireEvent(StrEnum):
     """One step of a connection, from the client's side."""

@@ -20,7 +20,7 @@ from epson_driver.bringup import (
     several_robots,
 )
 from epson_driver.cli import processes
-from epson_driver.client.parameters import TABLE
+from epson_driver.node.parameters import TABLE
 
 DEFAULTS = {each['name']: each['default_value'] for each in launch_arguments(*INTERFACE)}
 VALUES = DEFAULTS | {'interface': 'streaming'}

@@ -14,11 +14,11 @@ from contextlib import suppress
 import pytest
 
 from epson_driver.cli import pendant, pendant_words
-from epson_driver.controller.core import Controller
-from epson_driver.controller.faults.fault_kinds import FAULTS
-from epson_driver.controller.network.servers import ControllerServers, Ports
-from epson_driver.controllers.profile import load_controller_profile
+from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS
+from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 
 
 @pytest.fixture

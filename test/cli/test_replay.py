@@ -12,9 +12,10 @@ import sys
 import pytest
 from support.event_loop import run, until
 
-from epson_driver.link import Link, Trace, open_trace
-from epson_driver.link.recording import read_recording
+from epson_driver.link import Link
 from epson_driver.simple_message import CommType, JointTrajPt, Ping, Status
+from epson_driver.trace import Trace, open_trace
+from epson_driver.trace.recording import read_recording
 
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'replay']
 PATIENCE = 60.0

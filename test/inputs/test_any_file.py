@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from epson_driver.cli.trajectory_file import read_trajectory
-from epson_driver.controllers import load_controller_profile
 from epson_driver.error_texts import read_error_texts
 from epson_driver.inputs import InputError
 from epson_driver.motion import problems
+from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_folder
 

@@ -10,8 +10,8 @@ import socket
 from itertools import pairwise
 
 import pytest
-from link_bench import Bench, Peer, frame, joints
 from support.event_loop import run, until
+from support.link_harness import Harness, Peer, frame, joints
 
 from epson_driver.link import LinkState, WireEvent
 from epson_driver.simple_message import (
@@ -48,22 +48,22 @@ async def greet(connection):
     await connection.stay()
 
 
-def greetings(bench):
-    return [message.joints[0] for message in bench.messages]
+def greetings(harness):
+    return [message.joints[0] for message in harness.messages]
 
 
 def test_the_controller_may_start_later():
     async def scenario():
         port = free_port()
-        async with Bench(port) as bench:
-            await until(lambda: bench.states.count('backing_off') >= 2)
-            assert not bench.link.connected
+        async with Harness(port) as harness:
+            await until(lambda: harness.states.count('backing_off') >= 2)
+            assert not harness.link.connected
             async with Peer(greet, port):
-                await until(lambda: bench.packets)
-                assert greetings(bench) == [1.0]
-            assert bench.link.statistics.connections == 1
-            assert all(f'127.0.0.1:{port}' in why for why in bench.reasons('backing_off'))
-            assert 'connect' in bench.reasons('backing_off')[0].lower()
+                await until(lambda: harness.packets)
+                assert greetings(harness) == [1.0]
+            assert harness.link.statistics.connections == 1
+            assert all(f'127.0.0.1:{port}' in why for why in harness.reasons('backing_off'))
+            assert 'connect' in harness.reasons('backing_off')[0].lower()
 
     run(scenario())
 
@@ -83,8 +83,8 @@ def test_a_link_that_was_lost_after_a_while_comes_back_at_once(monkeypatch):
             elif connection.number > 4:
                 await greet(connection)
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await until(lambda: len(bench.packets) == 2)
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: len(harness.packets) == 2)
             assert peer.times[4] - ended[0] < 1.0
 
     run(scenario())
@@ -131,12 +131,12 @@ def test_whatever_ends_the_connection_the_next_one_works(talk, reason):
 
         async with (
             Peer(first_badly) as peer,
-            Bench(peer.port, receive_timeout=0.2) as bench,
+            Harness(peer.port, receive_timeout=0.2) as harness,
         ):
-            await until(lambda: peer.connections >= 2 and bench.packets)
-            assert greetings(bench)[0] == 2.0
-            assert reason in bench.reasons('backing_off')[0].lower()
-            assert bench.states[:5] == [
+            await until(lambda: peer.connections >= 2 and harness.packets)
+            assert greetings(harness)[0] == 2.0
+            assert reason in harness.reasons('backing_off')[0].lower()
+            assert harness.states[:5] == [
                 'connecting',
                 'connected',
                 'backing_off',
@@ -155,8 +155,8 @@ def test_bytes_that_come_often_enough_are_no_silence():
                 await asyncio.sleep(0.01)  # 0.6 s for the frame, three times the timeout
             await connection.stay()
 
-        async with Peer(dribble) as peer, Bench(peer.port, receive_timeout=0.2) as bench:
-            await until(lambda: bench.packets)
+        async with Peer(dribble) as peer, Harness(peer.port, receive_timeout=0.2) as harness:
+            await until(lambda: harness.packets)
             assert peer.connections == 1
 
     run(scenario())
@@ -181,10 +181,10 @@ def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):
 
         async with Peer(talk) as peer:
             monkeypatch.setattr(asyncio.StreamReader, 'read', fail_once)
-            async with Bench(peer.port) as bench:  # the motion link has no receive timeout
-                await until(lambda: bench.packets or not bench.running)
-                assert bench.running
-                assert os.strerror(errno.ETIMEDOUT) in bench.reasons('backing_off')[0]
+            async with Harness(peer.port) as harness:  # the motion link has no receive timeout
+                await until(lambda: harness.packets or not harness.running)
+                assert harness.running
+                assert os.strerror(errno.ETIMEDOUT) in harness.reasons('backing_off')[0]
             monkeypatch.undo()
 
     run(scenario())
@@ -192,7 +192,7 @@ def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):
 
 def test_a_server_that_closes_at_once_is_not_hammered():
     async def scenario():
-        async with Peer(hang_up) as peer, Bench(peer.port):
+        async with Peer(hang_up) as peer, Harness(peer.port):
             await asyncio.sleep(1.2)
             assert 3 <= peer.connections <= 7
             gaps = [b - a for a, b in pairwise(peer.times)]
@@ -214,9 +214,9 @@ def test_one_byte_per_segment():
                     await asyncio.sleep(0)
             await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await until(lambda: len(bench.packets) == 3)
-            assert bench.messages == wanted
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: len(harness.packets) == 3)
+            assert harness.messages == wanted
 
     run(scenario())
 
@@ -237,12 +237,12 @@ def test_requests_are_written_as_the_controller_writes(dialect):
             await connection.send(encode(reply(JointPosition(1), ReplyCode.SUCCESS), dialect))
             await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await until(lambda: bench.packets)
-            assert bench.messages[0].joints == (0.25,) * 10
-            assert bench.link.dialect == dialect
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: harness.packets)
+            assert harness.messages[0].joints == (0.25,) * 10
+            assert harness.link.dialect == dialect
             answers = []
-            bench.link.post(JointTrajPt(1, (0.5,) * 10, 0.1, 2.0), lambda *a: answers.append(a))
+            harness.link.post(JointTrajPt(1, (0.5,) * 10, 0.1, 2.0), lambda *a: answers.append(a))
             await until(lambda: answers)
             assert bytes(peer.received) == point
 
@@ -257,10 +257,10 @@ def test_another_byte_order_after_a_reconnect():
             if connection.number > 1:
                 await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await until(lambda: len(bench.packets) == 2)
-            assert greetings(bench) == [0.5, 0.5]
-            assert bench.link.dialect == BIG_ENDIAN
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: len(harness.packets) == 2)
+            assert greetings(harness) == [0.5, 0.5]
+            assert harness.link.dialect == BIG_ENDIAN
 
     run(scenario())
 
@@ -269,12 +269,12 @@ def test_a_byte_order_that_is_set_is_not_detected():
     async def scenario():
         async with (
             Peer(greet) as peer,
-            Bench(peer.port, byte_order=ByteOrder.BIG) as bench,
+            Harness(peer.port, byte_order=ByteOrder.BIG) as harness,
         ):
-            assert bench.link.dialect == BIG_ENDIAN
-            await until(lambda: bench.reasons('backing_off'))
-            assert 'is the byte order right?' in bench.reasons('backing_off')[0]
-            assert not bench.packets
+            assert harness.link.dialect == BIG_ENDIAN
+            await until(lambda: harness.reasons('backing_off'))
+            assert 'is the byte order right?' in harness.reasons('backing_off')[0]
+            assert not harness.packets
 
     run(scenario())
 
@@ -297,17 +297,17 @@ def test_a_bad_frame_is_counted_by_its_field_and_the_connection_kept():
                 await connection.send(data)
             await greet(connection)
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await until(lambda: bench.packets)
-            assert greetings(bench) == [1.0]
-            assert bench.link.statistics.bad_frames == {
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: harness.packets)
+            assert greetings(harness) == [1.0]
+            assert harness.link.statistics.bad_frames == {
                 'msg_type': 1,
                 'comm_type': 2,
                 'reply_code': 2,
                 'body': 2,
             }
             assert peer.connections == 1
-            assert bench.link.statistics.frames_received == len(BAD) + 1
+            assert harness.link.statistics.frames_received == len(BAD) + 1
 
     run(scenario())
 
@@ -335,10 +335,10 @@ def test_requests_to_the_client_are_answered(asked, answer, order):
             await connection.send(joints(1.0, order=order))
             await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await until(lambda: bench.packets)
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: harness.packets)
             assert bytes(peer.received) == expected
-            assert len(bench.packets) == 1  # a request is not shown to the owner
+            assert len(harness.packets) == 1  # a request is not shown to the owner
 
     run(scenario())
 
@@ -349,10 +349,10 @@ def test_a_reply_nobody_waits_for_is_counted_and_passed_on():
             await connection.send(joints(comm_type=3, reply_code=2, sequence=4))
             await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await until(lambda: bench.packets)
-            assert bench.packets[0].reply_code is ReplyCode.FAILURE
-            assert bench.link.statistics.unsolicited_replies == 1
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: harness.packets)
+            assert harness.packets[0].reply_code is ReplyCode.FAILURE
+            assert harness.link.statistics.unsolicited_replies == 1
 
     run(scenario())
 
@@ -365,19 +365,19 @@ def test_a_reply_comes_once_with_its_time():
                 await connection.send(joints(comm_type=3, reply_code=1))
             await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await bench.connected()
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await harness.connected()
             now = asyncio.get_running_loop().time
             answers = []
             for sequence in range(3):
                 sent = now()
-                bench.link.post(JointTrajPt(sequence), lambda *a: answers.append(a))
+                harness.link.post(JointTrajPt(sequence), lambda *a: answers.append(a))
                 await until(lambda: len(answers) == sequence + 1)  # noqa: B023 - awaited here
                 packet, received = answers[-1]
                 assert packet.reply_code is ReplyCode.SUCCESS
                 assert sent <= received <= now()
-            assert not bench.packets
-            latencies = bench.link.statistics.reply_latencies
+            assert not harness.packets
+            latencies = harness.link.statistics.reply_latencies
             assert len(latencies) == 3
             assert all(0.0 <= latency < 1.0 for latency in latencies)
 
@@ -386,12 +386,12 @@ def test_a_reply_comes_once_with_its_time():
 
 def test_posting_without_a_connection_is_an_error():
     async def scenario():
-        async with Bench(free_port()) as bench:
-            await until(lambda: bench.reasons('backing_off'))
+        async with Harness(free_port()) as harness:
+            await until(lambda: harness.reasons('backing_off'))
             with pytest.raises(ConnectionError, match=r'test link is (backing_off|connecting)'):
-                bench.link.post(Ping(), lambda *_: None)
+                harness.link.post(Ping(), lambda *_: None)
         with pytest.raises(ConnectionError, match='test link is disconnected'):
-            bench.link.post(Ping(), lambda *_: None)
+            harness.link.post(Ping(), lambda *_: None)
 
     run(scenario())
 
@@ -405,14 +405,14 @@ def test_a_request_is_forgotten_when_the_link_is_lost():
             await connection.send(joints(comm_type=3, reply_code=1))  # too late: the link is new
             await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await bench.connected()
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await harness.connected()
             answers = []
-            bench.link.post(JointTrajPt(0), lambda *a: answers.append(a))
-            await until(lambda: bench.packets)
+            harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+            await until(lambda: harness.packets)
             assert peer.connections == 2
             assert not answers
-            assert bench.link.statistics.unsolicited_replies == 1
+            assert harness.link.statistics.unsolicited_replies == 1
 
     run(scenario())
 
@@ -422,16 +422,16 @@ def test_a_link_that_is_asked_to_reconnect_sends_what_was_posted_and_starts_anew
         async def talk(connection):
             await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await bench.connected()
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await harness.connected()
             answers = []
-            bench.link.post(JointTrajPt(0), lambda *a: answers.append(a))
-            bench.link.reconnect('a reply is missing')
+            harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+            harness.link.reconnect('a reply is missing')
             with pytest.raises(ConnectionError):
-                bench.link.post(JointTrajPt(1), lambda *a: answers.append(a))
-            await until(lambda: peer.connections == 2 and bench.link.connected)
-            assert bench.states[-3:] == ['backing_off', 'connecting', 'connected']
-            assert bench.reasons('backing_off') == [f'127.0.0.1:{peer.port}: a reply is missing']
+                harness.link.post(JointTrajPt(1), lambda *a: answers.append(a))
+            await until(lambda: peer.connections == 2 and harness.link.connected)
+            assert harness.states[-3:] == ['backing_off', 'connecting', 'connected']
+            assert harness.reasons('backing_off') == [f'127.0.0.1:{peer.port}: a reply is missing']
             assert len(peer.received) == 68  # the one point
             assert not answers
 
@@ -460,14 +460,14 @@ def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_th
             traced[direction] += data
             steps.append(direction)
 
-        async with Peer(talk) as peer, Bench(peer.port, trace=trace) as bench:
-            await until(lambda: bench.packets)
+        async with Peer(talk) as peer, Harness(peer.port, trace=trace) as harness:
+            await until(lambda: harness.packets)
             answers = []
-            bench.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+            harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
             await until(lambda: answers)
             assert traced['received'] == sent
             assert traced['sent'] == peer.received
-            counted = bench.link.statistics
+            counted = harness.link.statistics
             assert counted.bytes_received == len(sent)
             assert counted.bytes_sent == len(peer.received)
             assert counted.frames_received == 4
@@ -483,9 +483,9 @@ def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_th
 
 def test_small_frames_are_not_delayed_and_a_vanished_peer_is_noticed():
     async def scenario():
-        async with Peer(silent) as peer, Bench(peer.port) as bench:
-            await bench.connected()
-            ours = bench.link._writer.get_extra_info('socket')
+        async with Peer(silent) as peer, Harness(peer.port) as harness:
+            await harness.connected()
+            ours = harness.link._writer.get_extra_info('socket')
             assert ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
             assert ours.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
             if hasattr(socket, 'TCP_KEEPIDLE'):
@@ -517,15 +517,15 @@ def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
                 await greet(connection)
 
         def trace(_direction, _data):
-            sizes.append(bench.link._writer.transport.get_write_buffer_size())
+            sizes.append(harness.link._writer.transport.get_write_buffer_size())
 
-        async with Peer(talk) as peer, Bench(peer.port, trace=trace) as bench:
-            await bench.connected()
-            ours = bench.link._writer.get_extra_info('socket')
+        async with Peer(talk) as peer, Harness(peer.port, trace=trace) as harness:
+            await harness.connected()
+            ours = harness.link._writer.get_extra_info('socket')
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-            await until(lambda: bench.packets)
+            await until(lambda: harness.packets)
             assert max(sizes) <= 200_000
-            assert 'unread' in bench.reasons('backing_off')[0]
+            assert 'unread' in harness.reasons('backing_off')[0]
 
     run(scenario())
 
@@ -557,9 +557,9 @@ def test_inv7_any_bytes_at_all_and_the_next_connection_works(data):
                 await connection.send(joints(42.0))
                 await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port, receive_timeout=0.5) as bench:
-            await until(lambda: JointPosition(0, (42.0,) + (0.0,) * 9) in bench.messages)
-            assert bench.running
+        async with Peer(talk) as peer, Harness(peer.port, receive_timeout=0.5) as harness:
+            await until(lambda: JointPosition(0, (42.0,) + (0.0,) * 9) in harness.messages)
+            assert harness.running
 
     run(scenario())
 
@@ -572,13 +572,13 @@ def test_inv7_closing_leaves_no_task_and_no_socket():
         before = open_sockets()
         async with Peer(silent) as peer:
             for _ in range(20):
-                bench = Bench(peer.port)
-                async with bench:
-                    await bench.connected()
-                assert bench.link.state is LinkState.DISCONNECTED
-                assert bench.changes[-1][1] == 'closed'
+                harness = Harness(peer.port)
+                async with harness:
+                    await harness.connected()
+                assert harness.link.state is LinkState.DISCONNECTED
+                assert harness.changes[-1][1] == 'closed'
             await until(lambda: not peer.busy)  # it has seen the end of every connection
-        refused = Bench(free_port())
+        refused = Harness(free_port())
         async with refused:
             await until(lambda: refused.reasons('backing_off'))
         assert refused.link.state is LinkState.DISCONNECTED
@@ -608,9 +608,9 @@ def test_unsolicited_and_opaque_topics_reach_the_owner():
             await connection.send(frame(1500, 1, 0, b'abc'))
             await connection.stay()
 
-        async with Peer(talk) as peer, Bench(peer.port) as bench:
-            await until(lambda: bench.packets)
-            assert bench.messages == [Opaque(1500, b'abc')]
-            assert bench.link.statistics.bad_frames.total() == 0
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: harness.packets)
+            assert harness.messages == [Opaque(1500, b'abc')]
+            assert harness.link.statistics.bad_frames.total() == 0
 
     run(scenario())

@@ -5,8 +5,8 @@
 import asyncio
 import logging
 
-from link_bench import Bench, Peer, frame, joints
 from support.event_loop import run, stand_still, until
+from support.link_harness import Harness, Peer, frame, joints
 
 from epson_driver.link.link import FRAMES_A_TURN
 
@@ -23,11 +23,11 @@ def sends(data):
 
 def test_others_have_their_turn_between_frames():
     async def scenario():
-        async with Peer(sends(joints(1.0) * MANY)) as peer, Bench(peer.port) as bench:
+        async with Peer(sends(joints(1.0) * MANY)) as peer, Harness(peer.port) as harness:
             most, seen = 0, 0
             while seen < MANY:
                 await asyncio.sleep(0)
-                most, seen = max(most, len(bench.packets) - seen), len(bench.packets)
+                most, seen = max(most, len(harness.packets) - seen), len(harness.packets)
             assert 0 < most <= FRAMES_A_TURN
 
     run(scenario())
@@ -39,13 +39,13 @@ def test_a_turn_of_others_is_no_silence():
     async def scenario():
         async with (
             Peer(sends(joints(1.0) * MANY)) as peer,
-            Bench(peer.port, receive_timeout=0.5) as bench,
+            Harness(peer.port, receive_timeout=0.5) as harness,
         ):
-            while len(bench.packets) < MANY:
-                if bench.packets:
+            while len(harness.packets) < MANY:
+                if harness.packets:
                     _be_busy()
                 await asyncio.sleep(0)
-            assert 'backing_off' not in bench.states
+            assert 'backing_off' not in harness.states
 
     run(scenario())
 
@@ -58,8 +58,8 @@ def _be_busy():
 def test_many_bad_frames_are_counted_and_the_log_has_a_line(caplog):
     async def scenario():
         bad = frame(10, 1, body=b'short')
-        async with Peer(sends(bad * MANY)) as peer, Bench(peer.port) as bench:
-            await until(lambda: bench.link.statistics.bad_frames['body'] == MANY)
+        async with Peer(sends(bad * MANY)) as peer, Harness(peer.port) as harness:
+            await until(lambda: harness.link.statistics.bad_frames['body'] == MANY)
 
     with caplog.at_level(logging.WARNING):
         run(scenario())

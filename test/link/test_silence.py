@@ -5,8 +5,8 @@
 import asyncio
 import socket
 
-from link_bench import Bench, Peer, joints
 from support.event_loop import now, run, stand_still, until
+from support.link_harness import Harness, Peer, joints
 
 from epson_driver.link.silence import SLICES, Silence, passed
 
@@ -67,13 +67,13 @@ def test_a_loop_that_stood_still_is_not_the_peers_silence():
                 await connection.send(joints(1.0))
                 await asyncio.sleep(TIMEOUT / 20)
 
-        async with Peer(talk) as peer, Bench(peer.port, receive_timeout=TIMEOUT) as bench:
-            await bench.connected()
+        async with Peer(talk) as peer, Harness(peer.port, receive_timeout=TIMEOUT) as harness:
+            await harness.connected()
             for _ in range(4):
                 stand_still(2 * TIMEOUT)  # the peer is in this loop: it cannot send either
-                seen = len(bench.packets)
-                await until(lambda seen=seen: len(bench.packets) > seen + 2)
-            assert bench.states == ['connecting', 'connected']
+                seen = len(harness.packets)
+                await until(lambda seen=seen: len(harness.packets) > seen + 2)
+            assert harness.states == ['connecting', 'connected']
 
     run(scenario())
 
@@ -84,17 +84,17 @@ def test_time_in_which_the_loop_stood_still_is_no_silence():
     async def scenario():
         async with (
             Peer(silent_after(joints(1.0))) as peer,
-            Bench(peer.port, receive_timeout=TIMEOUT) as bench,
+            Harness(peer.port, receive_timeout=TIMEOUT) as harness,
         ):
-            await until(lambda: bench.packets)
+            await until(lambda: harness.packets)
             stood = 0.0
             while stood < 3 * TIMEOUT:  # less than SLICES times
                 stand_still(TIMEOUT)
                 stood += TIMEOUT
                 await asyncio.sleep(0)
-            assert bench.link.connected
-            await until(lambda: 'backing_off' in bench.states)  # and a silent peer is lost
-            assert f'silent for {TIMEOUT} s' in bench.reasons('backing_off')[0]
+            assert harness.link.connected
+            await until(lambda: 'backing_off' in harness.states)  # and a silent peer is lost
+            assert f'silent for {TIMEOUT} s' in harness.reasons('backing_off')[0]
 
     run(scenario())
 
@@ -103,11 +103,11 @@ def test_a_silent_peer_is_lost_after_its_patience_and_not_before():
     async def scenario():
         async with (
             Peer(silent_after(joints(1.0))) as peer,
-            Bench(peer.port, receive_timeout=TIMEOUT) as bench,
+            Harness(peer.port, receive_timeout=TIMEOUT) as harness,
         ):
-            await until(lambda: bench.packets)
+            await until(lambda: harness.packets)
             heard = now()
-            await until(lambda: 'backing_off' in bench.states)
+            await until(lambda: 'backing_off' in harness.states)
             assert now() - heard > 0.95 * TIMEOUT
 
     run(scenario())

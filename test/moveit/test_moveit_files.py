@@ -13,7 +13,7 @@ import yaml
 
 from epson_driver.bringup import move_group_parameters, rviz_parameters
 from epson_driver.cli import processes
-from epson_driver.client.parameters import JOINTS, TABLE
+from epson_driver.node.parameters import JOINTS, TABLE
 
 FOLDER = Path(__file__).parents[2] / 'config' / 'moveit'
 DEFAULTS = {row.name: row.default for row in TABLE}

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from planning_bench import MODEL, PART, PILLAR, scene, task
+from support.planning_harness import MODEL, PART, PILLAR, scene, task
 
 pytest.importorskip('ompl')  # no wheel for Python 3.14
 

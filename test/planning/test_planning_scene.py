@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from planning_bench import LEFT, MODEL, PART, PILLAR, scene
+from support.planning_harness import LEFT, MODEL, PART, PILLAR, scene
 
 from epson_driver.planning.scene import CONTACT
 from epson_driver.planning.shapes import Box, Cylinder, tray

@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from planning_bench import LEFT, PART, scene
+from support.planning_harness import LEFT, PART, scene
 
 from epson_driver.planning.shapes import Box, Cylinder
 from epson_driver.planning.triangles import Picture

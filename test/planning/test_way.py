@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from planning_bench import LEFT, MODEL, PILLAR, RIGHT, scene
+from support.planning_harness import LEFT, MODEL, PILLAR, RIGHT, scene
 
 pytest.importorskip('ompl')  # no wheel for Python 3.14
 

@@ -5,7 +5,7 @@
 import asyncio
 
 from epson_driver.cli.pendant_words import request
-from epson_driver.link.remote_ethernet import execute
+from epson_driver.remote_ethernet.client import execute
 from support.ros_peer import PATIENCE
 
 

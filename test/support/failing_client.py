@@ -20,13 +20,16 @@ from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
 
 from epson_driver.cli import client
-from epson_driver.client import io_driver, messages, node, services, speed_node, tracing
-from epson_driver.client.diagnostics import Diagnostics
-from epson_driver.client.driver import Driver
-from epson_driver.client.execution import Execution
-from epson_driver.client.goals import Goals
+from epson_driver.driver import services
+from epson_driver.driver.driver import Driver
+from epson_driver.driver.goal.execution import Execution
+from epson_driver.driver.goal.goals import Goals
+from epson_driver.driver.io import io_driver
 from epson_driver.link import Link
-from epson_driver.link.trace import Trace
+from epson_driver.node import messages, node, tracing
+from epson_driver.node import speed_scaling as speed_node
+from epson_driver.node.diagnostics import Diagnostics
+from epson_driver.trace.trace import Trace
 
 armed = ''
 

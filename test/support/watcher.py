@@ -84,7 +84,7 @@ class Watcher:
         return self._seen
 
     def until_at_rest(self) -> None:
-        """Wait until the newest messages in a row, of those that come from now on, show no motion."""
+        """Wait until so many messages in a row that come from now on show no motion."""
         begin = len(self.seen)
         end = time.monotonic() + PATIENCE
         while True:

@@ -51,7 +51,7 @@ from std_srvs.srv import Trigger
 from support.cell import START, Cell
 from support.ros_peer import JOINTS, PATIENCE, trajectory
 
-from epson_driver.client.parameters import TABLE, joint_rows
+from epson_driver.node.parameters import TABLE, joint_rows
 
 NODE = 'epson_driver'
 ACTION = '/epson_driver/follow_joint_trajectory'

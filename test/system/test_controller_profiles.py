@@ -10,8 +10,8 @@ from support.cell import START
 from support.ros_peer import trajectory
 
 from epson_driver.cli.trajectory_file import read_trajectory
-from epson_driver.controllers import load_controller_profile
 from epson_driver.motion import Trajectory
+from epson_driver.profiles import load_controller_profile
 from epson_driver.share import share_file
 
 PLANS = ('around_pillar_11_points', 'around_pillar_fast_100ms', 'around_pillar_positions_only')

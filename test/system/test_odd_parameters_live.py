@@ -15,7 +15,7 @@ from rcl_interfaces.srv import (
 )
 from support.cell import Cell
 
-from epson_driver.client.parameters import TABLE, joint_rows
+from epson_driver.node.parameters import TABLE, joint_rows
 
 OF_TRACES = ('trace_file',)  # a name of a file here makes a file
 ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1'))}

@@ -1,0 +1,47 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where a controller is, what it expects, and what the driver makes of goals."""
+
+from dataclasses import dataclass
+
+from epson_driver.driver.delivery.delivery import DeliveryRules
+from epson_driver.driver.smoothing.smoothing import Smoothing
+from epson_driver.driver.state.joint_mapping import JointMapping
+from epson_driver.driver.state.plausibility import USUAL, Margins
+from epson_driver.driver.stopping.motors import MotorsKind
+from epson_driver.error_texts import ErrorTexts
+from epson_driver.motion import JointLimits
+from epson_driver.simple_message import ByteOrder
+
+AS_IT_CAME = Smoothing()
+BY_STREAMING = DeliveryRules()
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Where the controller is and what it expects. An io or remote port of 0 is not used.
+
+    `errors` says what its error numbers mean; None: they are EPSON's. `delivery` says how
+    trajectories reach it, `mapping` how it counts joints; None: as ROS does. Where the
+    byte order is not given, `usual_byte_order` holds until its messages show it. `motors`: how
+    they are switched, and errors reset. `state_period`: s between two messages of its state, to
+    begin with. `margins`: how far beyond `limits` its joints may be.
+    """
+
+    host: str
+    motion_port: int
+    state_port: int
+    remote_port: int
+    byte_order: ByteOrder | None
+    state_timeout: float
+    limits: JointLimits
+    smoothing: Smoothing = AS_IT_CAME
+    errors: ErrorTexts | None = None
+    delivery: DeliveryRules = BY_STREAMING
+    mapping: JointMapping | None = None
+    usual_byte_order: ByteOrder = ByteOrder.LITTLE
+    io_port: int = 0
+    io_timeout: float = 1.0
+    motors: MotorsKind = 'remote_ethernet'
+    state_period: float = 0.005
+    margins: Margins = USUAL

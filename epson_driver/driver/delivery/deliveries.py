@@ -1,0 +1,52 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which delivery suits a controller."""
+
+from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
+from epson_driver.driver.delivery.download import Download
+from epson_driver.driver.delivery.motoman_delivery import MotomanDelivery
+from epson_driver.driver.delivery.streaming import FullStreaming, Streaming
+from epson_driver.driver.state.joint_mapping import JointMapping
+from epson_driver.link import Link
+from epson_driver.motion import JointLimits
+from epson_driver.profiles import ControllerProfile
+
+
+def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> DeliveryRules:
+    """Return the rules for a profile and the parameters `interface` and `point_message`.
+
+    Raises ValueError for parameters that do not go together.
+    """
+    motoman = profile.program.kind == 'motoman'
+    full = message == 'joint_traj_pt_full'
+    if interface == 'download' and full:
+        raise ValueError(
+            'parameter interface = download: points are downloaded as joint_traj_pt only, but '
+            f'point_message = {message}'
+        )
+    if motoman and not full:
+        raise ValueError(
+            f'parameter point_message = {message}: the controller {profile.name} takes '
+            'joint_traj_pt_full only'
+        )
+    download = profile.program.download
+    return DeliveryRules(
+        interface='download' if interface == 'download' else 'streaming',
+        point_message='joint_traj_pt_full' if full else 'joint_traj_pt',
+        motoman=motoman,
+        buffer=download.buffer,
+        dead_time=download.dead_time,
+    )
+
+
+def delivery(
+    rules: DeliveryRules, link: Link, limits: JointLimits, mapping: JointMapping
+) -> Delivery:
+    """Return the delivery over a motion link for joints within the limits."""
+    if rules.interface == 'download':
+        return Download(link, limits, mapping, rules.buffer, rules.dead_time)
+    if rules.motoman:
+        return MotomanDelivery(link, limits, mapping)
+    if rules.point_message == 'joint_traj_pt_full':
+        return FullStreaming(link, limits, mapping)
+    return Streaming(link, limits, mapping)

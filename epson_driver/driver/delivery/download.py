@@ -1,0 +1,113 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The download interface: a whole trajectory is sent before the arm moves.
+
+As ROS-Industrial's motion_download_interface does it: all points are topics, the first has the
+sequence -1, the last -3, those between their index; a trajectory of one point is sent as two. STOP
+is a request.
+
+Nothing answers the points: that the arm has done its motion, or why it has not, is in the state
+alone. So whatever would be lost on the way is refused before anything is sent.
+"""
+
+import asyncio
+from dataclasses import replace
+
+import numpy as np
+
+from epson_driver.driver.delivery.delivery import OnReply, Prepared
+from epson_driver.driver.delivery.points import SHORTEST_DURATION, STOP, trajectory_points
+from epson_driver.driver.outcome import ErrorCode, GoalRefusedError
+from epson_driver.driver.state.joint_mapping import JointMapping
+from epson_driver.link import Link
+from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.simple_message import (
+    JointPosition,
+    JointTrajPt,
+    Message,
+    ReplyCode,
+    SpecialSequence,
+    reply,
+)
+
+MOST_UNSENT = 16384
+"""While more bytes than this wait for the controller to read them, no further point is sent."""
+
+START_TIME = 0.1
+"""After the dead times, the arm moves within this time, s."""
+
+PAUSE = 0.005
+"""How long to wait before looking again, s."""
+
+TAKEN = reply(JointPosition(), ReplyCode.SUCCESS)
+"""Stands for the answer that a topic does not get."""
+
+
+class Download:
+    """Points as topics. The controller keeps `buffer`, and spends `dead_time` s on each."""
+
+    resumes = False
+
+    def __init__(
+        self,
+        link: Link,
+        limits: JointLimits,
+        mapping: JointMapping,
+        buffer: int,
+        dead_time: float,
+    ) -> None:
+        self._link = link
+        self._limits = limits
+        self._mapping = mapping
+        self._buffer = buffer
+        self._dead_time = dead_time
+
+    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
+        """Return its points, at least two. Raises GoalRefusedError if the buffer is too small."""
+        points = trajectory_points(trajectory, start, self._limits, self._mapping)
+        numbered = download_sequences(points)
+        if len(points) == 1:
+            trajectory = _twice(trajectory)
+        if len(numbered) > self._buffer:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                f'the trajectory has {len(numbered)} points, but the controller keeps '
+                f'{self._buffer} of a download: use fewer points, or interface: streaming',
+            )
+        return Prepared(trajectory, list(numbered), len(numbered) * self._dead_time + START_TIME)
+
+    def post(self, message: Message, on_reply: OnReply) -> None:
+        """Send a point, which counts as answered soon; or STOP, which the controller answers."""
+        if message == STOP:
+            self._link.post(message, on_reply)
+            return
+        self._link.tell(message)
+        asyncio.get_running_loop().call_soon(self._go_on, on_reply)
+
+    def _go_on(self, on_reply: OnReply) -> None:
+        loop = asyncio.get_running_loop()
+        if self._link.unsent > MOST_UNSENT:
+            loop.call_later(PAUSE, self._go_on, on_reply)
+        else:
+            on_reply(TAKEN, loop.time())
+
+
+def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
+    """Return points that are numbered 0, 1, 2, … with the sequences of a download.
+
+    One point becomes two; the second takes it nowhere else.
+    """
+    if len(points) == 1:
+        points = points * 2
+    first, *between, last = points
+    return [
+        replace(first, sequence=SpecialSequence.START_TRAJECTORY_DOWNLOAD),
+        *between,
+        replace(last, sequence=SpecialSequence.END_TRAJECTORY),
+    ]
+
+
+def _twice(trajectory: Trajectory) -> Trajectory:
+    """Return a trajectory of one point with a second one that is the same."""
+    times = np.array([0.0, SHORTEST_DURATION]) + trajectory.times[0]
+    return Trajectory(trajectory.joint_names, times, np.repeat(trajectory.positions, 2, axis=0))

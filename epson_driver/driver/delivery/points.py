@@ -1,0 +1,168 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A trajectory as the points that go over the wire."""
+
+import numpy as np
+
+from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
+from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.simple_message import (
+    JointTrajPt,
+    JointTrajPtFull,
+    SpecialSequence,
+    ValidFields,
+    joint_data,
+)
+
+FIRST_VELOCITY = 0.1
+"""Fraction of the maximum speed for a first point that has no time: ROS-Industrial's default."""
+
+SHORTEST_DURATION = 1e-3
+"""Controllers may refuse a duration of 0, s."""
+
+AT_START = 1e-4
+"""A plan that begins closer than this to where the arm stands begins there, rad."""
+
+INSIDE = 1e-6
+"""Where joints are counted in another way than the limits, rounding needs this margin, rad."""
+
+CARRIED = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
+"""What a JOINT_TRAJ_PT_FULL says: Motoman wants these three. Its interpolation makes its own
+accelerations."""
+
+STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
+
+
+def trajectory_points(
+    trajectory: Trajectory, start: Array, limits: JointLimits, mapping: JointMapping | None = None
+) -> list[JointTrajPt]:
+    """Return the messages that stream a checked trajectory from `start` (shape (n,), rad).
+
+    `velocity` is the largest fraction of a joint's limit that the plan uses in the segment, from
+    its mean speed and the velocities at both ends: the arm is never asked to be faster than
+    planned. `duration` is the segment's own time. A first point that has no time is where the arm
+    is, or nearly so: it goes there at FIRST_VELOCITY, in the time which that takes.
+    """
+    mapping = mapping or unmapped(len(start))
+    steps = mapping.velocities_to_controller(
+        np.diff(trajectory.positions, axis=0, prepend=start[None, :])
+    )
+    durations = np.diff(trajectory.times, prepend=0.0)
+    timed = np.maximum(durations, SHORTEST_DURATION)
+    speeds = np.abs(steps) / timed[:, None]
+    if trajectory.velocities is not None:
+        ends = np.abs(mapping.velocities_to_controller(trajectory.velocities))
+        speeds = np.maximum(speeds, ends)
+        speeds[1:] = np.maximum(speeds[1:], ends[:-1])
+    fractions = np.max(speeds / limits.velocity, axis=1)
+    if durations[0] == 0.0:
+        fractions[0] = FIRST_VELOCITY
+        way = float(np.max(np.abs(steps[0]) / limits.velocity))
+        timed[0] = max(way / FIRST_VELOCITY, SHORTEST_DURATION)
+    fractions = np.clip(fractions, 1e-3, 1.0)
+    rows = zip(
+        _to_wire(trajectory.positions, limits, mapping).tolist(),
+        fractions.tolist(),
+        timed.tolist(),
+        strict=True,
+    )
+    return [
+        JointTrajPt(sequence, joint_data(point), velocity, duration)
+        for sequence, (point, velocity, duration) in enumerate(rows)
+    ]
+
+
+def full_points(
+    trajectory: Trajectory, limits: JointLimits, mapping: JointMapping | None = None
+) -> list[JointTrajPtFull]:
+    """Return the same as JOINT_TRAJ_PT_FULL: time from the start, positions and velocities.
+
+    The trajectory must have velocities (`with_velocities`), and begin where the arm stands
+    (`from_standing`).
+    """
+    if trajectory.velocities is None:
+        raise ValueError('the trajectory has no velocities')
+    mapping = mapping or unmapped(trajectory.positions.shape[1])
+    velocities = np.clip(trajectory.velocities, -limits.velocity, limits.velocity)
+    rows = zip(
+        trajectory.times.tolist(),
+        _to_wire(trajectory.positions, limits, mapping).tolist(),
+        mapping.velocities_to_controller(velocities).tolist(),
+        strict=True,
+    )
+    return [
+        JointTrajPtFull(
+            0, sequence, CARRIED, time, joint_data(positions), joint_data(point_velocities)
+        )
+        for sequence, (time, positions, point_velocities) in enumerate(rows)
+    ]
+
+
+def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> Trajectory:
+    """Return the trajectory with a first point at 0 s where the arm stands (shape (n,), rad).
+
+    One that begins within AT_START of it begins there; one that begins at 0 s further away begins
+    later, by the time that the way takes at FIRST_VELOCITY.
+    """
+    positions, times = trajectory.positions, trajectory.times
+    if times[0] == 0.0:
+        offset = np.abs(positions[0] - start)
+        if offset.max() <= AT_START:
+            exact = positions.copy()
+            exact[0] = start
+            return Trajectory(
+                trajectory.joint_names,
+                times,
+                exact,
+                trajectory.velocities,
+                trajectory.accelerations,
+            )
+        times = times + float(np.max(offset / limits.velocity)) / FIRST_VELOCITY
+    rest = np.zeros((1, len(start)))
+    velocities, accelerations = (
+        None if values is None else np.vstack([rest, values])
+        for values in (trajectory.velocities, trajectory.accelerations)
+    )
+    return Trajectory(
+        trajectory.joint_names,
+        np.concatenate([[0.0], times]),
+        np.vstack([start[None, :], positions]),
+        velocities,
+        accelerations,
+    )
+
+
+def with_velocities(trajectory: Trajectory) -> Trajectory:
+    """Return the trajectory with velocities; the plan's own if it has some.
+
+    They are 0 at both ends and where a joint turns; elsewhere the harmonic mean of the mean
+    speeds on both sides, with which a cubic interpolation never overshoots a point.
+    """
+    if trajectory.velocities is not None:
+        return trajectory
+    positions, times = trajectory.positions, trajectory.times
+    velocities = np.zeros_like(positions)
+    slopes = np.diff(positions, axis=0) / np.diff(times)[:, None]
+    before, after = slopes[:-1], slopes[1:]
+    same = before * after > 0.0
+    with np.errstate(divide='ignore', invalid='ignore'):
+        velocities[1:-1] = np.where(same, 2.0 / (1.0 / before + 1.0 / after), 0.0)
+    return Trajectory(trajectory.joint_names, times, positions, velocities)
+
+
+def _to_wire(positions: Array, limits: JointLimits, mapping: JointMapping) -> Array:
+    """Return positions as the controller counts them, float32 numbers within the limits."""
+    if mapping.identity:
+        return to_float32_inside(positions, limits)
+    inside = np.clip(positions, limits.position_min + INSIDE, limits.position_max - INSIDE)
+    counted = mapping.positions_to_controller(inside)
+    return counted.astype(np.float32).astype(np.float64)
+
+
+def to_float32_inside(positions: Array, limits: JointLimits) -> Array:
+    """Return positions as float32 numbers that are still within the position limits."""
+    low = limits.position_min.astype(np.float32)
+    low = np.where(low < limits.position_min, np.nextafter(low, np.float32(np.inf)), low)
+    high = limits.position_max.astype(np.float32)
+    high = np.where(high > limits.position_max, np.nextafter(high, np.float32(-np.inf)), high)
+    return np.clip(positions.astype(np.float32), low, high).astype(np.float64)

@@ -1,0 +1,45 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The streaming interface: each point is a request, and its reply lets the next one go."""
+
+from epson_driver.driver.delivery.delivery import OnReply, Prepared
+from epson_driver.driver.delivery.points import (
+    from_standing,
+    full_points,
+    trajectory_points,
+    with_velocities,
+)
+from epson_driver.driver.state.joint_mapping import JointMapping
+from epson_driver.link import Link
+from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.simple_message import Message
+
+
+class Streaming:
+    """Points as JOINT_TRAJ_PT requests."""
+
+    resumes = False
+
+    def __init__(self, link: Link, limits: JointLimits, mapping: JointMapping) -> None:
+        self._link = link
+        self._limits = limits
+        self._mapping = mapping
+
+    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
+        """Return one point for each of the trajectory's."""
+        points = trajectory_points(trajectory, start, self._limits, self._mapping)
+        return Prepared(trajectory, list(points))
+
+    def post(self, message: Message, on_reply: OnReply) -> None:
+        """Send a request."""
+        self._link.post(message, on_reply)
+
+
+class FullStreaming(Streaming):
+    """Points as JOINT_TRAJ_PT_FULL requests: time, positions, velocities."""
+
+    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
+        """Return a point where the arm stands, and one for each that follows."""
+        executed = with_velocities(from_standing(trajectory, start, self._limits))
+        points = full_points(executed, self._limits, self._mapping)
+        return Prepared(executed, list(points))

@@ -1,0 +1,359 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The driver without ROS: links, robot state, arm gate and the running goal, in one event loop.
+
+Everything here runs in the loop's thread. The ROS node calls in with `call_soon_threadsafe` and is
+told what happened through `Events`.
+"""
+
+import asyncio
+import contextlib
+import logging
+from typing import Protocol
+
+from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.delivery.deliveries import delivery
+from epson_driver.driver.goal.execution import Settings
+from epson_driver.driver.goal.goals import Goals
+from epson_driver.driver.io.io_driver import IoDriver
+from epson_driver.driver.outcome import Outcome
+from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
+from epson_driver.driver.state.joint_mapping import unmapped
+from epson_driver.driver.state.robot_state import JointSample, RobotState, StateRules
+from epson_driver.driver.stopping.arm_gate import ArmGate, only_motors_off, what_forbids_motion
+from epson_driver.driver.stopping.motors import OneAfterTheOther, motors
+from epson_driver.driver.stopping.stopper import Stopper
+from epson_driver.driver.tasks.changes import Changes
+from epson_driver.driver.tasks.parts import run_together
+from epson_driver.link import Link, LinkState
+from epson_driver.link.silence import Silence, passed
+from epson_driver.log_lines import LogPace
+from epson_driver.simple_message import (
+    CommType,
+    Dialect,
+    JointFeedback,
+    JointPosition,
+    Packet,
+    ReplyCode,
+    Status,
+    TriState,
+    ValidFields,
+)
+from epson_driver.trace import Trace
+from epson_driver.trace.trace import END_TIMEOUT
+
+SHUT_DOWN_TIMEOUT = 0.5
+"""How long the arm may take to stop before the process ends all the same, s."""
+
+STATUS_TIMEOUT = 1.0
+"""A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
+
+MIXED = 2
+"""At most this many JOINT_POSITIONs come between two JOINT_FEEDBACKs of a controller that sends
+both at once; they say the same then. With more, they are what tells where the arm is."""
+
+WORST_FIRST = (
+    LinkState.DISCONNECTED,
+    LinkState.BACKING_OFF,
+    LinkState.CONNECTING,
+    LinkState.CONNECTED,
+)
+"""`~/link_state` is the worse of the two links' states."""
+
+_log = logging.getLogger(__name__)
+
+
+class Events(Protocol):
+    """What the driver tells its owner, in the loop's thread."""
+
+    def on_joints(self, sample: JointSample) -> None:
+        """Joints came. Every state message is one call."""
+
+    def on_status(self, status: Status) -> None:
+        """A status came; also an all-unknown one when there is none to be had any more."""
+
+    def on_link_state(self, name: str, why: str) -> None:
+        """The state of the links together changed."""
+
+
+class Driver:
+    """Drives one controller. `run` until cancelled; the other methods are called meanwhile."""
+
+    def __init__(self, configuration: Configuration, events: Events, settings: Settings) -> None:
+        self.configuration = configuration
+        self.gate = ArmGate()
+        joints = len(configuration.limits.names)
+        mapping = configuration.mapping or unmapped(joints)
+        rules = StateRules(configuration.state_period, configuration.limits, configuration.margins)
+        self.robot = RobotState(joints, configuration.errors, mapping, rules)
+        self._events = events
+        order = configuration.byte_order
+        self.state_link = Link(
+            'state',
+            configuration.host,
+            configuration.state_port,
+            on_packet=self._on_state_packet,
+            on_state=self._on_state_link,
+            receive_timeout=configuration.state_timeout,
+            byte_order=order,
+        )
+        self.motion_link = Link(
+            'motion',
+            configuration.host,
+            configuration.motion_port,
+            on_packet=self._on_motion_packet,
+            on_state=self._on_motion_link,
+            byte_order=order,
+        )
+        self.io = IoDriver(
+            configuration.host,
+            configuration.io_port,
+            byte_order=order,
+            timeout=configuration.io_timeout,
+        )
+        self.trace = Trace((self.state_link, self.motion_link, self.io.link))
+        if order is None:
+            for link in (self.state_link, self.motion_link):
+                link.dialect = Dialect(configuration.usual_byte_order)
+        self.changes = Changes()
+        """A status came, a goal or a stop ended, or STOP was answered."""
+        self.motors = OneAfterTheOther(
+            motors(
+                configuration.motors,
+                configuration.host,
+                configuration.remote_port,
+                self.motion_link,
+            )
+        )
+        self.stopper = Stopper(
+            delivery(configuration.delivery, self.motion_link, configuration.limits, mapping),
+            self.robot,
+            joints,
+            self.changes,
+            self.motors,
+            self._on_alarm,
+            lambda: self.goals.on_rest(),
+        )
+        self.goals = Goals(
+            configuration.limits,
+            self.robot,
+            self.gate,
+            self.stopper,
+            settings,
+            self.changes,
+            self._on_broken_off,
+            _smoother(configuration),
+        )
+        self._feedback_leads = False
+        self._positions_since_feedback = 0
+        self._joints_missing = Silence(max(STATUS_TIMEOUT, configuration.state_timeout))
+        self._status_missing = Silence(STATUS_TIMEOUT)
+        self._dropped_pace = LogPace()
+        self._link_state = LinkState.DISCONNECTED
+        self._missed: set[str] = set()
+
+    async def run(self) -> None:
+        """Keep the links alive until cancelled. On the way out the arm is stopped.
+
+        Raises what a part of it raised, after the arm was stopped over the links that are left.
+        """
+        try:
+            self.goals.make_ready()
+            await run_together(
+                {
+                    'the state link': self.state_link.run,
+                    'the motion link': self.motion_link.run,
+                    'the I/O': self.io.run,
+                    'watching the status': self._watch_status,
+                    'watching the joints': self._watch_joints,
+                },
+                self.shut_down,
+            )
+        finally:
+            self.fault('the driver ended')
+            await self.stopper.close()
+            await self.motors.close()
+            await self.goals.close()
+            self.trace.end('the driver ended', END_TIMEOUT)
+
+    async def shut_down(self) -> None:
+        """Stop the arm and end the running goal when it stands, or after half a second.
+
+        An arm that moves on then has its motors switched off, where there is a way to.
+        """
+        self.gate.close('the driver is shutting down')
+        ends = self._now() + SHUT_DOWN_TIMEOUT
+        try:
+            await self.goals.stop('the driver was shut down', SHUT_DOWN_TIMEOUT)
+        finally:
+            self.fault('the driver was shut down')
+        if not await self.stopper.wait(max(ends - self._now(), 0.0)):
+            _log.error('the driver ends; %s, %s', self.stopper.doubt, self.stopper.stands)
+            await self.stopper.motors_off(SHUT_DOWN_TIMEOUT)
+
+    def fault(self, why: str, *, motors_off: bool = False) -> None:
+        """Close the arm gate and end what runs or waits; the arm stays still until enabled.
+
+        `motors_off`: only that the motors are off is wrong.
+        """
+        self.disable(why, motors_off=motors_off)
+        self.goals.fault(why)
+
+    async def why_not_ready(self, patience: float) -> str | None:
+        """Return why nobody knows where the arm is now; None as soon as it is known.
+
+        `patience`: how long to wait for that, s.
+        """
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience):
+                while self.robot.why_not_ready(self._now()) is not None:
+                    await self.changes.next()
+        return self.robot.why_not_ready(self._now())
+
+    def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
+        self.disable(outcome.text)
+        if unanswered:  # what comes late now must not be taken for the answer to something newer
+            self.motion_link.reconnect('a reply is missing')
+
+    def _on_alarm(self, why: str, unanswered: bool) -> None:
+        """STOP does not work: nobody knows what the controller will do."""
+        _log.error('the arm was not stopped as asked: %s; %s', why, self.stopper.stands)
+        self.disable(why)
+        self.goals.end_waiting(why)
+        if unanswered and not self.goals.busy:  # a goal that runs does so when it breaks off
+            self.motion_link.reconnect('no reply to STOP')
+
+    def disable(self, why: str, *, motors_off: bool = False) -> None:
+        """Close the arm gate; a goal that runs is left alone. `motors_off` as in `fault`."""
+        if self.gate.close(why, motors_off=motors_off):
+            _log.warning('arm disabled: %s', why)
+
+    def _on_state_packet(self, packet: Packet) -> None:
+        if packet.comm_type is not CommType.TOPIC:  # nothing was asked (REP-I0006)
+            return
+        now = self._now()
+        self.motion_link.dialect = self.state_link.dialect
+        self.io.follow(self.state_link.dialect)
+        message = packet.message
+        if isinstance(message, Status):
+            self._take_status(message, now)
+        elif isinstance(message, JointPosition):
+            self._positions_since_feedback += 1
+            self._feedback_leads &= self._positions_since_feedback <= MIXED
+            if not self._feedback_leads:
+                self._take_joints(message.joints, now)
+        elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
+            self._feedback_leads = self._positions_since_feedback <= MIXED
+            self._positions_since_feedback = 0
+            given = message.valid_fields
+            self._take_joints(
+                message.positions,
+                now,
+                message.velocities if given & ValidFields.VELOCITY else None,
+                message.time if given & ValidFields.TIME else None,
+            )
+
+    def _take_joints(
+        self,
+        positions: tuple[float, ...],
+        now: float,
+        velocities: tuple[float, ...] | None = None,
+        told: float | None = None,
+    ) -> None:
+        """Take joints; of what cannot be true nothing is known but that, and it disables."""
+        try:
+            sample = self.robot.on_joints(positions, now, velocities, told)
+        except ValueError as error:
+            self.state_link.statistics.bad_frames['joints'] += 1
+            line = self._dropped_pace.line(str(error), now)
+            if line is not None:
+                _log.warning('joint state dropped: %s', line)
+            self.fault(f'the joint state cannot be true: {error}')
+            return
+        self._joints_missing.heard()
+        if sample is None:
+            return
+        self._events.on_joints(sample)
+        self.stopper.see(now)
+        self.goals.on_joints(sample, now)
+
+    def _take_status(self, status: Status, now: float) -> None:
+        self.robot.on_status(status, now)
+        self._status_missing.heard()
+        if status.drives_powered == TriState.TRUE:
+            self.gate.see_motors_on()
+        self.stopper.see(now)
+        if (why := what_forbids_motion(status, self.robot.errors)) is not None:
+            self.fault(why, motors_off=only_motors_off(status))
+        else:
+            self.goals.on_status(now)
+        self._events.on_status(status)
+        self.changes.tell()
+
+    def _on_motion_packet(self, packet: Packet) -> None:
+        """Take a topic, or a reply that nobody waits for: a late no is still a no."""
+        if packet.reply_code is ReplyCode.FAILURE:
+            self.goals.withdraw()
+
+    def _on_state_link(self, state: LinkState, why: str) -> None:
+        if state is not LinkState.CONNECTED:
+            self.robot.clear()
+            self._feedback_leads = False
+            self._positions_since_feedback = 0
+        self._on_link(self.state_link, why)
+
+    def _on_motion_link(self, state: LinkState, why: str) -> None:
+        if state is not LinkState.CONNECTED:
+            self.stopper.link_lost()
+        self._on_link(self.motion_link, why)
+
+    def _on_link(self, link: Link, why: str) -> None:
+        if link.state is LinkState.BACKING_OFF and link.statistics.connections:
+            self.fault(f'the {link.name} link was lost: {why}')
+        self._tell_link(link, why)
+        links = (self.state_link, self.motion_link)
+        combined = min((each.state for each in links), key=WORST_FIRST.index)
+        if combined is not self._link_state:
+            self._link_state = combined
+            self._events.on_link_state(combined.value, why)
+            if not self.state_link.connected:
+                self._events.on_status(Status())
+
+    def _tell_link(self, link: Link, why: str) -> None:
+        """Log that a link came or went, once: not every attempt to bring it back."""
+        if link.connected:
+            self._missed.discard(link.name)
+            _log.info('%s link connected: %s', link.name, why)
+        elif link.state is LinkState.BACKING_OFF and link.name not in self._missed:
+            self._missed.add(link.name)
+            _log.warning('no %s link: %s; trying again at least once a second', link.name, why)
+        else:
+            _log.debug('%s link %s: %s', link.name, link.state.value, why)
+
+    async def _watch_status(self) -> None:
+        """Drop what is too old, and say so once a second while there is no status."""
+        while True:
+            await passed(self._status_missing.slice)
+            if self._status_missing.passed():
+                self._status_missing.restart()
+                if self.robot.status is not None:
+                    self.robot.status = None
+                    self.fault(f'no STATUS for {STATUS_TIMEOUT:g} s')
+                self._events.on_status(Status())
+
+    async def _watch_joints(self) -> None:
+        """Drop joints that are too old: the link may be up and the STATUS go on without them."""
+        while True:
+            await passed(self._joints_missing.slice)
+            if self._joints_missing.passed() and self.robot.sample is not None:
+                self.robot.sample = None
+                self.fault(f'no joint state for {self._joints_missing.patience:g} s')
+
+    @staticmethod
+    def _now() -> float:
+        return asyncio.get_running_loop().time()
+
+
+def _smoother(configuration: Configuration) -> SmoothingProcess | None:
+    smoothing = configuration.smoothing
+    return SmoothingProcess(configuration.limits, smoothing) if smoothing.wanted else None

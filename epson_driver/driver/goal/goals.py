@@ -1,0 +1,364 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The running goal and the one that waits for it: from submission to outcome.
+
+A new goal replaces the running one, which is stopped; it starts when the arm stands. One that
+comes after a goal that ended at once starts when the stop of that one is over. Everything here
+runs in the driver's loop.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from epson_driver.driver.goal.execution import Execution, Settings
+from epson_driver.driver.goal.goal import Goal, check_start
+from epson_driver.driver.goal.goal_states import State
+from epson_driver.driver.goal.speed_scaling import SpeedScaling
+from epson_driver.driver.outcome import End, ErrorCode, GoalRefusedError, Outcome
+from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
+from epson_driver.driver.state.robot_state import JointSample, RobotState
+from epson_driver.driver.stopping.arm_gate import ArmGate
+from epson_driver.driver.stopping.stopper import Stopper
+from epson_driver.driver.tasks.changes import Changes
+from epson_driver.driver.tasks.parts import report_failure
+from epson_driver.motion import JointLimits, Trajectory
+
+REPLACED = 'replaced by a newer goal before it could start'
+
+FRESH_WITHIN = 0.2
+"""How long a goal waits for joints if those that are there are too old, s: when the machine was
+busy, they are about to come, or wait in the socket."""
+
+READING_TURNS = 100
+"""Turns of the event loop that are then given to reading: 5000 state messages, which take 25 s to
+come. If there is nothing to read, they take about a millisecond."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(eq=False)
+class Ticket:
+    """A goal handed in: `on_end` is given its outcome, once; `on_feedback` every sample."""
+
+    goal: Goal
+    on_end: Callable[[Outcome], None]
+    on_feedback: Callable[[Execution, JointSample], None]
+    execution: Execution | None = None
+    outcome: Outcome | None = None
+    preparation: asyncio.Task[None] | None = None
+
+
+class Goals:
+    """Executes one goal after the other. `run` until cancelled; the rest is called meanwhile.
+
+    `on_broken_off` is called with the outcome of a goal after which the arm must be enabled again,
+    and whether an answer is missing. `start_tolerance` (rad) and `settings` may be changed at any
+    time; the latter hold for the running goal, too.
+    """
+
+    def __init__(
+        self,
+        limits: JointLimits,
+        robot: RobotState,
+        gate: ArmGate,
+        stopper: Stopper,
+        settings: Settings,
+        changes: Changes,
+        on_broken_off: Callable[[Outcome, bool], None],
+        smoother: SmoothingProcess | None = None,
+    ) -> None:
+        self.start_tolerance = 0.05
+        self.scaling = SpeedScaling()
+        self.unsmoothed = 0
+        """Goals for which no smooth motion inside every limit was found."""
+        self._limits = limits
+        self._robot = robot
+        self._gate = gate
+        self._stopper = stopper
+        self._settings = settings
+        stopper.stopped_velocity = settings.stopped_velocity
+        self._changes = changes
+        self._on_broken_off = on_broken_off
+        self._smoother = smoother
+        self._running: Ticket | None = None
+        self._next: Ticket | None = None
+        self._unread: Ticket | None = None
+        self._preparations: set[asyncio.Task[None]] = set()
+
+    @property
+    def settings(self) -> Settings:
+        """Tolerances and patience of executions."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, settings: Settings) -> None:
+        self._settings = settings
+        self._stopper.stopped_velocity = settings.stopped_velocity
+        if self.execution is not None:
+            self.execution.settings = settings
+
+    @property
+    def busy(self) -> bool:
+        """True while a goal runs."""
+        return self._running is not None
+
+    @property
+    def execution(self) -> Execution | None:
+        """How the running goal gets on."""
+        return None if self._running is None else self._running.execution
+
+    def make_ready(self) -> None:
+        """Start what takes its time to start."""
+        if self._smoother is not None:
+            self._smoother.make_ready()
+
+    async def close(self) -> None:
+        """End what prepares goals; no goal may run any more."""
+        await asyncio.gather(*self._preparations, return_exceptions=True)
+        if self._smoother is not None:
+            await self._smoother.close()
+
+    def submit(self, ticket: Ticket) -> None:
+        """Execute a checked goal; a running one is stopped first and ends as aborted.
+
+        If the pose is too old, it waits for a moment for a newer one: the loop may not have been
+        scheduled for a while, and what came meanwhile is still to be read.
+        """
+        if self._gate.reason is None and self._robot.stale(_now()):
+            if self._unread is not None:
+                self._end_unstarted(self._unread, REPLACED)
+            self._unread = ticket
+            asyncio.get_running_loop().call_later(
+                FRESH_WITHIN, self._wait_no_longer, ticket, READING_TURNS
+            )
+        else:
+            self._submit(ticket)
+
+    def _wait_no_longer(self, ticket: Ticket, turns: int) -> None:
+        """Submit a goal that still waits for a fresh pose, after so many turns of the loop."""
+        if ticket is not self._unread:
+            return
+        if turns:
+            asyncio.get_running_loop().call_soon(self._wait_no_longer, ticket, turns - 1)
+            return
+        self._unread = None
+        self._submit(ticket)
+
+    def _submit(self, ticket: Ticket) -> None:
+        try:
+            self._check_ready()
+        except GoalRefusedError as refusal:
+            ticket.on_end(refusal.outcome)
+            return
+        if self._running is None and self._stopper.over:
+            self._start(ticket)
+            return
+        if self._running is None:
+            try:
+                self._standing_sample()
+            except GoalRefusedError as refusal:
+                ticket.on_end(refusal.outcome)
+                return
+        if self._next is not None:
+            self._end_unstarted(self._next, REPLACED)
+        self._next = ticket
+        if self.execution is not None:
+            self.execution.stop('replaced by a new goal', _now())
+
+    def cancel(self, ticket: Ticket) -> None:
+        """Stop the goal's motion; it ends as canceled when the arm stands."""
+        if ticket in (self._next, self._unread):
+            self._end_unstarted(ticket, 'canceled before it could start', End.CANCELED)
+        elif ticket is self._running and ticket.execution is not None:
+            ticket.execution.cancel(_now())
+
+    def end_waiting(self, why: str) -> None:
+        """End what waits to be started."""
+        for ticket in (self._unread, self._next):
+            if ticket is not None:
+                self._end_unstarted(ticket, why)
+
+    def _end_unstarted(self, ticket: Ticket, why: str, end: End = End.ABORTED) -> None:
+        if ticket is self._next:
+            self._next = None
+        else:
+            self._unread = None
+        code = ErrorCode.SUCCESSFUL if end is End.CANCELED else ErrorCode.INVALID_GOAL
+        ticket.on_end(Outcome(end, code, why))
+
+    def on_rest(self) -> None:
+        """A stop is over: what waits for it may start."""
+        if self._running is None and self._next is not None:
+            following, self._next = self._next, None
+            self._start(following)
+
+    def fault(self, why: str) -> None:
+        """End at once what runs or waits: something forbids motion."""
+        self.end_waiting(why)
+        if (execution := self.execution) is not None:
+            execution.fault(f'{why} ({execution.where})')
+
+    def withdraw(self) -> None:
+        """The controller took back an answer."""
+        if self.execution is not None:
+            self.execution.on_unsolicited_failure(_now())
+
+    async def stop(self, why: str, timeout: float) -> Outcome | None:
+        """Stop the running goal, if any. Returns its outcome; None if there is none in time."""
+        ticket = self._running
+        if ticket is None or ticket.execution is None:
+            return None
+        ticket.execution.stop(why, _now())
+        try:
+            async with asyncio.timeout(timeout):
+                while ticket.outcome is None:
+                    await self._changes.next()
+        except TimeoutError:
+            return None
+        return ticket.outcome
+
+    def on_joints(self, sample: JointSample, now: float) -> None:
+        """Take joints that came."""
+        if self._unread is not None and not self._robot.stale(now):
+            fresh, self._unread = self._unread, None
+            self._submit(fresh)
+        ticket = self._running
+        if ticket is not None and ticket.execution is not None:
+            ticket.execution.on_state(self._robot, now)
+            if not ticket.execution.ended:
+                ticket.on_feedback(ticket.execution, sample)
+
+    def on_status(self, now: float) -> None:
+        """Take a status that came and forbids nothing."""
+        execution = self.execution
+        if execution is None:
+            return
+        was_paused = execution.paused
+        execution.on_state(self._robot, now)
+        if execution.paused and not was_paused:
+            _log.info('the controller is paused: the goal waits %s', execution.where)
+        elif was_paused and not execution.paused and not execution.ended:
+            _log.info('the controller goes on: so does the goal, %s', execution.where)
+
+    def _check_ready(self) -> JointSample:
+        """Return where the arm is. Raises GoalRefusedError unless it may move now."""
+        if self._gate.reason is not None:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                f'the arm is not enabled ({self._gate.reason}): call ~/enable',
+            )
+        if (why := self._robot.why_not_ready(_now())) is not None:
+            raise GoalRefusedError(ErrorCode.INVALID_GOAL, why)
+        if self._robot.paused and not self._stopper.resumes:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL,
+                'the controller is paused (it says that motion is not possible): continue there',
+            )
+        sample = self._robot.sample
+        assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
+        return sample
+
+    def _standing_sample(self) -> JointSample:
+        """Return where the arm stands. Raises GoalRefusedError if it may not move or moves now.
+
+        Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
+        """
+        sample = self._check_ready()
+        why = self._robot.why_not_standing(self._settings.stopped_velocity)
+        if why is not None:
+            raise GoalRefusedError(
+                ErrorCode.INVALID_GOAL, f'the arm moves ({why}): wait until it stands'
+            )
+        return sample
+
+    def _start(self, ticket: Ticket) -> None:
+        trajectory = ticket.goal.trajectory
+        try:
+            sample = self._sample_at_start(trajectory)
+        except GoalRefusedError as refusal:
+            ticket.on_end(refusal.outcome)
+            return
+        self._running = ticket
+        execution = ticket.execution = Execution(
+            ticket.goal,
+            self._settings,
+            self._stopper.post,
+            lambda outcome: self._on_end(ticket, outcome),
+            _now(),
+            self.scaling,
+        )
+        if self._smoother is None:
+            self._execute(execution, trajectory, sample)
+            return
+        ticket.preparation = asyncio.create_task(self._prepare(self._smoother, execution, sample))
+        self._preparations.add(ticket.preparation)
+        ticket.preparation.add_done_callback(self._preparations.discard)
+        ticket.preparation.add_done_callback(report_failure)
+
+    def _sample_at_start(self, trajectory: Trajectory) -> JointSample:
+        """Return where the arm stands. Raises GoalRefusedError unless it can begin there now."""
+        sample = self._standing_sample()
+        check_start(trajectory, sample.positions, self._limits, self.start_tolerance)
+        return sample
+
+    async def _prepare(
+        self, smoother: SmoothingProcess, execution: Execution, sample: JointSample
+    ) -> None:
+        """Have a goal's motion planned, then execute it, unless the goal was stopped meanwhile.
+
+        The arm must stand then where the motion begins, as when the goal came.
+        """
+        planned: Trajectory | None = None
+        refusal: GoalRefusedError | None = None
+        try:
+            planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
+            if execution.state is State.PREPARING:
+                sample = self._sample_at_start(planned)
+        except SmoothingError as error:
+            self.unsmoothed += 1
+            refusal = GoalRefusedError(ErrorCode.INVALID_GOAL, str(error))
+        except GoalRefusedError as error:
+            refusal = error
+        if execution.state is not State.PREPARING:
+            return
+        if refusal is not None:
+            execution.fault(str(refusal), refusal.code)
+        elif planned is not None:
+            self._execute(execution, planned, sample)
+
+    def _execute(self, execution: Execution, trajectory: Trajectory, sample: JointSample) -> None:
+        try:
+            prepared = self._stopper.prepare(trajectory, sample.positions)
+        except GoalRefusedError as refusal:
+            execution.fault(str(refusal), refusal.code)
+            return
+        execution.start(
+            prepared.trajectory,
+            prepared.messages,
+            _now(),
+            sample.positions,
+            prepared.delay,
+        )
+
+    def _on_end(self, ticket: Ticket, outcome: Outcome) -> None:
+        self._running = None
+        ticket.outcome = outcome
+        execution = ticket.execution
+        if execution is not None and execution.broken_off:
+            self._on_broken_off(outcome, execution.unanswered)
+        if ticket.preparation is not None:
+            ticket.preparation.cancel()
+        self._changes.tell()
+        ticket.on_end(outcome)
+        if execution is not None and not execution.at_rest:
+            self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
+        elif outcome.end is End.SUCCEEDED:
+            self._stopper.goal_reached()
+        if self._stopper.over:
+            self.on_rest()
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,47 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How a goal ends: its outcome, its result code, and the error of a goal that is not executed."""
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+
+class ErrorCode(IntEnum):
+    """Result codes of control_msgs/action/FollowJointTrajectory."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class End(Enum):
+    """How a goal ends, once (docs/invariants.md, 5)."""
+
+    SUCCEEDED = 'succeeded'
+    CANCELED = 'canceled'
+    ABORTED = 'aborted'
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a goal ended, its result code, and a sentence that says why."""
+
+    end: End
+    code: ErrorCode
+    text: str
+
+
+class GoalRefusedError(ValueError):
+    """A goal that is not executed. `code` is its result code, the text names what is wrong."""
+
+    def __init__(self, code: ErrorCode, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+    @property
+    def outcome(self) -> Outcome:
+        """The goal's end."""
+        return Outcome(End.ABORTED, self.code, str(self))

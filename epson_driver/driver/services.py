@@ -1,0 +1,247 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the driver's services do: `~/stop`, `~/enable`, `~/disable`, `~/reset_error`."""
+
+import asyncio
+from collections.abc import Callable
+
+from epson_driver.driver.driver import Driver
+from epson_driver.driver.stopping.arm_gate import Enabling, GateError, what_forbids_motion
+from epson_driver.driver.stopping.motors import Action, MotorsError
+from epson_driver.simple_message import Status, TriState
+
+ANSWER_TIMEOUT = 2.0
+"""How long a service waits for the controller, s."""
+
+
+class ServiceError(RuntimeError):
+    """A service could not do what was asked; the text says why and what to do."""
+
+
+class Services:
+    """Each public method is a service: it returns a sentence, or raises ServiceError."""
+
+    def __init__(self, driver: Driver) -> None:
+        self._driver = driver
+        self._one_enables = asyncio.Lock()
+        self._disabling = 0
+
+    async def stop(self) -> str:
+        """Stop the arm; a running goal ends as aborted. Returns a sentence when it stands.
+
+        Raises ServiceError unless the controller acknowledged STOP and the state shows that the
+        arm stands; the arm gate is closed then.
+        """
+        goals, stopper = self._driver.goals, self._driver.stopper
+        goals.end_waiting('stopped by ~/stop before it could start')
+        ends = _now() + ANSWER_TIMEOUT
+        said = 'no goal was running; the controller acknowledged STOP'
+        if goals.busy:
+            outcome = await goals.stop('stopped by ~/stop', ANSWER_TIMEOUT)
+            if outcome is not None:
+                said = f'the running goal ended: {outcome.text}'
+        else:
+            stopper.stop()
+        if stopper.unsent or not await stopper.wait(ends - _now()):
+            stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
+            within = '' if stopper.unsent else f'no standstill seen within {ANSWER_TIMEOUT:g} s: '
+            raise ServiceError(f'{within}{stopper.doubt}; {stopper.stands}')
+        if stopper.failed or stopper.doubt is not None:
+            raise ServiceError(f'{stopper.doubt or stopper.alarm}; {stopper.stands} now')
+        return said
+
+    async def enable(self) -> str:
+        """Open the arm gate, after switching the motors on where the driver can.
+
+        What counts is the next STATUS, not the last one: motors may have gone off since. Whatever
+        closes the gate while this is under way, or would have closed it, ends it.
+
+        Raises ServiceError that says what is in the way and what to do about it.
+        """
+        self._check_links()
+        if self._disabling:
+            raise ServiceError('~/disable is under way: call ~/enable when it has answered')
+        gate = self._driver.gate
+        with gate.enabling(motors_on=self._driver.goals.busy) as enabling:
+            work = asyncio.create_task(self._enable(enabling))
+            enabling.on_cancel = work.cancel
+            try:
+                said = await work
+            except asyncio.CancelledError:
+                task = asyncio.current_task()
+                if enabling.canceled is None or (task is not None and task.cancelling()):
+                    raise
+            if enabling.canceled is None:
+                return said
+            status = self._driver.robot.status
+            in_the_way = None if status is None else self._in_the_way(status)
+            raise ServiceError(
+                in_the_way
+                or f'{enabling.canceled} while ~/enable was under way: the arm stays disabled; '
+                'call ~/enable again'
+            )
+
+    async def _enable(self, enabling: Enabling) -> str:
+        driver = self._driver
+        async with self._one_enables:
+            enabling.motors_on = driver.goals.busy
+            asked = _now()
+            status = await self._wait_for_status(
+                lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'
+            )
+            if (why := self._in_the_way(status)) is not None:
+                raise ServiceError(why)
+            if status.drives_powered == TriState.FALSE:
+                await self._act(Action.MOTORS_ON)
+                await self._wait_for_status(
+                    lambda status: status.drives_powered == TriState.TRUE, 'the motors stay off'
+                )
+            await self._clear_motion()
+            if (why := await driver.why_not_ready(ANSWER_TIMEOUT)) is not None:
+                raise ServiceError(f'nobody knows where the arm is: {why}')
+            self._check_links()
+            newest = driver.robot.status
+            if newest is None:
+                raise ServiceError('the controller sends no STATUS')
+            if (why := what_forbids_motion(newest, driver.robot.errors)) is not None:
+                raise ServiceError(why)
+            if driver.gate.reason is not None:
+                driver.robot.enabled()
+                driver.stopper.enabled()
+                try:
+                    driver.gate.open(enabling)
+                except GateError as error:
+                    raise ServiceError(str(error)) from error
+            return 'the arm is enabled'
+
+    async def _clear_motion(self) -> None:
+        """Have the controller drop what it may still have of ours, and see the arm stand."""
+        driver = self._driver
+        stopper = driver.stopper
+        if driver.goals.busy or (stopper.over and not stopper.ours):
+            return
+        stopper.stop()
+        if not await stopper.wait(ANSWER_TIMEOUT) or not stopper.answered:
+            raise ServiceError(f'after the last motion {stopper.doubt}; {stopper.stands}')
+
+    async def disable(self) -> str:
+        """Close the arm gate, stop, and switch the motors off where the driver can.
+
+        Raises ServiceError unless the state shows that the arm stands and, where the driver can
+        switch them and STATUS tells, that the motors are off. The gate is closed in any case.
+        """
+        driver = self._driver
+        driver.disable('disabled by ~/disable')
+        self._disabling += 1
+        try:
+            said = await self._bring_to_rest()
+            if driver.motors.missing:
+                motors, why = (
+                    True,
+                    f'; {driver.motors.missing}, so the motors were left as they are',
+                )
+            else:
+                motors, why = await self._motors_off()
+        finally:
+            self._disabling -= 1
+        text = f'the arm is disabled{why}'
+        if said:
+            text += f'; {said}'
+        if not motors or not driver.stopper.over:
+            raise ServiceError(text)
+        return text
+
+    async def _bring_to_rest(self) -> str:
+        """Return what is not as it should be, or ''."""
+        goals, stopper = self._driver.goals, self._driver.stopper
+        if goals.busy:
+            await goals.stop('stopped by ~/disable', ANSWER_TIMEOUT)
+        else:
+            stopper.stop()
+        goals.fault('disabled by ~/disable')
+        if await stopper.wait(ANSWER_TIMEOUT):
+            return '' if stopper.doubt is None else f'{stopper.doubt}, but {stopper.stands}'
+        stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
+        return f'{stopper.doubt}: {stopper.stands}'
+
+    async def _motors_off(self) -> tuple[bool, str]:
+        """Return whether nothing speaks against the motors being off, and what to say of them."""
+        driver = self._driver
+        try:
+            await driver.motors.act(Action.MOTORS_OFF, ANSWER_TIMEOUT)
+        except MotorsError as error:
+            return False, f'; {error}'
+        asked = _now()
+        try:
+            status = await self._wait_for_status(
+                lambda status: (
+                    driver.robot.status_time > asked and status.drives_powered != TriState.TRUE
+                ),
+                'the controller took that the motors be off, but no STATUS shows it',
+            )
+        except ServiceError as error:
+            return False, f', but {error}'
+        if status.drives_powered != TriState.FALSE:
+            return True, '; the controller took that the motors be off, STATUS does not tell'
+        if driver.motors.may_come_on:
+            return True, (
+                ' and the motors are off; the controller has not answered an earlier command to '
+                'switch them on, and may do it yet'
+            )
+        return True, ' and the motors are off'
+
+    async def reset_error(self) -> str:
+        """Reset the controller's error. The arm stays disabled.
+
+        Raises ServiceError if it cannot be done, or if no STATUS shows that it was.
+        """
+        await self._act(Action.RESET)
+        await self._wait_for_status(
+            lambda status: TriState.TRUE not in (status.in_error, status.e_stopped),
+            'the controller took the reset, but no STATUS shows that error and E-stop are gone',
+        )
+        return 'the controller was reset; call ~/enable to move again'
+
+    def _in_the_way(self, status: Status) -> str | None:
+        """Return what must be mended before the arm can be enabled, and how; None: nothing."""
+        errors = self._driver.robot.errors
+        if status.e_stopped == TriState.TRUE:
+            return (
+                'the E-stop is pressed or not reset: release it, call ~/reset_error (or reset at '
+                'the controller), then ~/enable'
+            )
+        if status.in_error == TriState.TRUE:
+            return (
+                f'the controller is in error {errors.phrase(status.error_code)}: '
+                f'{errors.advice(status.error_code, "remove the cause")}; call ~/reset_error, '
+                'then ~/enable'
+            )
+        return None
+
+    def _check_links(self) -> None:
+        for link in (self._driver.state_link, self._driver.motion_link):
+            if not link.connected:
+                raise ServiceError(
+                    f'the {link.name} link to {link.host}:{link.port} is {link.state.value}: '
+                    'start the controller, or check robot_ip and the ports'
+                )
+
+    async def _act(self, action: Action) -> None:
+        """Have the controller do something; where that is not possible, say what a person can."""
+        try:
+            await self._driver.motors.act(action, ANSWER_TIMEOUT)
+        except MotorsError as error:
+            raise ServiceError(str(error)) from error
+
+    async def _wait_for_status(self, good: Callable[[Status], bool], otherwise: str) -> Status:
+        try:
+            async with asyncio.timeout(ANSWER_TIMEOUT):
+                while self._driver.robot.status is None or not good(self._driver.robot.status):
+                    await self._driver.changes.next()
+        except TimeoutError as error:
+            raise ServiceError(f'{otherwise} (waited {ANSWER_TIMEOUT:g} s)') from error
+        return self._driver.robot.status
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

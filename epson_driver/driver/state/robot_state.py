@@ -1,0 +1,268 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the controller reported last, how old it is, and how fast the joints move."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
+from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW, JointVelocity, Values
+from epson_driver.driver.state.pause import PauseWatch
+from epson_driver.driver.state.plausibility import USUAL, JointBounds, Margins
+from epson_driver.driver.state.sender_clock import LATE_SLOTS, SenderClock
+from epson_driver.error_texts import ErrorTexts, load_error_texts
+from epson_driver.motion import Array, JointLimits
+from epson_driver.simple_message import Status, TriState
+
+KEPT_ARRIVALS = 2048
+"""Arrival times that are kept for diagnostics: two seconds at 1 kHz."""
+
+POSE_AGE = 0.3
+POSE_SLOTS = 6
+"""A pose that is older, in s or in slots of the controller's clock, whichever is longer, says
+nothing about where the arm is: nothing may begin there. Bursts of 0.2 s, as networks make them,
+are within it; the slots are for controllers that send a few times a second."""
+
+CALM = 10
+"""So many messages after one that came late joints may have been measured when that was due: what
+holds up a controller's program may do so between measuring and sending."""
+
+DISTRUST = 1.0
+"""How long nothing may begin after something impossible was reported, s."""
+
+FINEST_TIME = 0.0004
+"""The coarsest time that a controller may tell, s: 1 % of the window of velocities."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointSample:
+    """Measured joints. positions, velocities: shape (n,), rad and rad/s. Times are monotonic, s.
+
+    time: when they came. measured: when they were measured, but for the least delay of the
+    network (see SenderClock for how well that is known).
+    """
+
+    time: float
+    positions: Array
+    velocities: Array
+    measured: float
+
+
+@dataclass(frozen=True, slots=True)
+class StateRules:
+    """What to expect of the state: a message each `period` s, and joints within limits.
+
+    Every message takes a slot of the controller's clock, those with a STATUS, too. The period is
+    what to begin with; it follows what comes. Without `limits` joints may be anything.
+    """
+
+    period: float = 0.005
+    limits: JointLimits | None = None
+    margins: Margins = USUAL
+
+
+ANYTHING = StateRules()
+
+
+class RobotState:
+    """The newest joints and status, for `joints` joints. Times are the event loop's, s.
+
+    Emptied when the link is lost: nothing stale can be taken for fresh (docs/invariants.md, 6).
+    `errors` says what the controller's error numbers mean; EPSON's, unless it is given.
+    What comes in is counted as the controller does, `sample` as ROS does, by `mapping`.
+
+    There is no `sample` until it is known how fast the joints move: of joints that came once
+    nobody can say that they stand.
+    """
+
+    def __init__(
+        self,
+        joints: int,
+        errors: ErrorTexts | None = None,
+        mapping: JointMapping | None = None,
+        rules: StateRules = ANYTHING,
+    ) -> None:
+        self._joints = joints
+        self._mapping = unmapped(joints) if mapping is None else mapping
+        self.errors = load_error_texts() if errors is None else errors
+        self._rules = rules
+        self._bounds = JointBounds(joints, rules.limits, rules.margins)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything: the link is gone."""
+        self.sample: JointSample | None = None
+        self.status: Status | None = None
+        self.status_time = 0.0
+        self.status_measured = 0.0
+        """When the newest status was made, as `JointSample.measured`."""
+        self.arrivals: deque[float] = deque(maxlen=KEPT_ARRIVALS)
+        """When joints came, the newest last; only since the link was established."""
+        self.bounded = 0
+        """How often positions and times gave more than a joint can do, and it was published as
+        moving as fast as it can."""
+        self._pause = PauseWatch()
+        self._clock = SenderClock(self._rules.period)
+        self._velocity = JointVelocity()
+        self._before: Values | None = None
+        self._measured = 0.0
+        self._heard = self._calm_until = 0.0
+        self._calm = CALM
+        self._told: float | None = None
+        self._impossible: tuple[float, str] | None = None
+
+    def on_joints(
+        self,
+        data: tuple[float, ...],
+        now: float,
+        velocities: tuple[float, ...] | None = None,
+        told: float | None = None,
+    ) -> JointSample | None:
+        """Take the ten joint values of a message, and velocities if it measured them.
+
+        `told`: the controller's time of it, s, if it has one. Returns None for the first joints
+        of a link: they have no velocity yet. Raises ValueError that names the joint, its value
+        and what is possible, if they cannot be true; they count for nothing then.
+        """
+        self._step(now, self._passed(told, now - self._measured + POSE_AGE))
+        elapsed = longest = max(now - self._measured, self._clock.period)
+        if self._calm < CALM:
+            longest = max(longest, now - self._calm_until)
+        try:
+            positions = self._possible(data, longest)
+            rates = None if velocities is None else self._possible_velocities(velocities)
+        except ValueError as error:
+            self._impossible = now, str(error)
+            raise
+        clock, velocity = self._clock, self._velocity
+        if rates is None:
+            rates = velocity.fitted(clock.time, positions, clock.gap, elapsed)
+        else:
+            velocity.measured(clock.time, positions, rates)
+        self._before, self._measured = positions, clock.measured
+        self.arrivals.append(now)
+        if rates is None:
+            return None
+        if velocities is None and self._bounds.why_not_so_fast(rates) is not None:
+            rates = self._bounds.bounded(rates)
+            self.bounded += 1
+        self.sample = JointSample(now, np.array(positions), np.array(rates), clock.measured)
+        return self.sample
+
+    def on_status(self, status: Status, now: float) -> None:
+        """Take a STATUS message."""
+        self._step(now, None)
+        self.status = status
+        self.status_time = now
+        self.status_measured = self._clock.measured
+        self._pause.see(status)
+
+    def enabled(self) -> None:
+        """Somebody enabled the arm: what the controller allowed before that says nothing now."""
+        self._pause = PauseWatch()
+        if self.status is not None:
+            self._pause.see(self.status)
+
+    @property
+    def paused(self) -> bool:
+        """The controller denies motion, which it allowed since the arm was enabled; no error."""
+        return self._pause.interrupted
+
+    @property
+    def in_motion(self) -> int:
+        """`TriState`: does the controller say that the arm moves? UNKNOWN without a status."""
+        return TriState.UNKNOWN if self.status is None else self.status.in_motion
+
+    def why_not_ready(self, now: float) -> str | None:
+        """Return why nobody knows where the arm is now; None if it is known."""
+        if self._impossible is not None and now - self._impossible[0] < DISTRUST:
+            return self._impossible[1]
+        if self.sample is None:
+            return 'no joint state from the controller'
+        if self.stale(now):
+            return f'the newest joint state is {now - self.sample.measured:.3g} s old'
+        return None
+
+    def stale(self, now: float) -> bool:
+        """Return whether there are joints, but too old ones to say where the arm is."""
+        allowed = max(POSE_AGE, POSE_SLOTS * self._clock.period)
+        return self.sample is not None and now - self.sample.measured > allowed
+
+    def why_not_standing(self, stopped_velocity: float) -> str | None:
+        """Return what shows that the arm moves; None if it stands, by all that is known.
+
+        `stopped_velocity`: rad/s or m/s, below which a joint counts as standing.
+        """
+        sample, bounds = self.sample, self._bounds
+        if sample is None:
+            return 'no joint state from the controller'
+        fastest = int(np.argmax(np.abs(sample.velocities)))
+        speed = float(sample.velocities[fastest])
+        if abs(speed) >= stopped_velocity:
+            return f'{bounds.names[fastest]} at {speed:.3g} {bounds.units[fastest]}/s'
+        if self.in_motion == TriState.TRUE:
+            return 'the controller says so'
+        window = self._velocity.in_window()
+        for joint, value in enumerate(window[-1]):
+            moved = max(abs(value - each[joint]) for each in window)
+            if moved >= stopped_velocity * VELOCITY_WINDOW:
+                return f'{bounds.names[joint]} just now by {moved:.3g} {bounds.units[joint]}'
+        return None
+
+    def _step(self, now: float, passed: float | None) -> None:
+        """Let a message count for the controller's clock."""
+        if self._heard and now - self._heard > (1 + LATE_SLOTS) * self._clock.period:
+            if self._calm >= CALM:
+                self._calm_until = self._heard
+            self._calm = 0
+        else:
+            self._calm += 1
+        self._heard = now
+        gap = self._clock.gap
+        shift = self._clock.step(now, passed)
+        if shift and gap is not None and self._velocity.shift(gap, shift):
+            self._measured += shift
+
+    def _passed(self, told: float | None, longest: float) -> float | None:
+        """Return the time since the joints before that the controller tells, if that can be.
+
+        On the wire it has seven digits, and who knows its unit: too coarse, or too long for the
+        time that has passed here, and slots are counted instead.
+        """
+        before, self._told = self._told, told
+        if told is None or before is None or abs(told) * 2.0**-23 > FINEST_TIME:
+            return None
+        passed = told - before
+        return passed if self._clock.period / 10 <= passed <= longest else None
+
+    def _possible(self, data: tuple[float, ...], longest: float) -> Values:
+        """Return positions as ROS counts them. Raises ValueError if they cannot be true."""
+        positions = _finite('position', data[: self._joints])
+        if not self._mapping.identity:
+            positions = self._mapping.positions_to_ros(np.array(positions)).tolist()
+        why = self._bounds.why_not_there(positions)
+        if why is None and self._before is not None:
+            why = self._bounds.why_not_from(self._before, positions, longest)
+        if why is not None:
+            raise ValueError(why)
+        return positions
+
+    def _possible_velocities(self, data: tuple[float, ...]) -> Values:
+        """Return velocities as ROS counts them. Raises ValueError if they cannot be true."""
+        velocities = _finite('velocity', data[: self._joints])
+        if not self._mapping.identity:
+            velocities = self._mapping.velocities_to_ros(np.array(velocities)).tolist()
+        if (why := self._bounds.why_not_so_fast(velocities)) is not None:
+            raise ValueError(why)
+        return velocities
+
+
+def _finite(quantity: str, data: tuple[float, ...]) -> Values:
+    if not math.isfinite(sum(data)):
+        for joint, value in enumerate(data, 1):
+            if not math.isfinite(value):
+                raise ValueError(f'joint {joint}: {quantity} {value} is not finite')
+    return data

@@ -1,0 +1,64 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Since when the arm stands, by what is measured and by what the controller says."""
+
+import numpy as np
+
+from epson_driver.driver.state.robot_state import JointSample, RobotState
+from epson_driver.motion import Array
+from epson_driver.simple_message import TriState
+
+REST_TIME = 0.05
+"""How long the arm must stand before it counts as standing, s: more than the velocity window."""
+
+DOUBTFUL_REST = 1.0
+"""How long it must stand where the controller has not confirmed STOP, s: it may be slow to do what
+it was sent before."""
+
+MOVED = 1e-4
+"""A change of position that shows that the arm moves, rad: well above an encoder's step."""
+
+
+class Standstill:
+    """Sees whether the arm moves. Times are monotonic, s.
+
+    What counts is when joints and status were measured, not when they came: a network may hold
+    them up, and what stood before the motion began is no standstill after it.
+
+    `alive` is when the arm was last seen to move; whoever hears from the controller sets it, too.
+    """
+
+    def __init__(self, now: float) -> None:
+        self.alive = now
+        self._alive_at: Array | None = None
+        self._after: float | None = None
+        self._rest = REST_TIME
+        self._since: float | None = None
+
+    def expect(self, after: float | None, rest: float = REST_TIME) -> None:
+        """Only what comes after this time counts: before it, the motion may not have begun.
+
+        None: nothing counts yet. `rest`: how long the arm must stand, s.
+        """
+        self._after = after
+        self._rest = rest
+        self._since = None
+
+    def see(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
+        """Take a sample. `stopped`: rad/s, shape (n,), below which a joint counts as standing."""
+        if self._alive_at is None or np.abs(sample.positions - self._alive_at).max() > MOVED:
+            self._alive_at = sample.positions
+            self.alive = now
+        moving = bool(np.any(np.abs(sample.velocities) >= stopped))
+        if moving or robot.in_motion == TriState.TRUE or self._after is None:
+            self._since = None
+        elif (
+            self._since is None
+            and sample.measured > self._after
+            and (robot.in_motion == TriState.UNKNOWN or robot.status_measured > self._after)
+        ):
+            self._since = sample.measured
+
+    def reached(self, now: float) -> bool:
+        """Return whether the arm has stood for long enough; `now` is the sample's `measured`."""
+        return self._since is not None and now - self._since >= self._rest

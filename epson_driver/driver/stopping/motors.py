@@ -1,0 +1,205 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How the driver switches the controller's motors and resets its errors, where it can.
+
+The profile says it (`program.motors`, docs/controllers.md):
+
+* remote_ethernet: EPSON's commands, if there is a `remote_port`;
+* motoman: Motoman's commands, on the motion port;
+* none: a person does it.
+"""
+
+import asyncio
+import logging
+from dataclasses import dataclass
+from enum import Enum
+from typing import Literal, Protocol
+
+from epson_driver.driver.delivery.refusal import refusal
+from epson_driver.link import Link
+from epson_driver.remote_ethernet.client import RemoteError, execute
+from epson_driver.simple_message import MotionCtrl, Packet
+from epson_driver.simple_message.motoman import Command
+
+_log = logging.getLogger(__name__)
+
+MotorsKind = Literal['none', 'remote_ethernet', 'motoman']
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """What an action is called: in Remote Ethernet, by Motoman, and for a person."""
+
+    remote_ethernet: str
+    motoman: Command
+    by_hand: str
+
+
+class Action(Enum):
+    """What is done to the controller, with its commands."""
+
+    MOTORS_ON = Commands(
+        'SetMotorsOn,1', Command.START_SERVOS, 'switch the motors on at the controller'
+    )
+    MOTORS_OFF = Commands(
+        'SetMotorsOff,1', Command.STOP_SERVOS, 'switch the motors off at the controller'
+    )
+    RESET = Commands('Reset', Command.RESET_ALARM, 'reset the error at the controller')
+
+
+class MotorsError(RuntimeError):
+    """It could not be done; the text says why, and what a person can do.
+
+    `unanswered`: the controller may have got the command, and may obey it yet.
+    """
+
+    def __init__(self, text: str, *, unanswered: bool = False) -> None:
+        super().__init__(text)
+        self.unanswered = unanswered
+
+
+class Motors(Protocol):
+    """A way to the motors. `missing`: why there is none; '' if there is one."""
+
+    missing: str
+
+    async def act(self, action: Action, timeout: float) -> None:
+        """Do it within `timeout` s. Raises MotorsError."""
+
+
+class ByHand:
+    """The driver has no way."""
+
+    def __init__(self, missing: str) -> None:
+        self.missing = missing
+
+    async def act(self, action: Action, timeout: float) -> None:
+        """Raise MotorsError."""
+        raise MotorsError(f'{self.missing}, the driver cannot do it: {action.value.by_hand}')
+
+
+class RemoteEthernet:
+    """EPSON's remote port."""
+
+    missing = ''
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host = host
+        self._port = port
+
+    async def act(self, action: Action, timeout: float) -> None:
+        """Log in and give the command. Raises MotorsError."""
+        commands = action.value
+        try:
+            await execute(self._host, self._port, [commands.remote_ethernet], timeout)
+        except (RemoteError, OSError, TimeoutError) as error:
+            why = str(error) or 'no answer'
+            raise MotorsError(
+                f'remote port {self._host}:{self._port}: {why}: {commands.by_hand}',
+                unanswered=isinstance(error, TimeoutError),
+            ) from error
+
+
+class MotomanCommands:
+    """MOTION_CTRL requests on the motion link."""
+
+    missing = ''
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    async def act(self, action: Action, timeout: float) -> None:
+        """Send the command and wait for its MOTION_REPLY. Raises MotorsError."""
+        commands = action.value
+        answer: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
+
+        def on_reply(packet: Packet, _now: float) -> None:
+            if not answer.done():
+                answer.set_result(packet)
+
+        why: str | None
+        unanswered = False
+        try:
+            waiting = self._link.post(MotionCtrl(0, 0, commands.motoman), on_reply)
+            try:
+                async with asyncio.timeout(timeout):
+                    why = refusal(await answer)
+            except TimeoutError:
+                self._link.give_up(waiting)
+                unanswered = True
+                why = f'no reply within {timeout:g} s'
+        except ConnectionError as error:
+            why = str(error)
+        if why is not None:
+            raise MotorsError(
+                f'{commands.motoman.name}: {why}: {commands.by_hand}', unanswered=unanswered
+            )
+
+
+class OneAfterTheOther:
+    """Another way to the motors, with one command on its way at a time.
+
+    So the one that was given last has the last word. Somebody who waits for a command and is
+    cancelled leaves it on its way, if it is; if it is not yet, it is not given.
+    """
+
+    def __init__(self, way: Motors) -> None:
+        self.missing = way.missing
+        self.may_come_on = False
+        """The controller has not answered that the motors be switched on: it may do so yet."""
+        self._way = way
+        self._lock = asyncio.Lock()
+        self._given: asyncio.Task[None] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    @property
+    def busy(self) -> bool:
+        """A command is on its way, or waits for its turn."""
+        return bool(self._tasks)
+
+    async def act(self, action: Action, timeout: float) -> None:
+        """Do it when all before it is done, within `timeout` s from then. Raises MotorsError."""
+        task = asyncio.create_task(self._act(action, timeout))
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+        try:
+            await asyncio.shield(task)
+        except asyncio.CancelledError:
+            if task is not self._given:
+                task.cancel()
+            raise
+
+    async def close(self) -> None:
+        """Give up what is on its way."""
+        tasks = list(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _log.debug('%s', error)  # and raised, to who still waits for it
+
+    async def _act(self, action: Action, timeout: float) -> None:
+        async with self._lock:
+            self._given = asyncio.current_task()
+            on = action is Action.MOTORS_ON
+            try:
+                await self._way.act(action, timeout)
+            except MotorsError as error:
+                self.may_come_on |= on and error.unanswered
+                raise
+            if on:
+                self.may_come_on = False
+
+
+def motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link) -> Motors:
+    """Return the way that a controller's profile and the parameter `remote_port` leave."""
+    if kind == 'motoman':
+        return MotomanCommands(motion_link)
+    if kind == 'none':
+        return ByHand('the controller takes no such command')
+    if not remote_port:
+        return ByHand('remote_port is 0')
+    return RemoteEthernet(host, remote_port)

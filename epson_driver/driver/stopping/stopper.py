@@ -1,0 +1,344 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""STOP, seen through: sent, answered, and followed by an arm that stands in the state.
+
+Rules (docs/invariants.md, 3 and 9):
+
+1. Every message for the motion port passes here, so it is known whether the arm may still have
+   something of ours to do. After a STOP nothing new begins before that stop is over.
+2. A stop is over when the arm has stood for REST_TIME after STOP was acknowledged. Without an
+   acknowledgement the state decides: the arm must have stood for DOUBTFUL_REST.
+3. A STOP that is refused, not answered in time, or not followed by rest in time raises the alarm:
+   the owner closes the arm gate. As long as the arm then moves, STOP is sent again and again, and
+   the motors are switched off where there is a way to.
+4. A controller that has switched the motors off itself, as for an E-stop, need not take STOP:
+   only an arm that moves on then raises the alarm.
+5. An arm that moves without anything of ours (somebody jogs it) is left alone: no STOP is
+   repeated, no motors are switched off.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable
+
+import numpy as np
+
+from epson_driver.driver.delivery.delivery import Delivery, OnReply, Prepared
+from epson_driver.driver.delivery.points import STOP
+from epson_driver.driver.delivery.refusal import refusal
+from epson_driver.driver.state.robot_state import RobotState
+from epson_driver.driver.state.standstill import DOUBTFUL_REST, REST_TIME, Standstill
+from epson_driver.driver.stopping.motors import Action, Motors, MotorsError
+from epson_driver.driver.tasks.changes import Changes
+from epson_driver.driver.tasks.parts import report_failure
+from epson_driver.motion import Array, Trajectory
+from epson_driver.simple_message import Message, Packet, TriState
+
+ANSWER_TIME = 1.0
+"""A STOP that is not answered within this time raises the alarm, s."""
+
+BRAKING_TIME = 2.0
+"""An arm that still moves this long after STOP raises the alarm, s."""
+
+REPEAT = 0.3
+"""While the arm moves in spite of STOP, it is sent again every so often, s."""
+
+MOTORS_TIME = 0.5
+"""An arm that moves this long after the alarm has its motors switched off, s: one that was stopped
+by something else, as an E-stop is, stands by then."""
+
+MOTORS_TIMEOUT = 2.0
+"""How long the controller may take to switch them off before it is asked again, s."""
+
+CAUSE_TIME = 0.1
+"""A STATUS that says why STOP was refused is waited for so long, s."""
+
+LOOK = 0.1
+"""How often a stop that is under way is looked at when nothing comes, s. Patience is counted in
+looks: however long one took, as where this process was not scheduled, it counts once."""
+
+_log = logging.getLogger(__name__)
+
+
+class Stopper:
+    """Sends what the driver has for the motion port. Sees each STOP through.
+
+    `joints` is their number. `on_alarm(why, unanswered)` is called once for each stop that does
+    not work, `on_rest` when a stop is over. Runs in one event loop; times are its own, s.
+    """
+
+    def __init__(
+        self,
+        delivery: Delivery,
+        robot: RobotState,
+        joints: int,
+        changes: Changes,
+        motors: Motors,
+        on_alarm: Callable[[str, bool], None],
+        on_rest: Callable[[], None],
+    ) -> None:
+        self.stopped_velocity = 0.01
+        """rad/s, below which a joint counts as standing."""
+        self.alarm: str | None = None
+        """Why the last stop did not work; None again when the arm is enabled."""
+        self._delivery = delivery
+        self._robot = robot
+        self._joints = joints
+        self._changes = changes
+        self._motors = motors
+        self._on_alarm = on_alarm
+        self._on_rest = on_rest
+        self._ours = False
+        self._since: float | None = None
+        self._sent = 0.0
+        self._acknowledged = False
+        self._refusal: str | None = None
+        self._refused = 0.0
+        self._unsent: str | None = None
+        self._alarm_since: float | None = None
+        self._standstill = Standstill(0.0)
+        self._timer: asyncio.TimerHandle | None = None
+        self._looks = 0
+        self._switching: asyncio.Task[None] | None = None
+
+    # --- as a Delivery ----------------------------------------------------------------------
+
+    @property
+    def resumes(self) -> bool:
+        """As in Delivery."""
+        return self._delivery.resumes
+
+    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
+        """As in Delivery."""
+        return self._delivery.prepare(trajectory, start)
+
+    def post(self, message: Message, on_reply: OnReply) -> None:
+        """As in Delivery; a STOP is seen through. Raises ConnectionError."""
+        if message == STOP:
+            self._post_stop(on_reply)
+        else:
+            self._ours = True
+            self._delivery.post(message, on_reply)
+
+    # --- stopping ---------------------------------------------------------------------------
+
+    @property
+    def over(self) -> bool:
+        """No stop is under way: the arm stood when the last one ended."""
+        return self._since is None
+
+    @property
+    def ours(self) -> bool:
+        """The controller may have something of ours to do yet, even if the arm stands."""
+        return self._ours
+
+    @property
+    def answered(self) -> bool:
+        """The controller said something to the last STOP, be it yes or no."""
+        return self._acknowledged or self._refusal is not None
+
+    @property
+    def failed(self) -> bool:
+        """The last stop raised the alarm, whatever came of it in the end."""
+        return self._alarm_since is not None
+
+    @property
+    def unsent(self) -> bool:
+        """The last STOP found no link."""
+        return self._unsent is not None
+
+    @property
+    def doubt(self) -> str | None:
+        """What the last stop lacks, as a clause; None if it was acknowledged and the arm stood.
+
+        One that was refused first lacks that.
+        """
+        if self._unsent is not None and not self._acknowledged:
+            return f'STOP could not be sent: {self._unsent}'
+        if self._refusal is not None:
+            return f'the controller refused STOP ({self._refusal})'
+        if not self._acknowledged:
+            return 'no reply to STOP'
+        if self._since is None:
+            return None
+        if self._robot.sample is None:
+            return 'no joint state shows whether the arm stands'
+        return 'the arm moves' if self._moves() else 'no STATUS shows that the arm stands'
+
+    @property
+    def stands(self) -> str:
+        """Whether the arm stands, as a clause."""
+        if self._robot.sample is None:
+            return 'no joint state shows whether the arm stands'
+        return 'the arm still moves' if self._moves() else 'the arm stands'
+
+    def stop(self) -> None:
+        """Send STOP and see it through; that it could not be sent is in `doubt`."""
+        with contextlib.suppress(ConnectionError):
+            self._post_stop(lambda _packet, _now: None)
+
+    async def wait(self, timeout: float) -> bool:
+        """Wait until no stop is under way, `timeout` s at most; return whether that is so."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout):
+                while not self.over:
+                    await self._changes.next()
+        return self.over
+
+    def raise_alarm(self, why: str) -> None:
+        """Take a stop that is under way for one that does not work."""
+        if self._since is not None and self._alarm_since is None:
+            self._alarm_since = _now()
+            self.alarm = why
+            self._on_alarm(why, not self.answered)
+
+    def goal_reached(self) -> None:
+        """A goal has succeeded: all that was sent is done, and the arm stands."""
+        self._ours = False
+
+    def enabled(self) -> None:
+        """Somebody has enabled the arm: the alarm is history."""
+        self.alarm = None
+
+    def link_lost(self) -> None:
+        """The motion link is gone: no reply will come on it any more."""
+        if self._since is not None and not self.answered and self._unsent is None:
+            self._unsent = 'the motion link was lost'
+
+    def see(self, now: float) -> None:
+        """Look at what the robot state has become."""
+        sample = self._robot.sample
+        if self._since is None or sample is None:
+            return
+        stopped = np.full(self._joints, self.stopped_velocity)
+        self._standstill.see(sample, self._robot, stopped, now)
+        if self._standstill.reached(sample.measured):
+            self._end(now)
+
+    async def close(self) -> None:
+        """Stop looking; the links are gone."""
+        self._since = None
+        self._look_no_more()
+        if self._switching is not None:
+            self._switching.cancel()
+            await asyncio.gather(self._switching, return_exceptions=True)
+
+    async def motors_off(self, timeout: float) -> None:
+        """Switch the motors off if the arm moves in spite of STOP; what fails is logged."""
+        if not self.over and self._ours and self._moves():
+            await self._switch_off(timeout)
+
+    def _post_stop(self, on_reply: OnReply) -> None:
+        now = _now()
+        self._sent = now
+        if self._since is None:
+            self._since, self._alarm_since = now, None
+            self._acknowledged = False
+            self._refusal = None
+            self._standstill = Standstill(now)
+            self._standstill.expect(now, DOUBTFUL_REST)
+            self._look_no_more()
+            self._looks = 0
+            self._look_later()
+        self._unsent = None
+
+        def on_answer(packet: Packet, now: float) -> None:
+            on_reply(packet, now)
+            self._on_answer(packet, now)
+
+        try:
+            self._delivery.post(STOP, on_answer)
+        except ConnectionError as error:
+            self._unsent = str(error)
+            raise
+
+    def _on_answer(self, packet: Packet, now: float) -> None:
+        if self._since is None or self._acknowledged:
+            return
+        no = refusal(packet)
+        if no is None:
+            self._acknowledged = True
+            self._standstill.expect(now, REST_TIME)
+        else:
+            if self._refusal is None:
+                self._refusal, self._refused = no, now
+            self._standstill.expect(now, DOUBTFUL_REST)
+        self._changes.tell()
+
+    def _end(self, now: float) -> None:
+        """The arm stands."""
+        taken = self._acknowledged and self._refusal is None
+        if not taken and self._unsent is None and self._powered():
+            self.raise_alarm(self.doubt or 'STOP was not acknowledged')
+        if self._alarm_since is not None:
+            _log.warning('the arm stands %.2f s after STOP', now - (self._since or now))
+        self._ours = self._ours and not self._acknowledged
+        self._since = None
+        self._look_no_more()
+        self._changes.tell()
+        self._on_rest()
+
+    def _look_later(self) -> None:
+        self._timer = asyncio.get_running_loop().call_later(LOOK, self._look)
+
+    def _look_no_more(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _look(self) -> None:
+        """See whether the stop takes too long, and do what can be done about an alarm."""
+        if self._since is None:
+            return
+        now = _now()
+        self._looks += 1
+        waited = self._looks * LOOK
+        self._look_later()
+        if self._moves() and self._robot.sample is not None and waited >= BRAKING_TIME:
+            self.raise_alarm(f'the arm still moves {BRAKING_TIME:g} s after STOP')
+        elif self._unsent is None and self._powered():
+            if self._refusal is not None:
+                if now - self._refused >= CAUSE_TIME:
+                    self.raise_alarm(f'the controller refused STOP ({self._refusal})')
+            elif not self._acknowledged and waited >= ANSWER_TIME:
+                self.raise_alarm(f'no reply to STOP within {ANSWER_TIME:g} s')
+        if not self._ours or not self._moves():
+            return
+        failed = self._alarm_since is not None
+        if (failed or self._unsent is not None) and now - self._sent >= REPEAT:
+            self.stop()
+        if (
+            self._alarm_since is not None
+            and self._powered()
+            and now - self._alarm_since >= MOTORS_TIME
+            and not self._motors.missing
+            and (self._switching is None or self._switching.done())
+        ):
+            self._switching = asyncio.create_task(self._switch_off(MOTORS_TIMEOUT))
+            self._switching.add_done_callback(report_failure)
+
+    async def _switch_off(self, timeout: float) -> None:
+        try:
+            await self._motors.act(Action.MOTORS_OFF, timeout)
+        except MotorsError as error:
+            _log.error('the arm moves in spite of STOP, and the motors stay on: %s', error)
+        else:
+            _log.error('the arm moved in spite of STOP: the motors were switched off')
+
+    def _powered(self) -> bool:
+        """Return whether the motors are on, for all that is known."""
+        status = self._robot.status
+        return status is None or status.drives_powered != TriState.FALSE
+
+    def _moves(self) -> bool:
+        """Return whether the arm moves; unseen, it may, unless the controller took STOP."""
+        sample = self._robot.sample
+        if sample is None:
+            return not self._acknowledged
+        fast = bool(np.any(np.abs(sample.velocities) >= self.stopped_velocity))
+        return fast or self._robot.in_motion == TriState.TRUE
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,179 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`/diagnostics` (REP-107): one status for each link that is used and one for the arm.
+
+Everything is worked out here, once a second, from what the links and the robot state keep anyway:
+a message costs no more because somebody may look.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from epson_driver.driver.driver import STATUS_TIMEOUT, Driver
+from epson_driver.driver.stopping.arm_gate import what_forbids_motion
+from epson_driver.error_texts import NO_ERROR
+from epson_driver.link import Link
+from epson_driver.simple_message import Status, TriState
+
+
+class Diagnostics:
+    """Builds the array once a second; rates are since the build before."""
+
+    def __init__(self, driver: Driver, node_name: str) -> None:
+        self._driver = driver
+        self._node_name = node_name
+        self._before: dict[str, tuple[float, int]] = {}
+        self._built: float | None = None
+
+    def build(self, stamp: Any, now: float) -> DiagnosticArray:
+        """Return the message. `now` is the loop's time, s."""
+        message = DiagnosticArray()
+        message.header.stamp = stamp
+        message.status = [
+            self._link(self._driver.state_link, now),
+            self._link(self._driver.motion_link, now),
+            *self._io(now),
+            self._arm(now),
+        ]
+        self._built = now
+        return message
+
+    def _link(self, link: Link, now: float) -> DiagnosticStatus:
+        values = dict(self._link_values(link, now))
+        level = DiagnosticStatus.OK if link.connected else DiagnosticStatus.ERROR
+        return self._status(
+            f'{link.name} link', level, link.state.value, values, f'{link.host}:{link.port}'
+        )
+
+    def _io(self, now: float) -> Iterator[DiagnosticStatus]:
+        """Yield the I/O link if it is used. Without it the arm moves all the same: a warning."""
+        io = self._driver.io
+        if not io.used:
+            return
+        status = self._link(io.link, now)
+        if io.reason:
+            status.level, status.message = DiagnosticStatus.WARN, io.reason
+        yield status
+
+    def _link_values(self, link: Link, now: float) -> Iterator[tuple[str, object]]:
+        counted = link.statistics
+        before, frames = self._before.get(link.name, (now, counted.frames_received))
+        self._before[link.name] = (now, counted.frames_received)
+        yield 'state', link.state.value
+        if counted.connected_since is not None:
+            yield 'uptime [s]', f'{now - counted.connected_since:.1f}'
+        yield 'connections', counted.connections
+        yield 'reconnects', max(counted.connections - 1, 0)
+        yield 'frames received', counted.frames_received
+        yield 'frames sent', counted.frames_sent
+        yield 'bytes received', counted.bytes_received
+        yield 'bytes sent', counted.bytes_sent
+        if now > before:
+            rate = (counted.frames_received - frames) / (now - before)
+            yield 'frame rate [Hz]', f'{rate:.1f}'
+        yield 'bad frames', sum(counted.bad_frames.values())
+        for field, count in counted.bad_frames.items():
+            yield f'bad frames: {field}', count
+        yield 'replies nobody waited for', counted.unsolicited_replies
+        if counted.reply_latencies:
+            latencies = sorted(counted.reply_latencies)  # numpy's median imports for 14 ms
+            yield 'reply latency median [ms]', _milliseconds(latencies, 0.5)
+            yield 'reply latency p99 [ms]', _milliseconds(latencies, 0.99)
+
+    def _arm(self, now: float) -> DiagnosticStatus:
+        driver = self._driver
+        level, text = self._condition(now)
+        return self._status(
+            'arm', level, text, dict(self._arm_values(now)), driver.configuration.host
+        )
+
+    def _condition(self, now: float) -> tuple[bytes, str]:
+        """Return level and sentence: the first that holds. What is stale says nothing else."""
+        driver = self._driver
+        robot = driver.robot
+        if robot.sample is None:
+            return DiagnosticStatus.STALE, 'no joint state'
+        age = now - robot.sample.measured
+        if age >= driver.configuration.state_timeout:
+            return DiagnosticStatus.STALE, f'no joint state for {age:.1f} s'
+        if robot.status is None:
+            return DiagnosticStatus.STALE, 'no STATUS'
+        age = now - robot.status_time
+        if age >= STATUS_TIMEOUT:
+            return DiagnosticStatus.STALE, f'no STATUS for {age:.1f} s'
+        alarm = f'STOP did not work: {driver.stopper.alarm}; {driver.stopper.stands}'
+        if driver.stopper.alarm is not None and not driver.stopper.over:
+            return DiagnosticStatus.ERROR, alarm
+        if robot.status.error_code != NO_ERROR:
+            return DiagnosticStatus.ERROR, f'error {robot.errors.phrase(robot.status.error_code)}'
+        if _is_fault(robot.status):
+            return DiagnosticStatus.ERROR, what_forbids_motion(robot.status, robot.errors) or ''
+        if driver.stopper.alarm is not None:
+            return DiagnosticStatus.ERROR, alarm
+        if driver.gate.reason is not None:
+            return DiagnosticStatus.WARN, f'not enabled: {driver.gate.reason}'
+        return DiagnosticStatus.OK, 'enabled'
+
+    def _arm_values(self, now: float) -> Iterator[tuple[str, object]]:
+        driver = self._driver
+        robot = driver.robot
+        yield 'arm gate', 'open' if driver.gate.reason is None else 'closed'
+        if driver.gate.reason is not None:
+            yield 'arm gate reason', driver.gate.reason
+        if driver.stopper.alarm is not None:
+            yield 'STOP did not work', driver.stopper.alarm
+        yield 'goal running', driver.goals.busy
+        yield 'goals without a smooth motion', driver.goals.unsmoothed
+        if robot.sample is not None:
+            yield 'age of joint state [ms]', f'{(now - robot.sample.measured) * 1e3:.1f}'
+            yield 'velocities beyond what a joint can do', robot.bounded
+            yield from self._intervals(now)
+        if robot.status is not None:
+            yield 'age of status [ms]', f'{(now - robot.status_time) * 1e3:.1f}'
+            number = robot.status.error_code
+            yield 'error code', number
+            text = robot.errors.get(number)
+            if number != NO_ERROR and text is not None:
+                yield 'error', text.meaning
+                yield 'remedy', text.remedy
+                yield 'error text confirmed', text.confirmed
+
+    def _intervals(self, now: float) -> Iterator[tuple[str, object]]:
+        """Yield how many joint states came since the build before, and how regularly."""
+        if self._built is None or now <= self._built:
+            return
+        arrivals = list(self._driver.robot.arrivals)
+        first = bisect_right(arrivals, self._built)
+        yield 'joint state rate [Hz]', f'{(len(arrivals) - first) / (now - self._built):.1f}'
+        intervals = [later - sooner for sooner, later in pairwise(arrivals[max(first - 1, 0) :])]
+        if len(intervals) > 1:
+            mean = sum(intervals) / len(intervals)
+            variance = sum((each - mean) ** 2 for each in intervals) / len(intervals)
+            yield 'joint state jitter [ms]', f'{math.sqrt(variance) * 1e3:.2f}'
+            yield 'joint state longest gap [ms]', f'{max(intervals) * 1e3:.2f}'
+
+    def _status(
+        self, part: str, level: bytes, text: str, values: dict[str, object], hardware: str
+    ) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=level,
+            name=f'{self._node_name}: {part}',
+            message=text,
+            hardware_id=hardware,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+
+
+def _is_fault(status: Status) -> bool:
+    """Return whether somebody must mend something, rather than only switch the motors on."""
+    return TriState.TRUE in (status.e_stopped, status.in_error)
+
+
+def _milliseconds(sorted_seconds: Sequence[float], share: float) -> str:
+    """Return the value below which `share` of the others lie, in ms."""
+    return f'{sorted_seconds[int(share * (len(sorted_seconds) - 1))] * 1e3:.2f}'

@@ -1,0 +1,82 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node's I/O: `~/io_states`, `~/read_io` and `~/write_io` over an `IoDriver`."""
+
+from array import array
+from collections.abc import Callable, Coroutine, Sequence
+from functools import partial
+from typing import Any
+
+from epson_msgs.msg import IoPoint, IoRange, IoStates
+from epson_msgs.srv import ReadIo, WriteIo
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from epson_driver.driver.io.io_driver import IoAnswer, IoDriver, IoUnavailableError
+from epson_driver.node.serving import EndedError, Serving
+from epson_driver.simple_message import IoAddress, IoSetting
+
+
+class IoInterface:
+    """Publishes what the driver knows of the I/O, and serves requests. Made in its event loop."""
+
+    def __init__(self, node: Any, io: IoDriver, serving: Serving, callback_group: Any) -> None:
+        self._io = io
+        self._serving = serving
+        self._clock = node.get_clock()
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._states = node.create_publisher(IoStates, '~/io_states', latched)
+        io.on_states = self._publish
+        for kind, name, serve in (
+            (ReadIo, '~/read_io', self._read),
+            (WriteIo, '~/write_io', self._write),
+        ):
+            serving.create_service(kind, name, serve, callback_group)
+
+    def _publish(self) -> None:
+        message = IoStates(valid=bool(self._io.states), message=self._io.reason)
+        message.header.stamp = self._clock.now().to_msg()
+        message.ranges = [
+            IoRange(type=item.io_type, start=item.start, values=array('i', item.values))
+            for item in self._io.states
+        ]
+        self._states.publish(message)
+
+    async def _read(self, request: ReadIo.Request, response: Any) -> Any:
+        addresses = [IoAddress(point.type, point.index) for point in request.points]
+        return await self._serve(partial(self._io.read, addresses), request.points, response)
+
+    async def _write(self, request: WriteIo.Request, response: Any) -> Any:
+        settings = [IoSetting(point.type, point.index, point.value) for point in request.points]
+        return await self._serve(partial(self._io.write, settings), request.points, response)
+
+    async def _serve(
+        self,
+        answering: Callable[[], Coroutine[Any, Any, list[IoAnswer]]],
+        asked: Sequence[IoPoint],
+        response: Any,
+    ) -> Any:
+        try:
+            answers = await self._serving.in_loop(answering)
+        except (IoUnavailableError, EndedError) as error:
+            response.success = False
+            response.message = str(error)
+            response.points = [
+                IoPoint(type=point.type, index=point.index, message=str(error)) for point in asked
+            ]
+            return response
+        wrong = [answer.text for answer in answers if answer.text]
+        response.success = not wrong
+        response.message = wrong[0] if wrong else ''
+        if len(wrong) > 1:
+            response.message += f' (and {len(wrong) - 1} more)'
+        response.points = [
+            IoPoint(
+                type=answer.io_type,
+                index=answer.index,
+                value=answer.value,
+                result=answer.result,
+                message=answer.text,
+            )
+            for answer in answers
+        ]
+        return response

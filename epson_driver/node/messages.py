@@ -1,0 +1,109 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The driver's values as ROS messages."""
+
+from array import array
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState
+from industrial_msgs.msg import RobotMode, RobotStatus, TriState
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from epson_driver.driver.goal.execution import Execution
+from epson_driver.driver.outcome import Outcome
+from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.simple_message import Mode, Status
+
+
+class JointStateWriter:
+    """Fills one JointState again and again: names are set once, numbers for each sample."""
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        self._message = JointState(name=list(joint_names))
+
+    def write(self, sample: JointSample, stamp: Any) -> JointState:
+        """Return the message, valid until the next call. Values are the measured ones."""
+        message = self._message
+        message.header.stamp = stamp
+        message.position = array('d', sample.positions.tobytes())
+        message.velocity = array('d', sample.velocities.tobytes())
+        return message
+
+
+def robot_status(status: Status, stamp: Any) -> RobotStatus:
+    """Return a STATUS as industrial_msgs/RobotStatus. Values outside its enums become UNKNOWN."""
+    message = RobotStatus()
+    message.header.stamp = stamp
+    known_mode = status.mode in (Mode.MANUAL, Mode.AUTO)
+    message.mode.val = status.mode if known_mode else RobotMode.UNKNOWN
+    for name in ('e_stopped', 'drives_powered', 'motion_possible', 'in_motion', 'in_error'):
+        value = getattr(status, name)
+        getattr(message, name).val = value if value in (0, 1) else TriState.UNKNOWN
+    message.error_codes = [status.error_code] if status.error_code else []
+    return message
+
+
+def result(outcome: Outcome) -> FollowJointTrajectory.Result:
+    """Return an outcome as an action result."""
+    return FollowJointTrajectory.Result(error_code=int(outcome.code), error_string=outcome.text)
+
+
+def feedback(
+    execution: Execution, sample: JointSample, stamp: Any
+) -> FollowJointTrajectory.Feedback:
+    """Return where the arm should be on the plan, where it was measured, and the difference."""
+    message = FollowJointTrajectory.Feedback()
+    message.header.stamp = stamp
+    message.joint_names = list(execution.goal.trajectory.joint_names)
+    message.desired, message.actual, message.error = _points(execution, sample)
+    return message
+
+
+def controller_state(
+    execution: Execution, sample: JointSample, stamp: Any
+) -> JointTrajectoryControllerState:
+    """Return the same as joint_trajectory_controller's state message."""
+    message = JointTrajectoryControllerState()
+    message.header.stamp = stamp
+    message.joint_names = list(execution.goal.trajectory.joint_names)
+    message.reference, message.feedback, message.error = _points(execution, sample)
+    trajectory, target = execution.goal.trajectory, execution.target
+    message.output = JointTrajectoryPoint(
+        positions=trajectory.positions[target].tolist(),
+        time_from_start=_duration(float(trajectory.times[target])),
+    )
+    message.speed_scaling_factor = execution.speed(sample.time)
+    return message
+
+
+def _points(
+    execution: Execution, sample: JointSample
+) -> tuple[JointTrajectoryPoint, JointTrajectoryPoint, JointTrajectoryPoint]:
+    at_rest = (0.0, sample.positions, np.zeros_like(sample.velocities))
+    time, positions, velocities = execution.desired or at_rest
+    desired = JointTrajectoryPoint(
+        positions=positions.tolist(),
+        velocities=velocities.tolist(),
+        time_from_start=_duration(time),
+    )
+    actual = JointTrajectoryPoint(
+        positions=sample.positions.tolist(),
+        velocities=sample.velocities.tolist(),
+        time_from_start=_duration(sample.time - execution.started),
+    )
+    error = JointTrajectoryPoint(
+        positions=(positions - sample.positions).tolist(),
+        velocities=(velocities - sample.velocities).tolist(),
+        time_from_start=actual.time_from_start,
+    )
+    return desired, actual, error
+
+
+def _duration(seconds: float) -> Duration:
+    sec, nanosec = divmod(round(max(seconds, 0.0) * 1e9), 10**9)
+    return Duration(sec=sec, nanosec=nanosec)

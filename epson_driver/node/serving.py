@@ -1,0 +1,188 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""From ROS into the driver's loop and back: whatever happens there, each request has its answer.
+
+rclpy's executor ends with the first exception of a callback, and asyncio only logs one; so every
+way in passes here. What fails in a way that nobody foresaw is answered with `success: false` and a
+sentence, its traceback is logged, and the arm is stopped and disabled: nobody knows any more
+whether what was asked for holds. The driver goes on serving.
+"""
+
+import asyncio
+import threading
+import traceback
+from collections.abc import Awaitable, Callable, Coroutine
+from contextvars import Context
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+
+from epson_driver.driver.tasks.parts import report
+
+REQUESTS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of services, and of those that an action is made of: so many requests wait for their turn. With
+rclpy's default of 10 an eleventh pushes out the first, which is never answered. It is the depth of
+rclpy's own parameter services. Not KEEP_ALL: that has no bound, and a client that does not take
+its answers could then block the thread that gives them, and ~/stop with it."""
+
+T = TypeVar('T')
+Serve = Callable[[Any, Any], Awaitable[Any]]
+
+
+class EndedError(RuntimeError):
+    """The driver has ended, or ends: nothing reaches it any more."""
+
+    def __init__(self) -> None:
+        super().__init__('the driver has ended')
+
+
+class Serving:
+    """Serves one node. Make it in the driver's event loop; `context` is the node's in there.
+
+    `fault` is called in the loop, with a sentence, when a request failed unforeseen.
+    """
+
+    def __init__(self, node: Any, context: Context, fault: Callable[[str], None]) -> None:
+        self._node = node
+        self._context = context
+        self._fault = fault
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._promised: set[Future] = set()
+        self._ended = False
+        for service in node.services:  # rclpy's own
+            service.callback = _answering(service, node.get_logger())
+
+    def create_service(self, kind: Any, name: str, serve: Serve, callback_group: Any) -> None:
+        """Offer a service whose response has `success` and `message`."""
+
+        async def answer(request: Any, response: Any) -> Any:
+            try:
+                return await serve(request, response)
+            except EndedError as error:
+                return kind.Response(message=str(error))
+            except GeneratorExit:
+                raise
+            except BaseException as error:  # noqa: BLE001 - SystemExit would end the executor, too
+                return kind.Response(message=self.failed(name, error))
+
+        self._node.create_service(
+            kind, name, answer, qos_profile=REQUESTS, callback_group=callback_group
+        )
+
+    def failed(self, what: str, error: BaseException) -> str:
+        """Log what failed, have the arm stopped, and return a sentence about it. In any thread."""
+        why = f'{what} failed: {type(error).__name__}: {error}'
+        trace = ''.join(traceback.format_exception(error))
+        self._node.get_logger().error(f'{why}; the arm is stopped and disabled\n{trace}')
+        try:
+            self.to_loop(self._fault, why)
+        except EndedError:
+            return f'{why}; the driver has ended'
+        return f'{why}; the arm is stopped and disabled; the log has more'
+
+    def to_loop(self, function: Callable[..., object], *arguments: object) -> None:
+        """Call a function in the loop's thread, soon, and in this node's context.
+
+        Raises EndedError. An exception of the function goes to the loop's exception handler.
+        """
+        try:
+            self._loop.call_soon_threadsafe(_call, function, arguments, context=self._context)
+        except RuntimeError as error:  # the loop is closed
+            raise EndedError from error
+
+    async def in_loop(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+        """Run a coroutine in the driver's loop and wait for it in rclpy's executor.
+
+        Raises what it raises, and EndedError.
+        """
+        done = self.promise()
+
+        def finish(task: 'asyncio.Task[T]') -> None:
+            error = EndedError() if task.cancelled() else task.exception()
+            self.keep(done, error if error is not None else (task.result(),))
+
+        async def run() -> T:
+            return await work()
+
+        def begin() -> None:
+            self._loop.create_task(run()).add_done_callback(finish)
+
+        self.to_loop(begin)
+        (value,) = await self.kept(done)
+        answer: T = value
+        return answer
+
+    def promise(self) -> Future:
+        """Return what `kept` waits for. Raises EndedError."""
+        future = Future()
+        with self._lock:
+            if self._ended:
+                raise EndedError
+            self._promised.add(future)
+        return future
+
+    def keep(self, future: Future, value: object) -> None:
+        """Give a promise its value, or an exception to raise. Once; later ones are ignored."""
+        with self._lock:
+            if future not in self._promised:
+                return
+            self._promised.remove(future)
+        future.set_result(value)
+        self._node.executor.wake()
+
+    async def kept(self, future: Future) -> Any:
+        """Wait for a promise in rclpy's executor."""
+        value = await future
+        if isinstance(value, BaseException):
+            raise value
+        return value
+
+    def end(self) -> None:
+        """Let nothing wait any more: the loop has ended."""
+        with self._lock:
+            self._ended = True
+            left = list(self._promised)
+        for future in left:
+            self.keep(future, EndedError())
+
+
+def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:
+    """Call it, and report what it raises: asyncio would not know which robot's it is."""
+    try:
+        function(*arguments)
+    except Exception as error:  # noqa: BLE001 - it is reported
+        report(f'{getattr(function, "__qualname__", function)} failed', error)
+
+
+def _answering(service: Any, logger: Any) -> Callable[..., Any]:
+    """Return the callback of one of rclpy's services, which answers also when it raises.
+
+    set_parameters raises for a type that there is not: ValueError, and anybody may send one. No
+    part of the driver failed then: the arm goes on.
+    """
+    serve = service.callback
+
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            return serve(request, response)
+        except Exception as error:  # noqa: BLE001 - it is logged and answered
+            why = f'{service.service_name} failed: {type(error).__name__}: {error}'
+            logger.error(why)
+            response = service.srv_type.Response()
+            result = SetParametersResult(reason=f'{why}; what came before it may be set')
+            if service.srv_type is SetParameters:
+                response.results = [result] * len(request.parameters)
+            elif service.srv_type is SetParametersAtomically:
+                response.result = result
+            return response
+
+    return answer

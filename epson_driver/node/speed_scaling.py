@@ -1,0 +1,62 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node's speed scaling: `~/set_speed_scaling` and `~/speed_scaling` over a `SpeedScaling`."""
+
+import asyncio
+from functools import partial
+from typing import Any
+
+from epson_msgs.srv import SetSpeedScaling
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Float64
+
+from epson_driver.driver.goal.speed_scaling import SpeedScaling
+from epson_driver.driver.tasks.parts import report_failure
+from epson_driver.node.serving import Serving
+
+PERIOD = 0.05
+"""Between two values of a ramp, s."""
+
+
+class SpeedInterface:
+    """Publishes the factor when it changes, and serves requests. Made in the driver's loop."""
+
+    def __init__(
+        self, node: Any, scaling: SpeedScaling, serving: Serving, callback_group: Any
+    ) -> None:
+        self._scaling = scaling
+        self._serving = serving
+        self._logger = node.get_logger()
+        self._ramp: asyncio.Task[None] | None = None
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._factor = node.create_publisher(Float64, '~/speed_scaling', latched)
+        self._factor.publish(Float64(data=scaling.target))
+        serving.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group)
+
+    async def _serve(self, request: SetSpeedScaling.Request, response: Any) -> Any:
+        try:
+            response.message = await self._serving.in_loop(partial(self._set, request.factor))
+            response.success = True
+        except ValueError as error:
+            response.message = str(error)
+            response.success = False
+        self._logger.info(f'~/set_speed_scaling: {response.message}')
+        return response
+
+    async def _set(self, factor: float) -> str:
+        self._scaling.set(factor, asyncio.get_running_loop().time())
+        if self._ramp is not None:
+            self._ramp.cancel()
+        self._ramp = asyncio.create_task(self._publish())
+        self._ramp.add_done_callback(report_failure)
+        if factor == 0.0:
+            return 'pausing: no more points are sent; what the controller has taken runs on'
+        return f'points are sent at {factor:g} of the planned speed from now on'
+
+    async def _publish(self) -> None:
+        factor = None
+        while factor != self._scaling.target:
+            if factor is not None:
+                await asyncio.sleep(PERIOD)
+            factor = self._scaling.factor(asyncio.get_running_loop().time())
+            self._factor.publish(Float64(data=factor))

@@ -1,0 +1,275 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A controller profile: what one kind of controller does differently, as data.
+
+It is read from config/controllers/NAME.yaml by `load_controller_profile`. The sections and keys of
+the file have the names of the sections and fields here; what each may hold is in
+profile_rules.py.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from epson_driver.inputs import InputError, printable, read_yaml, shown
+from epson_driver.profiles.io_profile import IoProfile, read_io_profile
+from epson_driver.profiles.profile_rules import (
+    LOOK_AHEAD,
+    RULES,
+    checked,
+)
+from epson_driver.share import share_file
+from epson_driver.simple_message import ByteOrder, Mode
+
+__all__ = [
+    'LOOK_AHEAD',
+    'ControllerProfile',
+    'DownloadProfile',
+    'IoProfile',
+    'MotionProfile',
+    'PortsProfile',
+    'ProgramProfile',
+    'RemoteProfile',
+    'ServerProfile',
+    'ServoProfile',
+    'StateProfile',
+    'load_controller_profile',
+]
+
+
+@dataclass(frozen=True, slots=True)
+class PortsProfile:
+    """TCP ports of the servers. `remote` 0: the real controller has none for the driver."""
+
+    motion: int
+    state: int
+    io: int
+    remote: int
+
+
+@dataclass(frozen=True, slots=True)
+class MotionProfile:
+    """How the arm is moved.
+
+    `speed` and `accel` are fractions (0, 1] of the robot's limits, for point-to-point motion.
+    `power` is what the program sets when a trajectory begins; at low power speed and accel are at
+    most `low_power`, a fraction, and the tool moves at most at `low_power_tool_speed` m/s. `cp`:
+    point-to-point moves blend into the next one if that is known in time. `statement_overhead` s
+    pass before each move. In smooth motion points are taken while less than `look_ahead` s and
+    fewer than `look_ahead_points` are ahead; in both, at most `pending_limit` points wait.
+    """
+
+    speed: float
+    accel: float
+    power: Literal['high', 'low']
+    low_power: float
+    low_power_tool_speed: float
+    cp: bool
+    statement_overhead: float
+    look_ahead: float
+    look_ahead_points: int
+    pending_limit: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoProfile:
+    """How the real joints follow the commanded ones.
+
+    They come `lag` s later, 0 for at once; `encoder`: what is reported are whole pulses.
+    """
+
+    lag: float
+    encoder: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DownloadProfile:
+    """How a trajectory is taken that comes as a whole, before the arm moves.
+
+    At most `buffer` points are kept; with more, `overflow` refuses all or drops those beyond. The
+    program spends `dead_time` s on each.
+    """
+
+    buffer: int
+    overflow: Literal['refuse', 'drop']
+    dead_time: float
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramProfile:
+    """The program on the motion port: which messages it takes, and how it answers.
+
+    * `kind`: JOINT_TRAJ_PT ('points'), or Motoman's messages.
+    * `interface`: how a driver hands trajectories over unless it is told otherwise.
+    * `reply`: JOINT_POSITION with the request's sequence, all zero, or only a header of the
+      request's type.
+    * `acknowledge`: when a streamed point is answered: when the arm has taken it, when it is
+      there ('done'), or 'default': done point to point, taken in smooth motion.
+    * `failure_replies`: False: every reply is SUCCESS.
+    * `check_sequence`, `check_limits`: whether a point is refused for them. A point outside the
+      limits that is not refused ends the motion with error 4001 when its turn comes.
+    * `negative_is_stop`: every negative sequence is a STOP.
+    * `stop_works`: False: a STOP is answered and nothing else.
+    * `uses`: which of a point's velocity and duration count.
+    * `corrupt`: a message with a wrong length or header is refused, or the servers quit.
+    * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too.
+    * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
+      if it is given a port, or by Motoman's commands.
+    """
+
+    kind: Literal['points', 'motoman']
+    interface: Literal['streaming', 'download']
+    reply: Literal['sequence', 'zero', 'header']
+    acknowledge: Literal['default', 'taken', 'done']
+    failure_replies: bool
+    check_sequence: bool
+    check_limits: bool
+    negative_is_stop: bool
+    stop_works: bool
+    uses: Literal['both', 'velocity', 'duration', 'nothing']
+    corrupt: Literal['refuse', 'quit']
+    late_failure: bool
+    motors: Literal['none', 'remote_ethernet', 'motoman']
+    download: DownloadProfile
+
+
+@dataclass(frozen=True, slots=True)
+class StateProfile:
+    """What the state port sends: one message per slot of `period` s.
+
+    After `joint_positions_per_status` slots with the joints comes one with a STATUS. `in_motion`,
+    `motion_possible`: whether the STATUS fills these fields; UNKNOWN otherwise.
+    """
+
+    period: float
+    joint_positions_per_status: int
+    message: Literal['joint_position', 'joint_feedback']
+    in_motion: bool
+    motion_possible: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ServerProfile:
+    """How the ports treat their clients.
+
+    `reconnect` False: a server whose client is gone serves nobody until the program is started
+    again. `byte_by_byte`: every byte is sent for itself. `aborted` is what a port does whose task
+    is aborted: refuse requests, stay silent, or close. `…_clients`: how many at once.
+    """
+
+    reconnect: bool
+    byte_by_byte: bool
+    aborted: Literal['refuse', 'silent', 'close']
+    state_clients: int
+    io_clients: int
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteProfile:
+    """The Remote Ethernet port. A session ends `session_timeout` s after the last word, 0: never.
+
+    An empty `password`: any is taken.
+    """
+
+    session_timeout: float
+    password: str
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerProfile:
+    """Data of one kind of controller.
+
+    `approximate` holds sentences on what is only approximated; `cycle_period` is that of the
+    motion, s. `error_texts` names the file of config/errors that its error numbers are in.
+    """
+
+    name: str
+    description: str
+    approximate: tuple[str, ...]
+    byte_order: ByteOrder
+    mode: Mode
+    error_texts: str
+    cycle_period: float
+    ports: PortsProfile
+    motion: MotionProfile
+    servo: ServoProfile
+    program: ProgramProfile
+    state: StateProfile
+    server: ServerProfile
+    io: IoProfile
+    remote: RemoteProfile
+
+
+def load_controller_profile(name: str) -> ControllerProfile:
+    """Read config/controllers/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
+
+    A profile that says `like: OTHER` holds only what differs from that one: a name, or a .yaml
+    file beside it. Raises FileNotFoundError (which lists the profiles there are) or InputError.
+    """
+    path = _path(name, Path())
+    values = checked(_read(path), printable(path))
+    download = DownloadProfile(**values['program'].pop('download'))
+    return ControllerProfile(
+        ports=PortsProfile(**values.pop('ports')),
+        motion=MotionProfile(**values.pop('motion')),
+        servo=ServoProfile(**values.pop('servo')),
+        program=ProgramProfile(download=download, **values.pop('program')),
+        state=StateProfile(**values.pop('state')),
+        server=ServerProfile(**values.pop('server')),
+        io=read_io_profile(values.pop('io'), printable(path)),
+        remote=RemoteProfile(**values.pop('remote')),
+        **values,
+    )
+
+
+def _path(name: str, folder: Path) -> Path:
+    if name.endswith('.yaml'):
+        return folder / name
+    return share_file('config', 'controllers', name + '.yaml')
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return what the file says, over what the one says that it is like."""
+    layers: list[dict[str, Any]] = []
+    read: list[str] = []
+    like: str | None = None
+    while True:
+        data = read_yaml(path)
+        file = printable(path)
+        real = os.path.realpath(path)
+        if real in read:
+            raise InputError(f'{file}: like = {shown(like)}: that one is like this one')
+        if not isinstance(data, dict):
+            raise InputError(f'{file}: the file = {shown(data)}: must be a mapping')
+        read.append(real)
+        layers.append(data)
+        like = data.pop('like', None)
+        if like is None:
+            break
+        if not isinstance(like, str):
+            raise InputError(f'{file}: like = {shown(like)}: must be the name of a profile')
+        for key in ('name', 'description'):
+            if key not in data:
+                raise InputError(f'{file}: {key} is missing')
+        path = _path(like, path.parent)
+    merged: dict[str, Any] = {}
+    for layer in reversed(layers):
+        merged = _merged(merged, layer)
+    return merged
+
+
+def _merged(base: dict[str, Any], over: dict[str, Any], place: str = '') -> dict[str, Any]:
+    """Return `base` with what `over` says, section by section."""
+    merged = dict(base)
+    for key, value in over.items():
+        held = base.get(key)
+        section = f'{place}{key}.'
+        if isinstance(held, dict) and isinstance(value, dict) and section in _SECTIONS:
+            merged[key] = _merged(held, value, section)
+        else:
+            merged[key] = value
+    return merged
+
+
+_SECTIONS = {key[: key.rindex('.') + 1] for key in RULES if '.' in key} | {'io.'}

@@ -1,0 +1,148 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A client of EPSON's Remote Ethernet: motors, reset and status from afar.
+
+    flags, code = (await execute(host, 5000, ['GetStatus'], timeout=2.0))[0].split(',')
+
+It works with RC700-A, RC90 and later controllers, and with the simulated one; the RC620 itself
+has no such port.
+"""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from functools import partial
+
+from epson_driver.inputs import printable
+from epson_driver.remote_ethernet.errors import MEANINGS
+
+_LONGEST_LINE = 65_536
+_SHOWN = 100
+"""How much of an answer that is none is shown, characters."""
+_DIGITS = 5
+"""At most, of an error number. (`int` raises ValueError for more than 4,300.)"""
+
+LOGINS = 5
+"""How often a login is tried on a controller that hangs up: its places may all be taken."""
+
+AGAIN = 0.2
+"""How long after a controller hung up the next login is tried, s."""
+
+Ask = Callable[[str], Awaitable[str]]
+"""Gives a command without its `$`; returns the value of the answer, or raises RemoteError.
+
+The value is printable, as `inputs.printable` has it, whatever the controller sends.
+"""
+
+
+class RemoteError(Exception):
+    """The controller's refusal: `command` as it was sent, `number`, and its `meaning` in words.
+
+    Of a login only the name is kept, not the password.
+    """
+
+    def __init__(self, command: str, number: int) -> None:
+        command = _without_password(command)
+        self.command = command
+        self.number = number
+        self.meaning = MEANINGS.get(number, 'unknown error number')
+        super().__init__(f'{command}: {self.meaning} (error {number})')
+
+
+async def execute(
+    host: str, port: int, commands: Sequence[str], timeout: float, password: str = ''
+) -> list[str]:
+    """Log in, give the commands one after the other, log out; return the value of each answer.
+
+    Commands are written without their `$`, as in `'SetMotorsOn,1'`. Raises what `logged_in` does;
+    nothing is given any more after the first command that is refused.
+    """
+    async with logged_in(host, port, timeout, password) as ask:
+        return [await ask(command) for command in commands]
+
+
+@asynccontextmanager
+async def logged_in(
+    host: str, port: int, timeout: float, password: str = ''
+) -> AsyncIterator[Ask]:
+    """Be logged in for several commands; what they have in common is one `timeout`, s.
+
+    A controller that hangs up before the login is answered is tried again, `LOGINS` times in all:
+    nothing was asked of it yet. One that does so at the logout has answered everything.
+
+    Raises RemoteError for a command that is refused, TimeoutError if all together took longer
+    than `timeout`, and ConnectionError if the controller cannot be reached, hangs up or answers
+    something else.
+    """
+    async with asyncio.timeout(timeout):
+        for left in reversed(range(LOGINS)):
+            try:
+                reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
+            except (OSError, OverflowError, ValueError) as error:
+                raise ConnectionError(f'{host}:{port}: {_reason(error)}') from error
+            ask = partial(_ask_at, f'{host}:{port}', reader, writer)
+            try:
+                try:
+                    await ask(f'Login,{password}')
+                except _HungUpError:
+                    if not left:
+                        raise
+                    await asyncio.sleep(AGAIN)
+                    continue
+                yield ask
+                with suppress(_HungUpError):
+                    await ask('Logout')
+                return
+            finally:
+                writer.close()
+
+
+class _HungUpError(ConnectionError):
+    """The controller has closed the connection."""
+
+
+async def _ask_at(
+    where: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str
+) -> str:
+    try:
+        return await _ask(reader, writer, command)
+    except (_HungUpError, ConnectionResetError, BrokenPipeError) as error:
+        raise _HungUpError(f'{where}: {error}') from error
+    except ConnectionError as error:
+        raise ConnectionError(f'{where}: {error}') from error
+
+
+def _reason(error: OSError | OverflowError | ValueError) -> str:
+    number = error.errno if isinstance(error, OSError) else None
+    # asyncio's text names the address again; a name that is not found has a negative number.
+    return os.strerror(number) if number is not None and number > 0 else str(error)
+
+
+async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str) -> str:
+    if not command.isprintable():
+        raise ValueError(f'{_without_password(command)!r} is not one command')
+    writer.write(f'${command}\r\n'.encode())
+    await writer.drain()
+    try:
+        line = await reader.readline()
+    except ValueError as error:
+        shown = _without_password(command)
+        raise ConnectionError(f'the answer to {shown} does not end') from error
+    answer = printable(line.decode(errors='replace').strip())
+    if not line.endswith(b'\n'):
+        shown = _without_password(command)
+        raise _HungUpError(f'closed by the controller before it answered {shown}')
+    name, _, value = answer[1:].partition(',')
+    if name.lower() == command.partition(',')[0].lower():
+        if answer.startswith('#'):
+            return value
+        if answer.startswith('!') and value.isdecimal() and len(value) <= _DIGITS:
+            raise RemoteError(command, int(value))
+    shown = answer if len(answer) <= _SHOWN else f'{answer[:_SHOWN]}…'
+    raise ConnectionError(f"'{shown}' is no answer to {_without_password(command)}")
+
+
+def _without_password(command: str) -> str:
+    name = command.partition(',')[0]
+    return name if name.lower() == 'login' else command

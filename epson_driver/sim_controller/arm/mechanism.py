@@ -1,0 +1,94 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The arm as a whole: what is commanded, the way back after the door, joints that follow."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.sim_controller.arm.executor import Executor
+from epson_driver.sim_controller.arm.low_power import LowPower
+from epson_driver.sim_controller.arm.recovery import Recovery
+from epson_driver.sim_controller.arm.servo import Servo
+
+
+class Mechanism:
+    """An arm that executes points, and its servos.
+
+    Within `caps` it goes back to where the door interrupted it.
+    """
+
+    def __init__(self, arm: Executor, servo: Servo, caps: LowPower) -> None:
+        self.arm = arm
+        self.servo = servo
+        self._caps = caps
+        self._recovery: Recovery | None = None
+        self._pushed: Array | None = None  # where it was pushed to while it had no power
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether it moves, or is about to."""
+        moves = not self.arm.still if self._recovery is None else not self._recovery.still
+        return moves or not self.servo.settled
+
+    @property
+    def moving(self) -> bool:
+        """Whether it moves or has somewhere to go, be it after a pause."""
+        return self.arm.moving or self.in_motion
+
+    @property
+    def commanded(self) -> Array:
+        """Where the joints are to be now, shape (n,), rad."""
+        if self._recovery is not None:
+            return self._recovery.position
+        return self.arm.position if self._pushed is None else self._pushed
+
+    def step(self, dt: float, execute: Callable[[float], None]) -> None:
+        """Let `dt` ≥ 0 s pass; `execute` lets it pass for the arm and its program."""
+        if self._recovery is not None:
+            if not self.arm.moving:  # its points are gone: there is nothing to go back for
+                self.brake_recovery()
+            self._recovery.step(dt)
+        else:
+            execute(dt)
+        self.servo.step(self.commanded, dt)
+
+    def hold(self) -> None:
+        """Brake on the path and stay there; the points are kept."""
+        self.arm.hold()
+        self.brake_recovery()
+
+    def brake_recovery(self) -> None:
+        """Brake on the way back, if that is where it is."""
+        if self._recovery is not None and not self._recovery.still:
+            self._recovery.stop()
+
+    def go_back(self) -> None:
+        """Go slowly back to where the motion goes on; at once, if the arm is there."""
+        way = (self.commanded, self.arm.position)
+        self._recovery = Recovery(self.arm.limits, *way, self._caps)
+
+    def went_back(self) -> None:
+        """Take note that the way back is over, or not wanted: it stands."""
+        stands = self.commanded
+        self._recovery = self._pushed = None
+        if not self.arm.moving and not np.array_equal(stands, self.arm.position):
+            self.arm.settle(stands)
+
+    def push(self, angles: Array, powered: bool) -> None:
+        """Let the joints be elsewhere, shape (n,), rad, within the limits.
+
+        With power the servos push back; without, the arm stays there. It must stand then.
+        """
+        if powered:
+            self.servo.jump(angles)
+            return
+        self._pushed = angles
+        self._recovery = None
+        self.servo.place(angles)
+
+    def rest(self) -> None:
+        """Take the place where it stands for its own, if it has no points to go to."""
+        if not self.in_motion and not self.arm.moving:
+            self.went_back()

@@ -1,0 +1,222 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The planner as a process of its own: planning never delays the motion cycle.
+
+If it dies or hangs, whoever asked gets no plan, the controller is told, and it is started again.
+"""
+
+import asyncio
+import contextlib
+import logging
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+from epson_driver.motion import JointLimits
+from epson_driver.motion.smoother import Request
+from epson_driver.sim_controller.arm.planner_worker import LENGTH, framed
+from epson_driver.sim_controller.arm.streaming import Answer
+
+START_TIMEOUT = 60.0
+"""For a busy machine; it takes about half a second, s."""
+
+HUNG = 5.0
+"""A plan that takes longer than this (s) will not come."""
+
+PAUSE = 1.0
+"""Before it is started again, s."""
+
+_LAST_MOMENT = 0.5
+"""For a process whose pipe has closed to end by itself, so that one knows how, s."""
+
+_THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+"""One each: the matrices are small, and threads that spin would take the cycle's time."""
+
+_log = logging.getLogger(__name__)
+
+
+class PlannerError(RuntimeError):
+    """The planner could not be started, or has ended. The text says how."""
+
+
+class PlannerProcess:
+    """Plans in a child process. Lives in the event loop.
+
+    `limits` are those to begin with; the process keeps to the limits it was told last.
+    """
+
+    def __init__(self, limits: JointLimits) -> None:
+        self._limits = limits
+        self._child: _Child | None = None
+        self._answer: Answer | None = None
+        self._watchdog: asyncio.TimerHandle | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether it can be asked."""
+        return self._child is not None
+
+    @property
+    def pid(self) -> int | None:
+        """The id of the process, None while there is none."""
+        return None if self._child is None else self._child.pid
+
+    async def start(self) -> None:
+        """Start the process and wait until it is ready. Raises PlannerError."""
+        child = await _Child.started()
+        try:
+            async with asyncio.timeout(START_TIMEOUT):
+                child.send(self._limits)
+                await child.receive()
+        except TimeoutError:
+            raise PlannerError(f'the motion planner took over {START_TIMEOUT:g} s') from None
+        except PlannerError as error:
+            raise PlannerError(f'the motion planner {error}') from None
+        else:
+            self._child = child
+        finally:
+            if self._child is not child:
+                await child.end()
+
+    def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
+        """Have a request planned, see `streaming.Planner`. Raises RuntimeError if it is busy."""
+        if self._answer is not None:
+            raise RuntimeError('the planner has a request already')
+        if self._child is None:
+            raise RuntimeError('the planner is not ready')
+        self._answer = answer
+        self._watchdog = asyncio.get_running_loop().call_later(HUNG, self._child.kill_hung)
+        told, self._limits = self._limits, limits
+        self._child.send((request, None if limits is told else limits))
+
+    async def run(
+        self,
+        failed: Callable[[str], None],
+        present: Callable[[], AbstractContextManager[object]] = nullcontext,
+    ) -> None:
+        """Pass plans on for ever; tell `failed` why when the process ends, and start it again.
+
+        Either happens within `present()`: whoever gets a plan knows what time it is.
+        """
+        while True:
+            if self._child is None:
+                await self._start_again()
+            else:
+                try:
+                    plan = await self._child.receive()
+                except PlannerError as error:
+                    await self.close()
+                    with present():
+                        self._pass_on(None)
+                        failed(str(error))
+                else:
+                    with present():
+                        self._pass_on(plan)
+
+    async def close(self) -> None:
+        """End the process."""
+        child, self._child = self._child, None
+        if child is not None:
+            await child.end()
+
+    async def _start_again(self) -> None:
+        await asyncio.sleep(PAUSE)
+        try:
+            await self.start()
+        except PlannerError as error:
+            _log.error('%s', error)
+        else:
+            _log.info('the motion planner is ready again')
+
+    def _pass_on(self, plan: Any) -> None:
+        answer, self._answer = self._answer, None
+        if self._watchdog is not None:
+            self._watchdog.cancel()
+        if answer is not None:
+            answer(plan)
+
+
+class _Child:
+    """The process and its pipes."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        if process.stdin is None or process.stdout is None or process.stderr is None:
+            raise ValueError('a process with three pipes is needed')
+        self._process = process
+        self._requests = process.stdin
+        self._answers = process.stdout
+        self._words = asyncio.create_task(_log_lines(process.stderr))
+        self._hung = False
+
+    @classmethod
+    async def started(cls) -> '_Child':
+        # the child finds the package where this process found it, sourced workspace or not
+        path = os.pathsep.join(filter(None, sys.path))
+        environment = os.environ | dict.fromkeys(_THREADS, '1') | {'PYTHONPATH': path}
+        pipe = asyncio.subprocess.PIPE
+        try:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                '-m',
+                'epson_driver.sim_controller.arm.planner_worker',
+                stdin=pipe,
+                stdout=pipe,
+                stderr=pipe,
+                env=environment,
+                start_new_session=True,  # Ctrl-C is the controller's to handle
+            )
+        except OSError as error:
+            raise PlannerError(f'the motion planner cannot be started: {error}') from error
+        return cls(process)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def send(self, value: object) -> None:
+        self._requests.write(framed(value))
+
+    async def receive(self) -> Any:
+        """Return the next answer. Raises PlannerError that says how the process has ended."""
+        try:
+            (length,) = LENGTH.unpack(await self._answers.readexactly(LENGTH.size))
+            data = await self._answers.readexactly(length)
+        except (OSError, EOFError):
+            raise PlannerError(await self._fate()) from None
+        return pickle.loads(data)  # noqa: S301 - our own child's
+
+    def kill_hung(self) -> None:
+        self._hung = True
+        self._kill()
+
+    async def end(self) -> None:
+        self._kill()
+        await self._process.wait()
+        await self._words
+
+    async def _fate(self) -> str:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_LAST_MOMENT):
+                await self._process.wait()
+        code = self._process.returncode
+        if self._hung:
+            return f'did not answer for {HUNG:g} s'
+        if code is None:
+            return 'closed its pipe'
+        if code < 0:
+            return f'was ended by {signal.Signals(-code).name}'
+        return f'ended with exit code {code}'
+
+    def _kill(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            self._process.kill()
+
+
+async def _log_lines(stream: asyncio.StreamReader) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        while line := await stream.readline():
+            _log.warning('planner: %s', line.decode(errors='replace').rstrip())

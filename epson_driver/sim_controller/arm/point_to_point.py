@@ -1,0 +1,319 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Point-to-point motion, as SPEL+'s `Go`: along lines in joint space from rest to rest.
+
+A point taken is a `Go` statement. The rules:
+
+* A statement needs `statement_overhead` s from when it is taken until its motion begins. That is
+  hidden if the statement before is still executed then.
+* Without `cp` a statement is executed until the arm rests. With it (`Go … CP`) until its
+  deceleration begins: if the next one is known then, their motions overlap, where that exceeds no
+  limit; if not, the arm comes to rest first.
+* Points are acknowledged when they are executed ('done'; the next is taken only then), or when
+  they are taken ('taken'; so many as `look_ahead_points` are taken ahead of the one executed).
+"""
+
+from collections import deque
+from math import inf
+from typing import Literal
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits, go
+from epson_driver.motion.blend import blend_start
+from epson_driver.motion.joint_stop import stop_joints
+from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
+from epson_driver.sim_controller.arm.executor import Point
+from epson_driver.sim_controller.arm.legs import Brake, Leg, Statement, Stop
+from epson_driver.sim_controller.arm.low_power import LowPower
+
+OVERLAPPING = 0.5
+"""The share of the acceleration that each of two moves has that may overlap."""
+
+
+class PointToPoint:
+    """An arm that goes from point to point, inside its limits.
+
+    `start` has shape (n,), rad. `speed` and `accel` are fractions (0, 1] of the limits (SPEL+
+    Speed, Accel); a point's own velocity can only make its move slower, its duration too if
+    `timed`. With `cp`, moves overlap, and each has at most half of the acceleration. `caps` is
+    what low power does; without, nothing. Raises ValueError for a start that is not n finite
+    angles within the limits, and for other fractions.
+    """
+
+    def __init__(
+        self,
+        limits: JointLimits,
+        start: Array,
+        speed: float = 1.0,
+        accel: float = 1.0,
+        *,
+        cp: bool = False,
+        statement_overhead: float = 0.0,
+        acknowledge: Literal['done', 'taken'] = 'done',
+        look_ahead_points: int = 1,
+        caps: LowPower | None = None,
+        timed: bool = False,
+    ) -> None:
+        self.limits = limits
+        self.low_power = False
+        self._speed = speed
+        self._accel = accel
+        self._cp = cp
+        self._overhead = statement_overhead
+        self._early = acknowledge == 'taken'
+        self._most = 1 + look_ahead_points if self._early else 1
+        self._caps = caps
+        self._timed = timed
+        self.begun = 0
+        self._now = 0.0
+        self._rest = go(limits, start, start, speed, accel).end
+        self._queue: deque[Statement] = deque()  # not begun
+        # Begun, and perhaps one that will begin before the last has ended. Two move at most.
+        self._legs: list[Leg] = []
+        self._brake: Brake | None = None
+        self._stopping = False
+        self._held = False
+
+    @property
+    def speed(self) -> float:
+        """Speed of the points that are taken from now on, a fraction (0, 1] of the limits."""
+        return self._speed
+
+    @speed.setter
+    def speed(self, value: float) -> None:
+        check_fractions(value, self._accel)
+        self._speed = value
+
+    @property
+    def accel(self) -> float:
+        """Acceleration of the points taken from now on, a fraction (0, 1] of the limits."""
+        return self._accel
+
+    @accel.setter
+    def accel(self, value: float) -> None:
+        check_fractions(self._speed, value)
+        self._accel = value
+
+    @property
+    def moving(self) -> bool:
+        """Whether the arm moves or has points to go to, held or not."""
+        return bool(self._legs or self._queue or self._brake)
+
+    @property
+    def still(self) -> bool:
+        """Whether the arm stands, with nothing that would move it: at rest, or held at rest."""
+        return not (self._legs or self._brake) and (self._held or not self._queue)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether it takes another point now; not while it brakes after `stop`."""
+        return not self._stopping and self._unexecuted() < self._most
+
+    @property
+    def done(self) -> bool:
+        """Whether the point taken last may be answered."""
+        return self._early or not (self._stopping or self._unexecuted())
+
+    @property
+    def position(self) -> Array:
+        """The commanded joint angles now, shape (n,), rad."""
+        # The last digit of a position on a line that ends at a limit may lie beyond it.
+        low, high = self.limits.position_min, self.limits.position_max
+        position, _, _ = self._state()
+        nearest: Array = np.clip(position, low, high)
+        return nearest
+
+    @property
+    def velocity(self) -> Array:
+        """The commanded joint velocities now, shape (n,), rad/s."""
+        return self._state()[1]
+
+    def take(self, point: Point) -> None:
+        """Go to a point, after those taken before; there is no motion if the arm is there.
+
+        Raises ValueError as `motion.go` does, and RuntimeError if there is no room.
+        """
+        if not self.has_room:
+            raise RuntimeError('there is no room for a point')
+        check_fractions(point.velocity or 1.0, self._accel)
+        check_target(point.target, self.limits)
+        if not self.moving:
+            self._now = 0.0
+        speed = min(self._speed, point.velocity or 1.0)
+        duration = point.duration if self._timed else 0.0
+        ready = self._now + self._overhead
+        self._queue.append(Statement(point.target.copy(), speed, self._accel, ready, duration))
+        if not self._legs and not self._brake and not self._held:
+            self._skip(self._rest)
+        elif self._legs and self._legs[-1].decelerates and self._now <= self._legs[-1].braking:
+            self._blend()
+
+    def stop(self) -> bool:
+        """Forget all points and brake, as fast as the limits allow; it ends a hold too.
+
+        Return whether points that were answered are forgotten.
+        """
+        lost = [self._early or statement.executed for statement in self._statements()]
+        self._queue.clear()
+        self._held = False
+        self._begin_brake()
+        self._stopping = self._brake is not None
+        return any(lost)
+
+    def hold(self) -> None:
+        """Brake on the path and stay there; the points are kept. Twice is no error.
+
+        Between two lines there is no path: the joints brake each by itself.
+        """
+        if not self._held:
+            self._held = True
+            self._queue.extendleft(leg.statement for leg in reversed(self._legs))
+            self._begin_brake()
+
+    def resume(self) -> None:
+        """Go on after `hold` from rest, to the first target that was not reached."""
+        self._held = False
+
+    def settle(self, position: Array) -> None:
+        """Stand at another position within the limits, shape (n,), rad.
+
+        Raises RuntimeError if the arm moves or has points, ValueError for another position.
+        """
+        if self.moving:
+            raise RuntimeError('the arm moves or has points to go to')
+        check_target(position, self.limits)
+        self._rest = position.copy()
+
+    def step(self, dt: float) -> float | None:
+        """Let `dt` ≥ 0 s pass, until a point is executed or the arm rests.
+
+        Return how much of it was left then, s; None if there was no such moment.
+        """
+        if not self.moving:
+            return dt
+        until = self._now + dt
+        while (due := self._due()) <= until:
+            self._now = max(self._now, due)
+            before = self._unexecuted()
+            self._happen()
+            if self._unexecuted() < before or not self.moving:
+                return min(until - self._now, dt)
+        self._now = until
+        return None
+
+    def _state(self) -> tuple[Array, Array, Array]:
+        if self._brake is not None:
+            return self._brake.motion.at(self._now - self._brake.begin)
+        if not self._legs:
+            zeros = np.zeros_like(self._rest)
+            return self._rest.copy(), zeros, zeros.copy()
+        first, *others = self._legs
+        position, velocity, acceleration = first.motion.at(self._now - first.begin)
+        for leg in others:
+            p, v, a = leg.motion.at(self._now - leg.begin)
+            position = position + (p - leg.motion.origin)
+            velocity, acceleration = velocity + v, acceleration + a
+        return position, velocity, acceleration
+
+    def _statements(self) -> list[Statement]:
+        return [leg.statement for leg in self._legs] + list(self._queue)
+
+    def _unexecuted(self) -> int:
+        return sum(not statement.executed for statement in self._statements())
+
+    # What happens when.
+
+    def _due(self) -> float:
+        """Return when something happens next, s."""
+        if self._brake is not None:
+            return self._brake.end
+        if self._legs:
+            last = self._legs[-1]
+            braking = last.braking if self._cp and not last.decelerates else inf
+            return min(self._legs[0].end, braking)
+        return self._queue[0].ready if self._queue and not self._held else inf
+
+    def _happen(self) -> None:
+        """Let what is due happen."""
+        if self._brake is not None:
+            self._rest = self._brake.motion.end
+            self._brake = None
+            self._stopping = False
+        elif not self._legs:
+            self._skip(self._rest)
+            if self._queue and self._queue[0].ready <= self._now:
+                self._begin(self._queue[0])
+                self._legs.append(self._leg(self._queue.popleft(), self._rest))
+        elif self._now < self._legs[0].end:
+            last = self._legs[-1]
+            last.decelerates = last.statement.executed = True
+            self._blend()
+        else:
+            ended = self._legs.pop(0)
+            self._rest = ended.motion.end
+            ended.statement.executed = True
+
+    def _skip(self, position: Array) -> None:
+        """Leave out the moves to where the arm is as far as messages (float32) can tell."""
+        while self._queue and np.array_equal(
+            position.astype(np.float32), self._queue[0].target.astype(np.float32)
+        ):
+            statement = self._queue.popleft()
+            statement.executed = True
+            self._begin(statement)
+
+    def _begin(self, statement: Statement) -> None:
+        self.begun += not statement.begun
+        statement.begun = True
+
+    def _leg(self, statement: Statement, start: Array) -> Leg:
+        """Return the move of a statement that begins now."""
+        speed, accel, most = statement.speed, statement.accel, 1.0
+        if self.low_power and self._caps is not None:
+            speed = min(speed, self._caps.speed(self.limits, statement.target - start))
+            most = self._caps.fraction
+        # With CP two moves overlap: each may have half of what the arm can do.
+        accel = min(accel, OVERLAPPING * most if self._cp else most)
+        way = (self.limits, start, statement.target)
+        motion = go_in(*way, statement.duration, speed, accel)
+        return Leg(statement, motion, self._now, speed, self.low_power)
+
+    def _blend(self) -> None:
+        """Let the next move overlap the deceleration of the last leg, which begins now."""
+        last = self._legs[-1]
+        self._skip(last.motion.end)
+        if not self._queue or self.low_power is not last.low_power:
+            return
+        statement = self._queue[0]
+        leg = self._leg(statement, last.motion.end)
+        caps = self._caps if self.low_power else None
+        # Only two moves may overlap.
+        others_end = self._legs[-2].end if len(self._legs) > 1 else 0.0
+        begin = last.begin + blend_start(
+            last.motion,
+            leg.motion,
+            self.limits,
+            max(self._now, statement.ready, others_end) - last.begin,
+            speed=max(last.speed, leg.speed),
+            accel=1.0 if caps is None else caps.fraction,
+            tool=None if caps is None else (caps.reach, caps.tool_speed),
+        )
+        if begin < last.end:
+            leg.begin = max(begin, self._now)
+            self._legs.append(leg)
+            self._begin(self._queue.popleft())
+
+    def _begin_brake(self) -> None:
+        """Leave the lines, and brake."""
+        if not self._legs:
+            return
+        begun = [leg for leg in self._legs if leg.begin < self._now] or self._legs[:1]
+        if len(begun) == 1:
+            motion: Stop = begun[0].motion.stop(self._now - begun[0].begin)
+        else:
+            motion = stop_joints(self.limits, *self._state())
+        self._legs.clear()
+        self._brake = Brake(motion, self._now)
+        if motion.duration == 0.0:
+            self._happen()

@@ -1,0 +1,284 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Smooth motion: the arm goes through points that are known ahead, without a stop."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.smoother import Plan, Request, Smoother
+from epson_driver.sim_controller.arm.executor import Point
+from epson_driver.sim_controller.arm.planning_latency import PlanningLatency
+from epson_driver.sim_controller.timing import Timing
+
+ATTEMPTS = 10
+"""Plans from rest that may fail one after the other before that counts as a failure."""
+
+USES = {
+    'both': ('duration', 'velocity'),
+    'duration': ('duration',),
+    'velocity': ('velocity',),
+    'nothing': (),
+}
+"""The fields of a point that count."""
+
+ACKNOWLEDGE = ('taken', 'done')
+"""When a point may be answered: when the arm has taken it, or when it rests there."""
+
+Answer = Callable[[Plan | None], None]
+
+
+class Planner(Protocol):
+    """Who plans; one request at a time."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether it can be asked at all."""
+
+    def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
+        """Have a request planned within limits, at once or elsewhere.
+
+        `answer` is called exactly once.
+        """
+
+
+class Streaming:
+    """An arm that goes smoothly through streamed points, inside its limits.
+
+    Points are taken while less than `look_ahead` s and fewer than `look_ahead_points` points are
+    known ahead of the arm, none while it is held or brakes. With `acknowledge` 'done' it knows one
+    point at a time, and rests at each.
+
+    `uses` says which fields of a point count. The duration is kept where the limits allow that;
+    without one, the velocity is a fraction of the joints' speed in (0, 1), and without that too
+    the arm is as fast as the limits allow. Where nothing counts, every way takes what it needs at
+    the fraction `speed`. SPEL+'s Speed and Accel are for point-to-point motion: else `speed` does
+    not count, and `accel` never does.
+
+    `low_power_limits` count instead of `limits` in every motion that begins at rest while
+    `low_power` is set; their position limits must be the same. None: low power is no less.
+
+    `failed` is told why when no plan is found at rest again and again, and when the smoother
+    averted the violation of a limit. Raises ValueError for a
+    start that is not n finite angles within the limits, and for other values of `acknowledge` and
+    `uses`.
+    """
+
+    def __init__(
+        self,
+        limits: JointLimits,
+        start: Array,
+        planner: Planner,
+        timing: Timing,
+        failed: Callable[[str], None],
+        look_ahead: float,
+        look_ahead_points: int,
+        *,
+        low_power_limits: JointLimits | None = None,
+        acknowledge: str = 'taken',
+        uses: str = 'both',
+        speed: float = 1.0,
+        accel: float = 1.0,
+    ) -> None:
+        if acknowledge not in ACKNOWLEDGE:
+            raise ValueError(f'acknowledge = {acknowledge!r}: must be one of {ACKNOWLEDGE}')
+        if uses not in USES:
+            raise ValueError(f'uses = {uses!r}: must be one of {tuple(USES)}')
+        self.limits = limits
+        self.low_power = False
+        self.speed = speed
+        self.accel = accel
+        self._power_limits = {False: limits, True: low_power_limits or limits}
+        self._one_by_one = acknowledge == 'done'
+        self._uses = USES[uses]
+        self._latency = PlanningLatency()
+        self._planner = planner
+        self._timing = timing
+        self._failed = failed
+        self._look_ahead = look_ahead
+        self._look_ahead_points = look_ahead_points
+        self.begun = 0
+        self._taken = 0
+        self._now = 0.0
+        self._held = False
+        self._braking = False
+        # The request that the planner has, since when, and whether it was forgotten meanwhile.
+        self._request: Request | None = None
+        self._asked_at = 0.0
+        self._forgotten = False
+        self._in_vain = 0
+        self._place(start)
+
+    def _place(self, position: Array) -> None:
+        """Stand at a position, without any points."""
+        self._smoother = Smoother(
+            self._power_limits[self.low_power],
+            position,
+            latency=self._latency.value,
+            planner=None,
+        )
+        self._forget_request()
+        self._goal: Array | None = None
+        if self._held:
+            self._smoother.scale = 0.0
+        self._look()
+
+    def _look(self) -> None:
+        motion = self._smoother.motion
+        self._position = motion.position
+        self._velocity = motion.velocity
+
+    @property
+    def position(self) -> Array:
+        """The commanded joint angles now, shape (n,), rad."""
+        return self._position
+
+    @property
+    def velocity(self) -> Array:
+        """The commanded joint velocities now, shape (n,), rad/s."""
+        return self._velocity
+
+    @property
+    def moving(self) -> bool:
+        """Whether the arm moves, has points to go to, or rests for a commanded time."""
+        return self._smoother.moving
+
+    @property
+    def still(self) -> bool:
+        """Whether the arm stands, with nothing that would move it: at rest, or held at rest."""
+        return not self.moving or (self._held and self._smoother.at_rest)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether little enough is known ahead; not while the arm is held or brakes."""
+        if self._held or self._braking:
+            return False
+        if self._one_by_one:
+            return not self.moving
+        return (
+            self._smoother.waiting < self._look_ahead_points
+            and self._smoother.look_ahead < self._look_ahead
+        )
+
+    @property
+    def done(self) -> bool:
+        """Whether the point taken last may be answered."""
+        return not (self._one_by_one and self.moving)
+
+    def take(self, point: Point) -> None:
+        """Go on to a point. A sequence of 0 begins a new trajectory; the one before ends at rest.
+
+        Raises ValueError as `Smoother.append` does.
+        """
+        self._keep_to_power()
+        if point.sequence == 0:
+            self._smoother.finish()
+        self._smoother.append(point.target, self._duration(point))
+        if self._one_by_one:
+            self._smoother.finish()
+        self._goal = point.target
+        self._taken += 1
+
+    def stop(self) -> bool:
+        """Forget all points and come to rest, on the path if that can be verified.
+
+        It ends a hold too. Return whether the arm was not at the last of the points yet, and they
+        may have been answered.
+        """
+        lost = self.moving and not self._braking and not self._one_by_one
+        self._taken = self.begun
+        self._smoother.stop()
+        self.resume()
+        self._braking = self._smoother.moving
+        self._forget_request()
+        self._goal = None
+        return lost
+
+    def hold(self) -> None:
+        """Brake on the path and stay there; the points are kept, none is taken. Twice is no error.
+
+        An arm that brakes already goes on with that.
+        """
+        if not self._held:
+            self._held = True
+            self._smoother.scale = 0.0
+            self._forget_request()
+
+    def resume(self) -> None:
+        """Go on after `hold`, to the same points. The time that has passed is not made up for."""
+        self._held = False
+        self._smoother.scale = 1.0
+
+    def settle(self, position: Array) -> None:
+        """Stand at another position, shape (n,), rad: the arm was moved while it had no power.
+
+        Raises RuntimeError while it moves or has points to go to, ValueError as the constructor.
+        """
+        if self.moving:
+            raise RuntimeError('the arm moves or has points to go to: it cannot be moved by hand')
+        self._place(position)
+
+    def step(self, dt: float) -> None:
+        """Let `dt` ≥ 0 s pass, and ask for a plan if there is something to plan."""
+        self._now += dt
+        violations = self._smoother.violations
+        self._smoother.step(dt)
+        self._look()
+        if self._smoother.violations > violations:
+            self._averted()
+        self._braking = self._braking and self._smoother.moving
+        ahead = max(self._smoother.waiting - 1, 0)
+        self.begun = max(self.begun, self._taken - ahead)
+        self._keep_to_power()
+        if self._request is None and self._planner.ready:
+            request = self._smoother.request()
+            if request is not None:
+                self._request = request
+                self._asked_at = self._now
+                self._planner.ask(request, self._smoother.limits, self._answered)
+
+    def _averted(self) -> None:
+        """Say that the smoother brakes instead of breaking a limit: its points are lost."""
+        self._timing.violations += 1
+        self._forget_request()
+        self._braking = self._smoother.moving
+        self._goal = None
+        self._failed(f'the arm brakes: {self._smoother.violation}')
+
+    def _keep_to_power(self) -> None:
+        """Change to the limits of low or high power, at rest only."""
+        limits = self._power_limits[self.low_power]
+        if limits is not self._smoother.limits and self._smoother.at_rest:
+            self._smoother.keep_to(limits)
+            self._forget_request()
+
+    def _forget_request(self) -> None:
+        self._forgotten = self._request is not None
+
+    def _duration(self, point: Point) -> float | None:
+        if 'duration' in self._uses and point.duration > 0.0:
+            return point.duration
+        share = point.velocity if 'velocity' in self._uses else 0.0
+        if not self._uses:
+            share = self.speed
+        if not 0.0 < share < 1.0:
+            return None
+        origin = self._position if self._goal is None else self._goal
+        way = float(np.max(np.abs(point.target - origin) / self.limits.velocity))
+        return way / share or None
+
+    def _answered(self, plan: Plan | None) -> None:
+        request, self._request = self._request, None
+        forgotten, self._forgotten = self._forgotten, False
+        used = not forgotten and self._smoother.take(plan)
+        late = plan is not None and not used and not forgotten
+        self._timing.late_plans += late
+        self._latency.took(self._now - self._asked_at, late)
+        self._smoother.latency = self._latency.value
+        at_rest = request is not None and request.start is None
+        self._in_vain = self._in_vain + 1 if plan is None and at_rest and not forgotten else 0
+        if self._in_vain >= ATTEMPTS:
+            self._in_vain = 0
+            self._failed(f'no way was found in {ATTEMPTS} attempts')

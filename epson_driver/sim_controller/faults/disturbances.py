@@ -1,0 +1,121 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the faults of connections do to one message on its way to the client, by one table."""
+
+import random
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from epson_driver.sim_controller.faults.fault_kinds import Fault
+from epson_driver.simple_message import ByteOrder, CommType
+
+_WORD = 4
+_HEADER_END = 16
+_COMM_TYPE = 8
+"""Where the comm_type stands in a frame, after length and msg_type."""
+
+
+@dataclass(slots=True)
+class Passing:
+    """One message on its way: what is left of it, and how it is to be sent.
+
+    No `data`: it is lost. It is held for `delay` s; then, if `gather` > 0, until what is gathered
+    in that many s is sent as one piece.
+    """
+
+    data: bytes
+    delay: float = 0.0
+    gather: float = 0.0
+    one_byte: bool = False
+
+
+Disturbance = Callable[[Passing, Fault, random.Random], None]
+
+
+def lose(passing: Passing, _fault: Fault, _chance: random.Random) -> None:
+    """Let it never arrive."""
+    passing.data = b''
+
+
+def delay(passing: Passing, fault: Fault, _chance: random.Random) -> None:
+    """Hold it for `seconds`."""
+    passing.delay += fault.number('seconds')
+
+
+def jitter(passing: Passing, fault: Fault, chance: random.Random) -> None:
+    """Hold it for a random time up to `seconds`."""
+    passing.delay += chance.random() * fault.number('seconds')
+
+
+def coalesce(passing: Passing, fault: Fault, _chance: random.Random) -> None:
+    """Send it together with what else is sent in `seconds`."""
+    passing.gather = max(passing.gather, fault.number('seconds'))
+
+
+def one_byte(passing: Passing, _fault: Fault, _chance: random.Random) -> None:
+    """Send each byte by itself."""
+    passing.one_byte = True
+
+
+def bit_errors(passing: Passing, fault: Fault, chance: random.Random) -> None:
+    """Flip `bits` different bits in the share `rate` of the messages."""
+    if chance.random() >= fault.number('rate'):
+        return
+    data = bytearray(passing.data)
+    bits = 8 * len(data)
+    for bit in chance.sample(range(bits), min(bits, int(fault.number('bits')))):
+        data[bit // 8] ^= 1 << bit % 8
+    passing.data = bytes(data)
+
+
+def wrong_length(passing: Passing, fault: Fault, _chance: random.Random) -> None:
+    """Write `value`, or the true length and `add`, where the length stands."""
+    order = byte_order(passing.data)
+    if order is None:  # another fault has been here before
+        return
+    value = fault.values['value']
+    length = len(passing.data) - _WORD + fault.number('add') if value is None else value
+    passing.data = struct.pack(order.value + 'i', int(length)) + passing.data[_WORD:]
+
+
+def wrong_byte_order(passing: Passing, _fault: Fault, _chance: random.Random) -> None:
+    """Reverse the bytes of every whole word."""
+    data = passing.data
+    end = len(data) - len(data) % _WORD
+    words = (data[start : start + _WORD][::-1] for start in range(0, end, _WORD))
+    passing.data = b''.join(words) + data[end:]
+
+
+DISTURBANCES: dict[str, Disturbance] = {
+    'half_open': lose,
+    'delay': delay,
+    'jitter': jitter,
+    'coalesce': coalesce,
+    'one_byte': one_byte,
+    'bit_errors': bit_errors,
+    'wrong_length': wrong_length,
+    'lost_reply': lose,
+    'late_reply': delay,
+    'wrong_byte_order': wrong_byte_order,
+}
+"""The fault's name → what it does to a message that it strikes."""
+
+
+def byte_order(message: bytes) -> ByteOrder | None:
+    """Return the order in which the length of a whole message is right, None if in none."""
+    if len(message) < _WORD:
+        return None
+    for order in ByteOrder:
+        if struct.unpack_from(order.value + 'i', message)[0] == len(message) - _WORD:
+            return order
+    return None
+
+
+def is_reply(message: bytes) -> bool:
+    """Return whether a whole message answers a request, by its header."""
+    order = byte_order(message)
+    if order is None or len(message) < _HEADER_END:
+        return False
+    comm_type: int = struct.unpack_from(order.value + 'i', message, _COMM_TYPE)[0]
+    return comm_type == CommType.SERVICE_REPLY

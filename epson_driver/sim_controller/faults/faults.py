@@ -1,0 +1,269 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Faults on demand: which are active, when they begin and end, and whom they strike.
+
+The controller's clock says when, a seed decides what is random: each connection draws from a
+generator of its own, made of the seed, the fault and how many connections its port had before.
+"""
+
+import logging
+import random
+from collections import Counter
+from collections.abc import Iterator
+from typing import Protocol
+
+from epson_driver.sim_controller.clock import Clock, Timer
+from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, is_reply
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS, REMOTE, Fault, FaultError
+from epson_driver.sim_controller.faults.fault_text import parse, write
+
+MAX_ACTIVE = 16
+"""Faults at a time, those included that have not begun."""
+
+ANSWER_TIME = 0.1
+"""What strikes the remote port begins that much later, s: the command is answered first."""
+
+__all__ = ['Actions', 'ActiveFault', 'Disturbed', 'Fault', 'FaultError', 'Faults', 'parse']
+
+_log = logging.getLogger(__name__)
+
+
+class Actions(Protocol):
+    """What the controller itself must do for a fault. None of these is refused or moves the arm.
+
+    Joints are indices, from 0.
+    """
+
+    def freeze(self, joint: int | None) -> None:
+        """Let the reported position of this joint too stand still from now; None: of none."""
+
+    def servo_error(self, joint: int, critical: bool = False) -> None:
+        """Let a joint's servo fail, which takes the power from the motors."""
+
+    def press_estop(self) -> None:
+        """Press the E-stop. It may be pressed already."""
+
+    def reboot(self, seconds: float) -> None:
+        """Go off, with its connections, and be up again in `seconds` s as after switching on."""
+
+
+class Disturbed(Protocol):
+    """A connection as faults see it; `wire.py` has it."""
+
+    port: str
+
+    def changed(self, release: bool) -> None:
+        """Take note that other faults are active; with `release`, none may hold anything now."""
+
+    def cut(self) -> None:
+        """Close the connection at once."""
+
+
+class ActiveFault:
+    """A fault that has been started and has not ended."""
+
+    def __init__(self, fault: Fault, number: int, seed: str) -> None:
+        self.fault = fault
+        self.number = number
+        self.begun = False
+        self.until: Timer | None = None
+        """When it begins, or once it has begun, when it ends."""
+        self._seed = seed
+        self._to_pass = int(fault.number('skip'))
+        self._left = int(fault.number('count')) or None
+        self._points = int(fault.number('point'))
+
+    @property
+    def used_up(self) -> bool:
+        """Whether it has struck as many messages as it was to."""
+        return self._left == 0
+
+    def strikes(self, message: bytes) -> bool:
+        """Return whether it acts on this message, and count it."""
+        if self.fault.kind.replies and not is_reply(message):
+            return False
+        if self.used_up:
+            return False
+        if self._to_pass:
+            self._to_pass -= 1
+            return False
+        if self._left is not None:
+            self._left -= 1
+        return True
+
+    def point_reached(self) -> bool:
+        """Count a point of the arm; return whether it is the one."""
+        self._points -= 1
+        return self._points == 0
+
+    def chance(self, port: str, serial: int) -> random.Random:
+        """Return what a connection draws from, the same for the same seed."""
+        # Made of a text: a text's hash is the same in every process only for this use.
+        return random.Random(f'{self._seed} {self.fault.name} {port} {serial}')  # noqa: S311
+
+    def text(self, now: float) -> str:
+        """Return what it is and how long yet, in one line without commas."""
+        remark = ''
+        if self.until is not None:
+            seconds = max(self.until.due - now, 0.0)
+            remark = f'{seconds:.1f} s left' if self.begun else f'begins in {seconds:.1f} s'
+        elif self._left is not None:
+            remark = f'{self._left} to strike'
+        elif self._points > 0:
+            remark = f'{self._points} points to go'
+        return f'{write(self.fault)} ({remark})' if remark else write(self.fault)
+
+
+class Faults:
+    """The faults of one controller; several may be active, each acts on what the ones before left.
+
+    `joints` is how many the robot has.
+    """
+
+    def __init__(self, clock: Clock, seed: int, actions: Actions, joints: int = 6) -> None:
+        self._clock = clock
+        self._seed = seed
+        self._actions = actions
+        self._joints = joints
+        self._active: list[ActiveFault] = []
+        self._frozen: set[int] = set()
+        self._started = 0
+        self._wires: dict[Disturbed, None] = {}
+        self._serials: Counter[str] = Counter()
+
+    # What a person asks for.
+
+    def start(self, fault: Fault) -> None:
+        """Begin a fault, now or after its `after`.
+
+        Raises FaultError for a joint that there is not, and if too many are active.
+        """
+        joint = int(fault.number('joint'))
+        if joint > self._joints:
+            rule = f'the robot has {self._joints} joints'
+            raise FaultError(f'{fault.name}: joint = {joint}: {rule}')
+        if len(self._active) >= MAX_ACTIVE:
+            raise FaultError(f'{fault.name}: {MAX_ACTIVE} faults are active: clear some first')
+        self._started += 1
+        own = fault.values.get('seed')
+        seed = f'{self._seed} {self._started}' if own is None else f'own {own:.0f}'
+        active = ActiveFault(fault, self._started, seed)
+        self._active.append(active)
+        delay = fault.number('after')
+        if REMOTE in fault.ports or fault.kind.boots:
+            delay = max(delay, ANSWER_TIME)
+        if delay > 0.0:
+            active.until = self._clock.after(delay, lambda: self._begin(active))
+        else:
+            self._begin(active)
+
+    def clear(self, name: str | None = None) -> int:
+        """End the faults of a name, or all; what they held is sent. Return how many they were.
+
+        A reboot goes on. Raises FaultError for a name that is no fault, that is not active, or
+        that cannot be cleared.
+        """
+        if name is not None and name not in FAULTS:
+            raise FaultError(f'{name!r} is no fault: must be one of {", ".join(FAULTS)}')
+        meant = [each for each in self._active if name in (None, each.fault.name)]
+        ended = [each for each in meant if not (each.begun and each.fault.kind.boots)]
+        if name is not None and not ended:
+            reason = 'it cannot be cleared: it ends by itself' if meant else 'it is not active'
+            raise FaultError(f'{name}: {reason}')
+        for active in ended:
+            self._remove(active)
+        self._changed(release=True)
+        return len(ended)
+
+    def active(self) -> list[str]:
+        """Return each fault that has not ended, in one line without commas."""
+        return [each.text(self._clock.now) for each in self._active]
+
+    # What the controller tells and asks.
+
+    def point_begun(self) -> None:
+        """Take note that the arm was given one more point of a trajectory.
+
+        What follows from it happens when the clock advances next, not within this call.
+        """
+        for active in list(self._active):
+            if active.begun and active.fault.name == 'estop_at_point' and active.point_reached():
+                _log.warning('fault: %s', active.text(self._clock.now))
+                self._remove(active)
+                self._clock.after(0.0, self._actions.press_estop)
+
+    def refuses(self, port: str) -> bool:
+        """Return whether new connections to this port must be closed at once."""
+        return any(active.fault.name == 'cut' for active in self._begun(port))
+
+    # What wires need.
+
+    def attach(self, wire: Disturbed) -> int:
+        """Let faults act on a connection; return its number among those of its port."""
+        self._wires[wire] = None
+        self._serials[wire.port] += 1
+        return self._serials[wire.port]
+
+    def detach(self, wire: Disturbed) -> None:
+        """Forget a connection. Twice is no error."""
+        self._wires.pop(wire, None)
+
+    def disturbing(self, port: str) -> list[ActiveFault]:
+        """Return the faults that act on messages of this port, in the order they were started."""
+        return [each for each in self._begun(port) if each.fault.name in DISTURBANCES]
+
+    def struck(self, active: ActiveFault) -> None:
+        """Take note that a fault struck a message: it ends with the last of its count."""
+        if active.used_up:
+            self._end(active)
+
+    def _begun(self, port: str) -> Iterator[ActiveFault]:
+        return (each for each in self._active if each.begun and port in each.fault.ports)
+
+    def _begin(self, active: ActiveFault) -> None:
+        fault = active.fault
+        active.begun = True
+        active.until = None
+        lasts = fault.number('for')
+        if lasts:
+            active.until = self._clock.after(lasts, lambda: self._end(active))
+        _log.warning('fault: %s', active.text(self._clock.now))
+        self._changed()
+        if fault.name == 'cut':
+            for wire in [wire for wire in self._wires if wire.port in fault.ports]:
+                wire.cut()
+        elif fault.name == 'servo_error':
+            self._remove(active)  # it has happened: only a reset ends what follows
+            joint = int(fault.number('joint')) - 1
+            self._actions.servo_error(joint, bool(fault.number('critical')))
+        elif fault.name == 'reboot':
+            self._actions.reboot(lasts)
+
+    def _end(self, active: ActiveFault) -> None:
+        self._remove(active)
+        self._changed()
+
+    def _remove(self, active: ActiveFault) -> None:
+        if active.until is not None:
+            active.until.cancel()
+        self._active.remove(active)
+        _log.warning('fault over: %s', write(active.fault))
+
+    def _changed(self, release: bool = False) -> None:
+        """Let everything that faults act on know which are active now."""
+        self._freeze()
+        for wire in list(self._wires):
+            wire.changed(release)
+
+    def _freeze(self) -> None:
+        frozen: set[int] = set()
+        for active in self._active:
+            if active.begun and active.fault.name == 'frozen_encoder':
+                joint = int(active.fault.number('joint'))
+                frozen |= {joint - 1} if joint else set(range(self._joints))
+        if self._frozen - frozen:
+            self._frozen = set()
+            self._actions.freeze(None)
+        for joint in sorted(frozen - self._frozen):
+            self._actions.freeze(joint)
+        self._frozen = frozen

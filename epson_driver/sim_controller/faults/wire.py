@@ -1,0 +1,190 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Between a session and its socket: where faults disturb what is sent, without a socket."""
+
+import logging
+import random
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from epson_driver.sim_controller.clock import Clock, Timer
+from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, Passing
+from epson_driver.sim_controller.faults.faults import ActiveFault, Faults
+from epson_driver.sim_controller.session import Send
+
+MAX_HELD = 262_144
+"""Bytes that faults may hold back on one connection: with more it is closed."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """Bytes that are sent at `due`; `gathered`: in one piece with others that are then sent."""
+
+    due: float
+    data: bytes
+    gathered: bool
+    one_byte: bool
+
+
+class Wire:
+    """One connection of a port. What is sent keeps its order, whatever disturbs it.
+
+    `transmit` takes what goes into the socket at once; `hang_up` closes the connection and is
+    called at most once, possibly within `send` or `receive`. With `byte_by_byte` every byte is
+    transmitted by itself, fault or none.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        clock: Clock,
+        faults: Faults,
+        transmit: Send,
+        hang_up: Callable[[], None],
+        byte_by_byte: bool = False,
+    ) -> None:
+        self.port = port
+        self._clock = clock
+        self._faults = faults
+        self._transmit = self._transmit_bytes if byte_by_byte else transmit
+        self._transmit_raw = transmit
+        self._hang_up = hang_up
+        self._disturbing: list[tuple[ActiveFault, random.Random]] = []
+        self._held: deque[_Held] = deque()
+        self._timer: Timer | None = None
+        self._window_end = 0.0  # what is gathered now is sent then
+        self._silent = False
+        self._hole = False
+        self._closed = False
+        self.held = 0
+        """Bytes that wait to be transmitted."""
+        self._plain = True
+        self._serial = faults.attach(self)
+        self.changed()
+
+    def send(self, message: bytes) -> None:
+        """Send one whole message or line; to a closed connection, drop it."""
+        if self._plain:
+            self._transmit(message)
+        elif not self._closed:
+            self._send_disturbed(message)
+
+    def receive(self, data: bytes) -> bytes:
+        """Return what arrives of the bytes that came from the client: all of them, or none."""
+        if self._silent:
+            self._hole = self._hole or bool(data)
+            return b''
+        return b'' if self._closed else data
+
+    def close(self) -> None:
+        """Drop what is held: the connection is gone. Twice is no error."""
+        self._closed = True
+        self._plain = False
+        self._forget_held()
+        self._faults.detach(self)
+
+    def cut(self) -> None:
+        """Close the connection at once, and drop what is held."""
+        if not self._closed:
+            self.close()
+            self._hang_up()
+
+    def changed(self, release: bool = False) -> None:
+        """Take note that other faults are active; with `release`, send what none holds now."""
+        if self._closed:
+            return
+        known = dict(self._disturbing)
+        self._disturbing = [
+            (active, known.get(active) or active.chance(self.port, self._serial))
+            for active in self._faults.disturbing(self.port)
+        ]
+        self._silent = any(each.fault.name == 'half_open' for each, _ in self._disturbing)
+        if self._silent:
+            self._forget_held()
+        elif self._hole:
+            _log.info('%s client: bytes were lost in the silence: disconnected', self.port)
+            self.cut()
+            return
+        if release and self._held and not self._disturbing:
+            self._release(self._held[-1].due)
+        self._update_plain()
+
+    def _send_disturbed(self, message: bytes) -> None:
+        passing = Passing(message)
+        for active, chance in tuple(self._disturbing):
+            if not passing.data:
+                break
+            if active.strikes(message):
+                DISTURBANCES[active.fault.name](passing, active.fault, chance)
+                self._faults.struck(active)
+        if passing.data and not self._closed:
+            self._hold(passing)
+
+    def _hold(self, passing: Passing) -> None:
+        now = self._clock.now
+        due = now + passing.delay
+        if passing.gather:
+            if due >= self._window_end:
+                self._window_end = due + passing.gather
+            due = self._window_end
+        if self._held:
+            due = max(due, self._held[-1].due)
+        held = _Held(due, passing.data, passing.gather > 0.0, passing.one_byte)
+        if due <= now and not self._held:
+            self._emit(held.data, held.one_byte)
+            return
+        if self.held + len(held.data) > MAX_HELD:
+            _log.warning('%s client: faults hold too much back: disconnected', self.port)
+            self.cut()
+            return
+        self._held.append(held)
+        self.held += len(held.data)
+        self._plain = False
+        if self._timer is None:
+            self._set_timer()
+
+    def _set_timer(self) -> None:
+        delay = max(self._held[0].due - self._clock.now, 0.0)
+        self._timer = self._clock.after(delay, self._due)
+
+    def _due(self) -> None:
+        self._timer = None
+        self._release(self._clock.now)
+        if self._held:
+            self._set_timer()
+        self._update_plain()
+
+    def _release(self, until: float) -> None:
+        """Transmit what is due by then; what was gathered for the same moment in one piece."""
+        while self._held and self._held[0].due <= until:
+            first = self._held.popleft()
+            data = [first.data]
+            while first.gathered and self._held and self._belongs(self._held[0], first):
+                data.append(self._held.popleft().data)
+            whole = b''.join(data)
+            self.held -= len(whole)
+            self._emit(whole, first.one_byte)
+
+    @staticmethod
+    def _belongs(held: _Held, first: _Held) -> bool:
+        return held.gathered and (held.due, held.one_byte) == (first.due, first.one_byte)
+
+    def _emit(self, data: bytes, one_byte: bool) -> None:
+        (self._transmit_bytes if one_byte else self._transmit)(data)
+
+    def _transmit_bytes(self, data: bytes) -> None:
+        for index in range(len(data)):
+            self._transmit_raw(data[index : index + 1])
+
+    def _forget_held(self) -> None:
+        self._held.clear()
+        self.held = 0
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _update_plain(self) -> None:
+        self._plain = not (self._closed or self._disturbing or self._held)

@@ -1,0 +1,284 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The controller's inputs, outputs and memory bits, as its programs and its remote port see them.
+
+A point is addressed by type and index. Digital points and flags are 0 or 1, analogue ones are in
+mV. Groups are the same digital points, many at a time: group k is byte port k of SPEL+ (`In`,
+`Out`), bits 8k to 8k+7, bit 8k lowest; group WORD_GROUPS + k is word port k (`InW`, `OutW`), bits
+16k to 16k+15. What is above the last point reads as 0, and cannot be set.
+"""
+
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from epson_driver.profiles.io_profile import IoProfile, Point
+from epson_driver.simple_message import IoFeature, IoRange, IoResult, IoType
+
+BYTE = 8
+WORD = 16
+WORD_GROUPS = 1000
+"""Index of the group that is word port 0; below it are byte ports."""
+
+Listener = Callable[[], None]
+"""Called after any point has changed."""
+
+_log = logging.getLogger(__name__)
+
+
+class IoError(Exception):
+    """What cannot be read or written: the result code, and a sentence with address and limit."""
+
+    def __init__(self, result: IoResult, sentence: str) -> None:
+        super().__init__(sentence)
+        self.result = result
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """How a type of points is called, and what may be done with it over the network."""
+
+    short: str
+    name: str
+    writable: bool
+    bits: IoType | None = None  # of a group: the type of its points
+
+
+_KINDS = {
+    IoType.DIGITAL_INPUT: _Kind('DI', 'digital inputs', False),
+    IoType.DIGITAL_OUTPUT: _Kind('DO', 'digital outputs', True),
+    IoType.ANALOG_INPUT: _Kind('AI', 'analogue inputs', False),
+    IoType.ANALOG_OUTPUT: _Kind('AO', 'analogue outputs', True),
+    IoType.GROUP_INPUT: _Kind('GI', 'groups of inputs', False, IoType.DIGITAL_INPUT),
+    IoType.GROUP_OUTPUT: _Kind('GO', 'groups of outputs', True, IoType.DIGITAL_OUTPUT),
+    IoType.FLAG: _Kind('flag', 'flags', True),
+}
+
+_INPUTS = (IoType.DIGITAL_INPUT, IoType.ANALOG_INPUT)
+_ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
+_PORTS = (IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT, IoType.FLAG)
+
+
+class IoPoints:
+    """The values of all points. Outputs begin with their safe values, all else with 0."""
+
+    def __init__(self, profile: IoProfile) -> None:
+        self.profile = profile
+        self._values: dict[IoType, list[int]] = {
+            IoType.DIGITAL_INPUT: [0] * profile.digital_inputs,
+            IoType.DIGITAL_OUTPUT: [0] * profile.digital_outputs,
+            IoType.ANALOG_INPUT: [0] * profile.analog_inputs,
+            IoType.ANALOG_OUTPUT: [0] * profile.analog_outputs,
+            IoType.FLAG: [0] * profile.flags,
+        }
+        self._listeners: list[Listener] = []
+        self._writers: set[object] = set()
+        self._make_safe(profile.outputs)
+
+    # One point, or one group.
+
+    def read(self, io_type: int, index: int) -> int:
+        """Return a value. Raises IoError."""
+        kind, known = self._checked(io_type, index)
+        if kind.bits is not None:
+            return self.read_port(kind.bits, *_port(index))
+        return self._values[known][index]
+
+    def write(self, io_type: int, index: int, value: int) -> None:
+        """Set an output, a group of outputs or a flag. Raises IoError; nothing is changed then."""
+        kind, known = self._checked(io_type, index)
+        if not kind.writable:
+            raise IoError(
+                IoResult.TYPE_FEATURE_UNSUPPORTED,
+                f'{kind.short} {index} = {value}: an input cannot be written',
+            )
+        self._set(kind, known, index, value)
+
+    def set_input(self, io_type: int, index: int, value: int) -> None:
+        """Set an input or a group of inputs, as what is wired to it does. Raises IoError."""
+        kind, known = self._checked(io_type, index)
+        if kind.bits not in _INPUTS and known not in _INPUTS:
+            raise IoError(
+                IoResult.TYPE_FEATURE_UNSUPPORTED, f'{kind.short} {index} = {value}: no input'
+            )
+        self._set(kind, known, index, value)
+
+    def reset_point(self, io_type: int, index: int) -> None:
+        """Give an output or a group of outputs its safe value, a flag 0. Raises IoError."""
+        kind, known = self._checked(io_type, index)
+        if not kind.writable:
+            raise IoError(
+                IoResult.TYPE_FEATURE_UNSUPPORTED, f'{kind.short} {index}: an input has no reset'
+            )
+        if kind.bits is not None:
+            self._make_safe((kind.bits, bit) for bit in self._bits(kind.bits, *_port(index)))
+        else:
+            self._make_safe([(known, index)])
+
+    # Many digital points or flags as one number.
+
+    def read_port(self, io_type: IoType, port: int, width: int) -> int:
+        """Return the bits `width * port` and on of DI, DO or FLAG, the first one lowest.
+
+        Raises IoError for a port without points.
+        """
+        values = self._values[io_type]
+        bits = self._bits(io_type, port, width)
+        return sum(values[bit] << shift for shift, bit in enumerate(bits))
+
+    def write_port(self, io_type: IoType, port: int, width: int, value: int) -> None:
+        """Set the bits of a port of DO or FLAG. Raises IoError; nothing is changed then."""
+        if not _KINDS[io_type].writable:
+            text = f'{_KINDS[io_type].short} port {port}: an input cannot be written'
+            raise IoError(IoResult.TYPE_FEATURE_UNSUPPORTED, text)
+        self._set_port(io_type, port, width, value)
+
+    # Ranges of points.
+
+    def ranges(self) -> tuple[IoRange, ...]:
+        """Return the points that there are."""
+        found = []
+        for io_type, kind in _KINDS.items():
+            features = IoFeature.STREAMING
+            if kind.writable:
+                features |= IoFeature.RESET
+            found += [
+                IoRange(io_type, start, count, features) for start, count in self._spans(io_type)
+            ]
+        return tuple(found)
+
+    def check_range(self, io_type: int, start: int, count: int) -> None:
+        """Raise IoError unless all of a range is there, and it is not empty."""
+        kind, _ = self._checked(io_type, start)
+        last = start + count - 1
+        if not any(
+            first <= start <= last < first + held for first, held in self._spans(IoType(io_type))
+        ):
+            text = f'{kind.short} {start}, {count} of them: {self._there_are(IoType(io_type))}'
+            raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)
+
+    def read_range(self, io_type: int, start: int, count: int) -> tuple[int, ...]:
+        """Return the values of a range that `check_range` allows."""
+        known = IoType(io_type)
+        if _KINDS[known].bits is None:
+            return tuple(self._values[known][start : start + count])
+        return tuple(self.read(known, index) for index in range(start, start + count))
+
+    # What happens to all.
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Have `listener` called after changes, until what is returned is called."""
+        self._listeners.append(listener)
+
+        def stop() -> None:
+            if listener in self._listeners:
+                self._listeners.remove(listener)
+
+        return stop
+
+    def reset(self) -> None:
+        """Give outputs their safe values, but for those that the profile keeps on reset."""
+        self._make_safe(self.profile.outputs - self.profile.keep_on_reset)
+
+    def boot(self) -> None:
+        """Give every output its safe value, and every flag 0; inputs stay."""
+        flags = ((IoType.FLAG, index) for index in range(self.profile.flags))
+        self._make_safe([*self.profile.outputs, *flags])
+
+    def client_wrote(self, client: object) -> None:
+        """Take note that outputs are in the hands of this client, until it is gone."""
+        self._writers.add(client)
+
+    def client_gone(self, client: object) -> None:
+        """Take note that a client is gone.
+
+        With the last one that wrote outputs, they take their safe values, but for those that the
+        profile keeps on link loss.
+        """
+        if client not in self._writers:
+            return
+        self._writers.discard(client)
+        if not self._writers:
+            _log.warning('the last I/O client that wrote outputs is gone: safe values')
+            self._make_safe(self.profile.outputs - self.profile.keep_on_link_loss)
+
+    # Inside.
+
+    def _checked(self, io_type: int, index: int) -> tuple[_Kind, IoType]:
+        if io_type not in _KINDS:
+            text = f'type {io_type}: there is no such type of I/O, only 1 to {len(_KINDS)}'
+            raise IoError(IoResult.TYPE_UNSUPPORTED, text)
+        known = IoType(io_type)
+        kind = _KINDS[known]
+        spans = self._spans(known)
+        if not spans:
+            text = f'{kind.short} {index}: {self._there_are(known)}'
+            raise IoError(IoResult.TYPE_UNSUPPORTED, text)
+        if not any(start <= index < start + count for start, count in spans):
+            text = f'{kind.short} {index}: {self._there_are(known)}'
+            raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)
+        return kind, known
+
+    def _spans(self, io_type: IoType) -> list[tuple[int, int]]:
+        """Return first index and number of what there is of a type."""
+        bits = _KINDS[io_type].bits
+        if bits is None:
+            spans = [(0, len(self._values[io_type]))]
+        else:
+            points = len(self._values[bits])
+            spans = [(0, -(-points // BYTE)), (WORD_GROUPS, -(-points // WORD))]
+        return [(start, count) for start, count in spans if count]
+
+    def _there_are(self, io_type: IoType) -> str:
+        ranges = ' and '.join(
+            f'{start} to {start + count - 1}' for start, count in self._spans(io_type)
+        )
+        name = _KINDS[io_type].name
+        return f'this controller has {name} {ranges}' if ranges else f'it has no {name}'
+
+    def _bits(self, io_type: IoType, port: int, width: int) -> range:
+        """Return the points of a port. Raises IoError if there are none."""
+        count = len(self._values[io_type])
+        if io_type not in _PORTS or not 0 <= port * width < count:
+            text = f'{_KINDS[io_type].short} port {port} of {width} bits: there are {count} points'
+            raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)
+        return range(port * width, min(port * width + width, count))
+
+    def _set(self, kind: _Kind, io_type: IoType, index: int, value: int) -> None:
+        if kind.bits is not None:
+            self._set_port(kind.bits, *_port(index), value)
+            return
+        low, high = self.profile.analog_limits if io_type in _ANALOG else (0, 1)
+        if not low <= value <= high:
+            unit = ' mV' if io_type in _ANALOG else ''
+            text = f'{kind.short} {index} = {value}{unit}: must be {low} to {high}{unit}'
+            raise IoError(IoResult.VALUE_OUT_OF_RANGE, text)
+        self._change([((io_type, index), value)])
+
+    def _set_port(self, io_type: IoType, port: int, width: int, value: int) -> None:
+        bits = self._bits(io_type, port, width)
+        if not 0 <= value < 1 << len(bits):
+            high = (1 << len(bits)) - 1
+            text = (
+                f'{_KINDS[io_type].short} port {port} of {width} bits = {value}: '
+                f'must be 0 to {high}, it has the {len(bits)} points {bits[0]} to {bits[-1]}'
+            )
+            raise IoError(IoResult.VALUE_OUT_OF_RANGE, text)
+        self._change(((io_type, bit), value >> shift & 1) for shift, bit in enumerate(bits))
+
+    def _make_safe(self, points: Iterable[Point]) -> None:
+        self._change((point, self.profile.safe.get(point, 0)) for point in points)
+
+    def _change(self, settings: Iterable[tuple[Point, int]]) -> None:
+        changed = False
+        for (io_type, index), value in settings:
+            changed = changed or self._values[io_type][index] != value
+            self._values[io_type][index] = value
+        if changed:
+            for listener in tuple(self._listeners):
+                listener()
+
+
+def _port(group: int) -> tuple[int, int]:
+    """Return port and width of a group."""
+    return (group - WORD_GROUPS, WORD) if group >= WORD_GROUPS else (group, BYTE)

@@ -1,0 +1,202 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One client of the I/O port: its requests are answered item by item, its ranges published.
+
+Every item of a request has a result of its own, and one that is wrong keeps none of the others
+from being done. docs/io.md says what each message does.
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from epson_driver.sim_controller.clock import Clock
+from epson_driver.sim_controller.io.io_points import IoError, IoPoints
+from epson_driver.sim_controller.io.io_stream import IoStream, timestamp
+from epson_driver.sim_controller.requests import answer, answer_frame, failure
+from epson_driver.sim_controller.session import Send
+from epson_driver.simple_message import (
+    BodyError,
+    CommType,
+    ControllerFeature,
+    Dialect,
+    Frame,
+    Framer,
+    HeaderError,
+    IoAddress,
+    IoInfo,
+    IoInfoReply,
+    IoOutcome,
+    IoPublish,
+    IoRead,
+    IoReading,
+    IoReadReply,
+    IoReset,
+    IoResetReply,
+    IoResult,
+    IoSubscribe,
+    IoSubscribeReply,
+    IoType,
+    IoUnsubscribe,
+    IoUnsubscribeReply,
+    IoWrite,
+    IoWriteReply,
+    Message,
+    Packet,
+    ReplyCode,
+    decode,
+    encode,
+    reply,
+    topic,
+)
+from epson_driver.simple_message.io_messages import ALL
+
+_OUTPUTS = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.GROUP_OUTPUT)
+_RESETTABLE = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.FLAG)
+"""Types that ALL stands for; a group is the same points again."""
+
+_log = logging.getLogger(__name__)
+
+
+class IoSession:
+    """Serves one client. `available` returns None, or why the I/O server does not run now."""
+
+    def __init__(
+        self,
+        points: IoPoints,
+        dialect: Dialect,
+        clock: Clock,
+        send: Send,
+        available: Callable[[], str | None],
+    ) -> None:
+        self._points = points
+        self._dialect = dialect
+        self._clock = clock
+        self._send = send
+        self._available = available
+        self._framer = Framer(dialect.byte_order)
+        self._stream = IoStream(points, clock, self._publish, lambda: available() is not None)
+        self._open = True
+        self._told: str | None = None
+        self._refused: list[str] = []
+        self._answers: Mapping[type[Message], Callable[[Any], Message]] = {
+            IoInfo: self._info,
+            IoRead: self._read,
+            IoWrite: self._write,
+            IoReset: self._reset,
+            IoSubscribe: self._subscribe,
+            IoUnsubscribe: self._unsubscribe,
+        }
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the client. Raises FrameError when the position in them is lost."""
+        self._framer.receive_data(data)
+        while self._open and (frame := self._framer.next_frame()) is not None:
+            packet = self._reply(frame)
+            if packet is not None:
+                self._send(encode(packet, self._dialect))
+
+    def closed(self) -> None:
+        """Take note that the client is gone, with what it had subscribed to and written."""
+        if self._open:
+            self._open = False
+            self._stream.close()
+            self._points.client_gone(self)
+
+    def _reply(self, frame: Frame) -> Packet | None:
+        try:
+            packet = decode(frame)
+        except (HeaderError, BodyError):
+            return answer_frame(frame, {})  # which says so, and answers FAILURE
+        own = self._answers.get(type(packet.message))
+        if own is None or packet.comm_type is not CommType.SERVICE_REQUEST:
+            return answer(packet, {})
+        reason = self._available()
+        if reason != self._told:
+            self._told = reason
+            _log.info('the I/O port %s', 'answers' if reason is None else f'refuses: {reason}')
+        if reason is not None:
+            return failure(packet.msg_type)
+        self._refused.clear()
+        body = own(packet.message)
+        if self._refused:
+            _log.warning('items refused: %d, the first: %s', len(self._refused), self._refused[0])
+        return reply(body, ReplyCode.SUCCESS)
+
+    def _info(self, message: IoInfo) -> IoInfoReply:
+        features = ControllerFeature.TIMESTAMPS
+        return IoInfoReply(message.message_id, features, self._points.ranges())
+
+    def _read(self, message: IoRead) -> IoReadReply:
+        items = tuple(self._reading(item) for item in message.items)
+        return IoReadReply(message.message_id, timestamp(self._clock), items)
+
+    def _reading(self, item: IoAddress) -> IoReading:
+        try:
+            value = self._points.read(item.io_type, item.index)
+        except IoError as error:
+            self._refused.append(str(error))
+            return IoReading(item.io_type, item.index, error.result, 0)
+        return IoReading(item.io_type, item.index, IoResult.SUCCESS, value)
+
+    def _write(self, message: IoWrite) -> IoWriteReply:
+        write = self._points.write
+        items = tuple(
+            self._outcome(item.io_type, item.index, write, item.io_type, item.index, item.value)
+            for item in message.items
+        )
+        self._take_outputs(items)
+        return IoWriteReply(message.message_id, timestamp(self._clock), items)
+
+    def _reset(self, message: IoReset) -> IoResetReply:
+        done = {  # each only once: an item can stand for thousands of points
+            item: self._outcome(item.io_type, item.index, self._reset_points, item)
+            for item in dict.fromkeys(message.items)
+        }
+        items = tuple(done[item] for item in message.items)
+        self._take_outputs(items)
+        return IoResetReply(message.message_id, items)
+
+    def _reset_points(self, item: IoAddress) -> None:
+        if item.index != ALL:
+            self._points.reset_point(item.io_type, item.index)
+            return
+        types = _RESETTABLE if item.io_type == ALL else (item.io_type,)
+        ranges = [held for held in self._points.ranges() if held.io_type in types]
+        if not ranges:
+            self._points.reset_point(item.io_type, 0)  # which says that there are none
+        for held in ranges:
+            for index in range(held.start, held.start + held.count):
+                self._points.reset_point(held.io_type, index)
+
+    def _subscribe(self, message: IoSubscribe) -> IoSubscribeReply:
+        items = tuple(
+            self._outcome(item.io_type, item.start, self._stream.subscribe, item)
+            for item in message.items
+        )
+        return IoSubscribeReply(message.message_id, items)
+
+    def _unsubscribe(self, message: IoUnsubscribe) -> IoUnsubscribeReply:
+        items = tuple(
+            self._outcome(item.io_type, item.index, self._stream.unsubscribe, item)
+            for item in message.items
+        )
+        return IoUnsubscribeReply(message.message_id, items)
+
+    def _outcome(
+        self, io_type: int, index: int, action: Callable[..., None], *arguments: object
+    ) -> IoOutcome:
+        try:
+            action(*arguments)
+        except IoError as error:
+            self._refused.append(str(error))
+            return IoOutcome(io_type, index, error.result)
+        return IoOutcome(io_type, index, IoResult.SUCCESS)
+
+    def _take_outputs(self, items: tuple[IoOutcome, ...]) -> None:
+        done = (item.io_type for item in items if item.result == IoResult.SUCCESS)
+        if any(io_type in _OUTPUTS or io_type == ALL for io_type in done):
+            self._points.client_wrote(self)
+
+    def _publish(self, message: IoPublish) -> None:
+        self._send(encode(topic(message), self._dialect))

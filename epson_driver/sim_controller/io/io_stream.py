@@ -1,0 +1,121 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The ranges that one I/O client subscribed to, and when they are published."""
+
+import math
+from collections.abc import Callable
+
+from epson_driver.sim_controller.clock import Clock, Timer
+from epson_driver.sim_controller.io.io_points import IoError, IoPoints
+from epson_driver.simple_message import IoAddress, IoPublish, IoResult, IoSpan, IoValues
+
+MAX_RANGES = 64
+MAX_VALUES = 4096
+"""What one client can subscribe to: ranges, and values in all of them."""
+
+TIMESTAMP_MASK = 2**31 - 1
+
+
+def timestamp(clock: Clock) -> int:
+    """Return the controller's time in ms; after 24.8 days it begins again at 0."""
+    return int(clock.now * 1000.0) & TIMESTAMP_MASK
+
+
+class IoStream:
+    """Publishes every `publish_period`, and soon after a change, by what `publish` does.
+
+    A change goes out when the clock is next advanced, together with all others of that moment,
+    but no sooner than `publish_interval` after the last time. While `paused()` nothing goes out.
+    """
+
+    def __init__(
+        self,
+        points: IoPoints,
+        clock: Clock,
+        publish: Callable[[IoPublish], None],
+        paused: Callable[[], bool],
+    ) -> None:
+        self._points = points
+        self._clock = clock
+        self._publish = publish
+        self._paused = paused
+        self._ranges: dict[tuple[int, int], int] = {}
+        self._sent: tuple[IoValues, ...] = ()
+        self._sent_at = -math.inf
+        self._timer: Timer | None = None
+        self._change: Timer | None = None
+        self._stop_listening = points.listen(self._changed)
+
+    def subscribe(self, span: IoSpan) -> None:
+        """Add a range; one that begins where another does replaces it. Raises IoError."""
+        self._points.check_range(span.io_type, span.start, span.count)
+        key = (span.io_type, span.start)
+        ranges = {**self._ranges, key: span.count}
+        values = sum(ranges.values())
+        if len(ranges) > MAX_RANGES or values > MAX_VALUES:
+            raise IoError(
+                IoResult.TOO_MUCH,
+                f'{len(ranges)} ranges with {values} values: at most {MAX_RANGES} with '
+                f'{MAX_VALUES} in all',
+            )
+        self._ranges = ranges
+        self._sent = ()
+        self._changed()
+        if self._timer is None:
+            self._wait()
+
+    def unsubscribe(self, address: IoAddress) -> None:
+        """Drop the range that begins there. Raises IoError if there is none."""
+        key = (address.io_type, address.index)
+        if key not in self._ranges:
+            self._points.check_range(*key, 1)
+            text = f'type {key[0]}, start {key[1]}: no subscription begins there'
+            raise IoError(IoResult.NO_SUBSCRIPTION, text)
+        del self._ranges[key]
+        if not self._ranges:
+            self._cancel()
+
+    def close(self) -> None:
+        """Publish nothing any more."""
+        self._stop_listening()
+        self._ranges = {}
+        self._cancel()
+
+    def _cancel(self) -> None:
+        for timer in (self._timer, self._change):
+            if timer is not None:
+                timer.cancel()
+        self._timer = self._change = None
+
+    def _wait(self) -> None:
+        period = self._points.profile.publish_period
+        self._timer = self._clock.every(period, self._due, first=period)
+
+    def _due(self) -> None:
+        self._send(self._values())
+
+    def _changed(self) -> None:
+        if not self._ranges or self._change is not None:
+            return
+        earliest = self._sent_at + self._points.profile.publish_interval
+        delay = max(earliest - self._clock.now, 0.0)
+        self._change = self._clock.after(delay, self._send_change)
+
+    def _send_change(self) -> None:
+        self._change = None
+        values = self._values()
+        if values != self._sent:
+            self._send(values)
+
+    def _values(self) -> tuple[IoValues, ...]:
+        return tuple(
+            IoValues(io_type, start, self._points.read_range(io_type, start, count))
+            for (io_type, start), count in self._ranges.items()
+        )
+
+    def _send(self, values: tuple[IoValues, ...]) -> None:
+        if self._paused():
+            return
+        self._sent = values
+        self._sent_at = self._clock.now
+        self._publish(IoPublish(timestamp(self._clock), values))

@@ -1,0 +1,264 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Who is connected to which port, and through what faults.
+
+A line is one client of one port: a wire, which may be disturbed, and the session behind it.
+"""
+
+import logging
+from typing import TYPE_CHECKING
+
+from epson_driver.sim_controller.clock import Timer
+from epson_driver.sim_controller.faults.wire import Wire
+from epson_driver.sim_controller.io.io_session import IoSession
+from epson_driver.sim_controller.programs.motion_session import MotionSession
+from epson_driver.sim_controller.programs.program import ProgramQuit
+from epson_driver.sim_controller.remote.remote_session import RemoteSession
+from epson_driver.sim_controller.session import Client, Send, Session
+from epson_driver.sim_controller.state_session import StateSession
+from epson_driver.sim_controller.states import Event, Tasks
+from epson_driver.sim_controller.tasks import (
+    IO_SERVER,
+    MOTION_SERVER,
+    STATE_SERVER,
+    Task,
+    TaskState,
+)
+from epson_driver.simple_message import FrameError
+
+if TYPE_CHECKING:
+    from epson_driver.sim_controller.core import Controller
+
+_log = logging.getLogger(__name__)
+
+REMOTE_CLIENTS = 16
+"""How many remote clients are served at once. One more takes the place of another."""
+
+GRACE = 0.1
+"""How long a remote client keeps its place before it need make room, s: to be heard at all."""
+
+NEWCOMERS = REMOTE_CLIENTS // 2
+"""Of a full port, how many may have come within GRACE: the others give them their places."""
+
+_SERVERS: dict[str, Task | None] = {
+    'motion': MOTION_SERVER,
+    'state': STATE_SERVER,
+    'io': IO_SERVER,
+    'remote': None,
+}
+"""The task that serves a port; the remote port is the controller's own."""
+
+_ENDING = (MOTION_SERVER, IO_SERVER)
+"""Tasks that an E-stop ends."""
+
+
+class Line(Session):
+    """One client of one port."""
+
+    def __init__(self, controller: 'Controller', port: str, client: Client) -> None:
+        self.port = port
+        self.local = client.local
+        self._begun = controller.clock.now
+        self._abort = client.abort
+        self._controller = controller
+        by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
+        self._wire = Wire(
+            port,
+            controller.clock,
+            controller.faults,
+            client.send,
+            self.hang_up,
+            byte_by_byte=by_byte,
+        )
+        self._session = _open(controller, port, self._wire.send, client)
+        self._open = True
+
+    @property
+    def claim(self) -> tuple[bool, bool, bool, float]:
+        """How good a claim to its place a remote client has: the least one has to make room.
+
+        A client that has just come has the best one, then one of this machine, then one that is
+        logged in, then the one that was heard last. No command is ever under way: each is answered
+        when it has come.
+        """
+        session = self._session
+        if not isinstance(session, RemoteSession):
+            raise TypeError(f'a client of the {self.port} port keeps its place')
+        new = self._controller.clock.now < self._begun + GRACE
+        return new, self.local, session.logged_in, session.heard
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the client. Raises FrameError as the session does.
+
+        A port whose task is aborted or stopped reads nothing where the profile says `silent`.
+        """
+        data = self._wire.receive(data)
+        if not data or not self._open or self._controller.lines.silent(self.port):
+            return
+        try:
+            self._session.receive(data)
+        except ProgramQuit as reason:
+            self._quit(reason)
+        except FrameError as error:
+            if self.port == 'motion' and self._controller.profile.program.corrupt == 'quit':
+                self._quit(error)
+            self.closed()
+            raise
+
+    def _quit(self, reason: Exception) -> None:
+        _log.error('the program has ended: %s', reason)
+        self._controller.lines.quit()
+
+    def hang_up(self) -> None:
+        """Close the connection: the client is gone at once, whatever is still read from it."""
+        self._abort()
+        self.closed()
+
+    def closed(self) -> None:
+        """Take note that the client is gone."""
+        if self._open:
+            self._open = False
+            self._controller.lines.gone(self)
+            self._session.closed()  # a client that has only shut its own side gets its answers
+            self._wire.close()
+
+
+class Lines:
+    """All lines of one controller, and the ports that nobody serves."""
+
+    def __init__(self, controller: 'Controller') -> None:
+        self._controller = controller
+        self._lines: list[Line] = []
+        self._dead: set[str] = set()
+        self._boot: Timer | None = None
+
+    def connect(self, port: str, client: Client) -> Line:
+        """Begin to serve a client of `port`: motion, state, io or remote.
+
+        When its connection ends, whoever ended it, the line's `closed` must be called. Raises
+        ConnectionRefusedError, which says why, if nobody serves the port now. A remote client too
+        many takes the place of another one, so that whoever wants to press the E-stop gets in.
+        """
+        reason = self._refusal(port)
+        if reason is None and port == 'remote':
+            reason = self._make_room(client)
+        if reason is not None:
+            raise ConnectionRefusedError(reason)
+        line = Line(self._controller, port, client)
+        self._lines.append(line)
+        return line
+
+    def dead(self, task: Task) -> bool:
+        """Return whether the task has ended because its client has gone, or with the program."""
+        return any(_SERVERS[port] is task for port in self._dead)
+
+    def silent(self, port: str) -> bool:
+        """Return whether the port's bytes are not read: its task is dead, its socket is not."""
+        return self._down(port) and self._controller.profile.server.aborted == 'silent'
+
+    def gone(self, line: Line) -> None:
+        """Take note that a client is gone; a program that does not reconnect serves no other."""
+        self._lines.remove(line)
+        if not self._controller.profile.server.reconnect and _SERVERS[line.port] is not None:
+            self._dead.add(line.port)
+
+    def quit(self) -> None:
+        """End the program, as SPEL+ `Quit All` in the thesis: motion and state port are dead."""
+        self._controller.apply(Event.STOP)
+        self._dead |= {'motion', 'state'}
+        self.hang_up('motion', 'state')
+
+    def start(self) -> None:
+        """Serve all ports again."""
+        self._dead.clear()
+
+    def tasks_begin(self) -> None:
+        """Close what nobody has read: the program opens its ports anew."""
+        if self._controller.profile.server.aborted == 'silent':
+            self.hang_up(*(port for port, task in _SERVERS.items() if task in _ENDING))
+
+    def tasks_ended(self) -> None:
+        """Close what the profile closes when the Normal tasks end."""
+        if self._controller.profile.server.aborted == 'close':
+            self.hang_up(*(port for port in _SERVERS if self._down(port)))
+
+    def hang_up(self, *ports: str) -> None:
+        """Close the connections of all clients of the ports."""
+        for line in [line for line in self._lines if line.port in ports]:
+            line.hang_up()
+
+    def dismiss_remote(self, why: str) -> None:
+        """Close the connection of the remote client with the least claim to it, if any."""
+        line = min(self._remote, key=lambda line: line.claim, default=None)
+        if line is not None:
+            known = 'is logged in' if line.claim[2] else 'is not logged in'
+            _log.warning('a remote client makes room, which %s: %s', known, why)
+            line.hang_up()
+
+    @property
+    def _remote(self) -> list[Line]:
+        return [line for line in self._lines if line.port == 'remote']
+
+    def boot(self, seconds: float) -> None:
+        """Close all connections and refuse others for `seconds`; then serve all ports."""
+        if self._boot is not None:
+            self._boot.cancel()
+        self._boot = self._controller.clock.after(seconds, self._booted)
+        self.hang_up(*_SERVERS)
+
+    def _booted(self) -> None:
+        self._boot = None
+        self._dead.clear()
+        _log.info('booted')
+
+    def _refusal(self, port: str) -> str | None:
+        if self._boot is not None:
+            return 'the controller boots'
+        if port in self._dead:
+            return 'the program that served it has ended: start it'
+        if self._controller.faults.refuses(port):
+            return 'cut, as asked for'
+        if self._down(port) and self._controller.profile.server.aborted == 'close':
+            return 'its task does not run'
+        if port == 'motion' and any(line.port == port for line in self._lines):
+            return 'there is a motion client already'
+        return None
+
+    def _make_room(self, client: Client) -> str | None:
+        """Have a place for one more remote client; return None, or why there is none."""
+        held = self._remote
+        if len(held) < REMOTE_CLIENTS:
+            return None
+        if not client.local and all(line.local for line in held):
+            return f'{len(held)} clients of this machine are connected'
+        self.dismiss_remote(f'{len(held)} are connected')
+        return None
+
+    def _down(self, port: str) -> bool:
+        task = _SERVERS[port]
+        ended = (TaskState.NOT_RUNNING, TaskState.ABORTED)
+        return task is not None and task.state(self._controller.condition) in ended
+
+
+def _open(controller: 'Controller', port: str, send: Send, client: Client) -> Session:
+    match port:
+        case 'motion':
+            return MotionSession(controller, send)
+        case 'state':
+            return StateSession(controller, send)
+        case 'io':
+            return IoSession(
+                controller.io,
+                controller.dialect,
+                controller.clock,
+                send,
+                lambda: _no_io(controller),
+            )
+        case 'remote':
+            return RemoteSession(controller, send, client.close)
+    raise ValueError(f'{port} is no port')
+
+
+def _no_io(controller: 'Controller') -> str | None:
+    tasks = controller.condition.tasks
+    return None if tasks is Tasks.RUNNING else f'the I/O server is {tasks.value}'

@@ -1,0 +1,78 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The controller's clock: real time for a core that has none."""
+
+import asyncio
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from epson_driver.sim_controller.core import Controller
+
+
+class Pacer:
+    """Lets the time that really passed pass for the controller too.
+
+    Everything else gets at the controller through `present`. Motion cycles that came a whole
+    period late are counted in the controller's `timing`.
+    """
+
+    def __init__(self, controller: Controller, clock: Callable[[], float] | None = None) -> None:
+        self._controller = controller
+        self._clock = clock or asyncio.get_running_loop().time
+        self._now = self._clock()
+        self._cycle = math.inf
+        self._sleeps_until = -math.inf
+        self._wake = asyncio.Event()
+
+    @contextmanager
+    def present(self) -> Iterator[Controller]:
+        """Give out the controller as it is at this moment; wake the clock if it is needed then."""
+        self._catch_up()
+        try:
+            yield self._controller
+        finally:
+            if self._due() < self._sleeps_until:
+                self._wake.set()
+
+    async def run(self) -> None:
+        """Step the controller when its next timer is due, and every cycle while the arm moves."""
+        period = self._controller.profile.cycle_period
+        while True:
+            await self._sleep(self._due())
+            self._catch_up()
+            if self._now >= self._cycle:
+                self._cycle += period
+                if self._now >= self._cycle:
+                    self._controller.timing.deadline_misses += 1
+                    self._cycle = self._now + period
+
+    def _due(self) -> float:
+        """Return when the controller must be stepped next, on the real clock."""
+        controller = self._controller
+        if not controller.in_motion:
+            self._cycle = math.inf
+        elif self._cycle == math.inf:
+            self._cycle = self._now + controller.profile.cycle_period
+        due = controller.clock.next_due
+        if due is None:
+            return self._cycle
+        return min(self._cycle, self._now + due - controller.clock.now)
+
+    async def _sleep(self, until: float) -> None:
+        self._sleeps_until = until
+        timer = None
+        if until < math.inf:
+            loop = asyncio.get_running_loop()
+            timer = loop.call_later(max(until - self._clock(), 0.0), self._wake.set)
+        await self._wake.wait()
+        self._wake.clear()
+        self._sleeps_until = -math.inf
+        if timer is not None:
+            timer.cancel()
+
+    def _catch_up(self) -> None:
+        now = self._clock()
+        elapsed = now - self._now
+        self._now = now
+        self._controller.step(elapsed)

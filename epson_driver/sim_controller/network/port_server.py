@@ -1,0 +1,240 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The controller's listening TCP ports: sockets for the sessions of the core."""
+
+import asyncio
+import errno
+import logging
+import os
+import socket
+import time
+from collections import deque
+from typing import NamedTuple
+
+from epson_driver.profiles.profile import ServerProfile
+from epson_driver.sim_controller.lines import GRACE, NEWCOMERS, REMOTE_CLIENTS
+from epson_driver.sim_controller.network.connection import Connection
+from epson_driver.sim_controller.network.fairness import Share
+from epson_driver.sim_controller.network.pacer import Pacer
+from epson_driver.sim_controller.network.spare import Spare
+from epson_driver.simple_message import FrameError
+
+HANDOVER = 0.1
+"""How long a client waits for a place, s: one that reconnects meets its own end of before."""
+
+WAITING = 4
+"""How many may wait for a place; who comes then is refused at once."""
+
+BACKLOG = 64
+"""How many the system may keep until they are accepted, one in a turn of the loop."""
+
+RETRY = 0.05
+"""How long nobody is accepted after the system could not, s."""
+
+_EXHAUSTED = (errno.EMFILE, errno.ENFILE)
+"""The process, or the system, has no file descriptor left."""
+
+_GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)
+"""There is nobody to accept, or nobody any more."""
+
+_log = logging.getLogger(__name__)
+
+
+class PortRules(NamedTuple):
+    """What differs from port to port.
+
+    One client more than `max_clients` waits for a place, and is refused if there is none soon;
+    None: each gets in, if need be in another one's place, also without a file descriptor left. A
+    client that leaves more than `max_unsent` bytes
+    unread is disconnected; `send_buffer` is what the system may hold beside that, None for its
+    default. Where `half_closed`, a client that has shut its own side is still sent to. `chunk`
+    bytes are taken at once; all clients together use at most the part `share` of the processor's
+    time, after what each has saved up; None: as much as they like.
+    """
+
+    name: str
+    max_clients: int | None
+    max_unsent: int = 65_536
+    send_buffer: int | None = None
+    half_closed: bool = False
+    chunk: int = 1024
+    share: float | None = 0.2
+
+
+def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
+    """Return the rules of all ports, in the order of `servers.Ports`."""
+    return (
+        PortRules('motion', 1, chunk=4096, share=None),  # nothing may hold up its STOP
+        PortRules('state', server.state_clients, 4096, 16_384, half_closed=True),  # a third of a s
+        PortRules('io', server.io_clients, 16_384),
+        PortRules('remote', None, 16_384, chunk=128),  # a command may have two characters
+    )
+
+
+class PortServer:
+    """Accepts clients of one port and serves each in a task of its own.
+
+    One client more than there may be is closed at once, and the others do not notice it. With the
+    same `turn` for all ports, one client is listened to in a turn of the loop, and then the next:
+    what comes between two looks at the clock is bounded, however many clients never pause.
+    """
+
+    def __init__(self, rules: PortRules, pacer: Pacer, turn: asyncio.Lock) -> None:
+        self._rules = rules
+        self._pacer = pacer
+        self._turn = turn
+        self._sock: socket.socket | None = None
+        self._retry: asyncio.TimerHandle | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        clients = rules.max_clients
+        self._admitted: deque[float] = deque([-GRACE] * NEWCOMERS, NEWCOMERS)
+        """When the last clients came, as many as may be new where each gets in."""
+        self._spare = Spare()
+        """What a client gets in with when no descriptor is left, where each gets in."""
+        self._places = None if clients is None else asyncio.Semaphore(clients)
+
+    async def open(self, host: str, port: int) -> int:
+        """Listen, and return the port; 0 asks for any free one. Raises OSError that says where."""
+        try:
+            family = socket.AF_INET6 if ':' in host else socket.AF_INET
+            sock = socket.create_server((host, port), family=family, backlog=BACKLOG)
+        except (OSError, OverflowError) as error:
+            number = error.errno if isinstance(error, OSError) else None
+            reason = os.strerror(number) if number is not None and number > 0 else str(error)
+            raise OSError(f'{self._rules.name} port {host}:{port}: {reason}') from error
+        if self._rules.send_buffer is not None:  # accepted sockets inherit it
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self._rules.send_buffer)
+        sock.setblocking(False)
+        self._sock = sock
+        if self._rules.max_clients is None:
+            self._spare.keep()
+        self._listen()
+        bound: int = sock.getsockname()[1]
+        return bound
+
+    async def close(self) -> None:
+        """Stop listening and disconnect everybody."""
+        if self._retry is not None:
+            self._retry.cancel()
+        if self._sock is not None:
+            asyncio.get_running_loop().remove_reader(self._sock)
+            self._sock.close()
+            self._sock = None
+        self._spare.give()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _listen(self) -> None:
+        if self._sock is not None:
+            asyncio.get_running_loop().add_reader(self._sock, self._accept, self._sock)
+
+    def _accept(self, listening: socket.socket) -> None:
+        """Take one client of those that the system keeps; what cannot be taken now stays there."""
+        limit = self._rules.max_clients
+        if limit is None and len(self._tasks) >= REMOTE_CLIENTS:
+            wait = self._admitted[0] + GRACE - asyncio.get_running_loop().time()
+            if wait > 0.0:  # too many have just come: let them be heard
+                self._pause(listening, wait)
+                return
+        try:
+            try:
+                sock, address = listening.accept()
+            except OSError as error:
+                if error.errno not in _EXHAUSTED or not self._spare.give():
+                    raise
+                sock, address = listening.accept()
+        except OSError as error:
+            if error.errno not in _GONE:
+                self._cannot(listening, error.strerror or str(error))
+            return
+        self._admitted.append(asyncio.get_running_loop().time())
+        if limit is not None and len(self._tasks) >= limit + WAITING:
+            sock.close()
+            _log.warning(
+                '%s client %s:%d refused: as many wait for a place as may be',
+                self._rules.name,
+                *address[:2],
+            )
+            return
+        task = asyncio.create_task(self._admit(sock))
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if self._rules.max_clients is None and self._sock is not None:
+            self._spare.keep()
+
+    def _cannot(self, listening: socket.socket, why: str) -> None:
+        """Say what keeps clients out; the system would offer the same one all the time."""
+        _log.error('%s port: nobody can be accepted now: %s', self._rules.name, why)
+        self._pause(listening, RETRY)
+        if self._rules.max_clients is None:
+            with self._pacer.present() as controller:
+                controller.lines.dismiss_remote(why)
+
+    def _pause(self, listening: socket.socket, seconds: float) -> None:
+        """Accept nobody for a while."""
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(listening)
+        self._retry = loop.call_later(seconds, self._listen)
+
+    async def _admit(self, sock: socket.socket) -> None:
+        rules = self._rules
+        reader, writer = await asyncio.open_connection(sock=sock, limit=rules.chunk)
+        try:
+            connection = Connection(rules.name, reader, writer, rules.max_unsent, rules.chunk)
+        except (OSError, TypeError):  # gone before it was served
+            writer.transport.abort()
+            return
+        await self._attend(connection)
+
+    async def _attend(self, connection: Connection) -> None:
+        try:
+            if self._places is not None:
+                async with asyncio.timeout(HANDOVER):
+                    await self._places.acquire()
+            try:
+                _log.info('%s connected', connection.name)
+                await self._serve(connection)
+                _log.info('%s gone', connection.name)
+            finally:
+                if self._places is not None:
+                    self._places.release()
+        except TimeoutError:
+            _log.warning('%s refused: as many connected as may be', connection.name)
+        except ConnectionRefusedError as error:
+            _log.warning('%s refused: %s', connection.name, error)
+            connection.abort()
+        except FrameError as error:
+            _log.warning('%s disconnected: %s', connection.name, error)
+        finally:
+            connection.close()
+
+    async def _serve(self, connection: Connection) -> None:
+        with self._pacer.present() as controller:
+            line = controller.connect(self._rules.name, connection)
+        share = Share(asyncio.get_running_loop().time())
+        try:
+            while data := await connection.receive():
+                async with self._turn:
+                    await asyncio.sleep(0)  # so it is a turn of the loop, and the next waits
+                    with self._pacer.present():
+                        began = time.thread_time()
+                        line.receive(data)
+                        used = time.thread_time() - began
+                await self._pay(share, used)
+            if self._rules.half_closed:
+                await connection.lost()
+        finally:
+            with self._pacer.present():
+                line.closed()
+
+    async def _pay(self, share: Share, used: float) -> None:
+        """Let a client wait that used more than its share of the processor's time."""
+        if self._rules.share is not None:
+            own = self._rules.share / len(self._tasks)
+            wait = share.used(used, own, asyncio.get_running_loop().time())
+            if wait:
+                await asyncio.sleep(wait)

@@ -1,0 +1,104 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A trajectory that comes as a whole before the arm moves: the download interface.
+
+The rules (industrial_robot_client, `motion_download_interface`; thesis chapter 3):
+
+* The first point has sequence -1, the last -3, those between any that is not negative. All are
+  topics, which are not answered, or all are requests, which are.
+* The program spends `dead_time` s on each point. When it is done with the last one, the arm goes.
+* Nothing of a download moves that is refused or does not come to its end: by a bad point, a new
+  -1, a STOP, a lost client. The rest of a refused one is dropped, so that its cause stays shown.
+* More points than the buffer holds: all are refused, or those beyond are lost (ABB).
+"""
+
+import logging
+from dataclasses import dataclass, field
+from enum import Enum
+
+from epson_driver.profiles.profile import DownloadProfile
+from epson_driver.sim_controller.errors import Refusal, corrupt
+from epson_driver.simple_message import CommType, JointTrajPt, SpecialSequence
+
+_log = logging.getLogger(__name__)
+
+FIRST = SpecialSequence.START_TRAJECTORY_DOWNLOAD
+LAST = SpecialSequence.END_TRAJECTORY
+
+
+class _Phase(Enum):
+    """What becomes of points with a sequence that is not negative."""
+
+    NONE = 'no download is under way'
+    COLLECTING = 'they are kept'
+    REFUSED = 'they are dropped until the last one'
+
+
+@dataclass
+class Download:
+    """Collects the points of one download at a time."""
+
+    profile: DownloadProfile
+    _phase: _Phase = _Phase.NONE
+    _comm_type: CommType = CommType.TOPIC
+    _points: list[JointTrajPt] = field(default_factory=list)
+    _dropped: int = 0
+    busy_until: float = 0.0
+    """When the program is done with the points that have come, s."""
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def concerns(self, sequence: int, comm_type: CommType) -> bool:
+        """Return whether a point belongs to a download: it begins one, or goes on with it."""
+        if sequence == FIRST:
+            return comm_type is not CommType.SERVICE_REPLY
+        if sequence == 0 and self.refused and comm_type is CommType.SERVICE_REQUEST:
+            return False  # a stream begins
+        under_way = self._phase is not _Phase.NONE and comm_type is self._comm_type
+        return under_way and (sequence >= 0 or sequence == LAST)
+
+    @property
+    def refused(self) -> bool:
+        """Whether the download under way was refused: what is left of it is dropped."""
+        return self._phase is _Phase.REFUSED
+
+    def begin(self, comm_type: CommType) -> None:
+        """Take note that a new one comes; one that has not ended is forgotten."""
+        self.forget()
+        self._phase = _Phase.COLLECTING
+        self._dropped = 0
+        self._comm_type = comm_type
+
+    def add(self, point: JointTrajPt, now: float) -> Refusal | None:
+        """Keep one more point; return why the whole download cannot be kept, or None."""
+        self.busy_until = max(self.busy_until, now) + self.profile.dead_time
+        if len(self._points) < self.profile.buffer:
+            self._points.append(point)
+            return None
+        if self.profile.overflow == 'refuse':
+            return corrupt(f'the download is longer than {self.profile.buffer} points')
+        self._dropped += 1
+        return None
+
+    def refuse(self) -> None:
+        """Forget the points; those that still come of this download are dropped."""
+        if self._phase is _Phase.COLLECTING:
+            self._phase = _Phase.REFUSED
+        self._points = []
+        self.busy_until = 0.0
+
+    def end(self) -> list[JointTrajPt]:
+        """Take note of the last point; return all that are to be executed."""
+        if self._points and self._dropped:
+            _log.warning('%d points of a download are lost: the buffer is full', self._dropped)
+        self._phase = _Phase.NONE
+        points, self._points = self._points, []
+        return points
+
+    def forget(self) -> None:
+        """Forget the points, and that there is a download."""
+        if self._points:
+            _log.warning('a download is dropped: it did not come to its end')
+        self._points = []
+        self._phase = _Phase.NONE

@@ -1,0 +1,335 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The program on the motion port: points in, one move after the other, replies out.
+
+The rules (REP-I0006 where it says something, the thesis' program otherwise):
+
+* A point is a JOINT_TRAJ_PT request. Its sequence is 0, a new trajectory, or one more than the
+  last point accepted; -2 (START_TRAJECTORY_STREAMING) is as 0. Point to point, the reply comes
+  when the arm has come to rest at the point. In smooth motion it comes when there is room for the
+  point in the look-ahead buffer; that is the flow control.
+* Points that arrive before that wait; all are answered in the order they came.
+* A refused point ends the motion: the arm brakes, all points that are not answered yet get
+  FAILURE, then the refused one. A point answered with FAILURE does not count as accepted.
+  If points that were answered already are lost with that, which only happens in smooth motion,
+  the trajectory is over: the next point must have sequence 0, so that none is skipped.
+* STOP (sequence -4) does the same in every condition, is answered with SUCCESS, and ends the
+  trajectory: the next point must have sequence 0.
+* A sequence of -1 begins a download (download.py). Its points, if they are requests, are answered
+  when the program is done with them. From a client that downloads by topics, topics are never
+  answered. A streamed point in between ends it; points that still move go on first.
+* In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
+  STOP works.
+
+What a profile's `ProgramProfile` changes in these rules stands there.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+from epson_driver.profiles.profile import ProgramProfile
+from epson_driver.sim_controller.arm.executor import Executor, Point
+from epson_driver.sim_controller.clock import Clock
+from epson_driver.sim_controller.errors import ErrorRegister, Refusal, corrupt
+from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
+from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
+from epson_driver.sim_controller.programs.points import (
+    FIELDS_USED,
+    frame_fault,
+    limits_refusal,
+    numbers_refusal,
+    sequence_of,
+    target_of,
+)
+from epson_driver.sim_controller.programs.program import ProgramQuit, SendPacket
+from epson_driver.sim_controller.programs.replies import REPLIES
+from epson_driver.sim_controller.requests import answer, failure
+from epson_driver.simple_message import (
+    BodyError,
+    CommType,
+    Frame,
+    HeaderError,
+    JointTrajPt,
+    MessageType,
+    Packet,
+    Real,
+    ReplyCode,
+    SpecialSequence,
+    decode,
+    reply,
+)
+
+STOP = SpecialSequence.STOP_TRAJECTORY
+STREAMING = SpecialSequence.START_TRAJECTORY_STREAMING
+
+POINT_SIZE = {Real.FLOAT32: 52, Real.FLOAT64: 100}
+"""of a JOINT_TRAJ_PT's body, bytes"""
+
+
+def _nothing() -> None:
+    pass
+
+
+def _name(point: JointTrajPt) -> str:
+    return f'JOINT_TRAJ_PT {point.sequence}'
+
+
+class MotionProgram:
+    """Has the points of one client executed, one after the other, and answers them.
+
+    At most `pending_limit` points wait, or those of one download. `blocked` returns why the
+    controller's condition forbids motion, or None; `send` takes the replies. `began` is called
+    before the arm takes the first point of a trajectory. `real`: the width of its reals.
+    """
+
+    def __init__(
+        self,
+        arm: Executor,
+        profile: ProgramProfile,
+        pending_limit: int,
+        errors: ErrorRegister,
+        blocked: Callable[[], Refusal | None],
+        send: SendPacket,
+        clock: Clock,
+        began: Callable[[], None] = _nothing,
+        real: Real = Real.FLOAT32,
+    ) -> None:
+        self._real = real
+        self._limits = arm.limits
+        self._profile = profile
+        self._pending_limit = pending_limit
+        self._errors = errors
+        self._blocked = blocked
+        self._send_packet = send
+        self._clock = clock
+        self._used = FIELDS_USED[profile.uses]
+        self._reply = REPLIES[profile.reply]
+        self._download = Download(profile.download)
+        self._accepted: int | None = None
+        self._topics = False  # whether the client downloads by topics, which are not answered
+        self._queue = PointQueue(
+            arm,
+            clock,
+            profile.late_failure,
+            self._answer_success,
+            self._fail,
+            began,
+        )
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for `resume`."""
+        return self._queue.paused
+
+    def receive(self, frame: Frame) -> None:
+        """Obey, queue or refuse one frame. Raises ProgramQuit if the profile says so."""
+        if self._profile.corrupt == 'quit' and (fault := frame_fault(frame)) is not None:
+            self._errors.enter(corrupt(fault))
+            self.restart()
+            raise ProgramQuit(f'a corrupt message: {fault}')
+        try:
+            packet = decode(frame)
+        except (HeaderError, BodyError) as error:
+            self._refuse_corrupt(frame, error)
+            return
+        if packet.msg_type == MessageType.JOINT_TRAJ_PT:
+            self._receive_point(packet)
+        elif (response := answer(packet, {})) is not None:
+            self._send(response)
+
+    def step(self, dt: float) -> None:
+        """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
+        self._queue.step(dt)
+
+    def abort(self) -> None:
+        """Brake, and answer all points that are not answered yet with FAILURE."""
+        entries, lost = self._queue.flush()
+        self._download.refuse()
+        sequences = [  # None: of a download
+            None if entry.reply_to is None else entry.point.sequence
+            for entry in entries
+            if entry.point is not None
+        ]
+        if sequences and self._accepted is not None:
+            self._accepted = sequences[0] - 1 if sequences[0] else None
+        if lost or None in sequences:
+            self._accepted = None
+        for entry in entries:
+            self._answer(entry.reply_to, ReplyCode.FAILURE)
+
+    def restart(self) -> None:
+        """Abort, and forget the trajectory: the next point must have sequence 0."""
+        self.abort()
+        self._download.forget()
+        self._accepted = None
+
+    def pause(self) -> None:
+        """Give the arm no more points and answer none, until `resume`."""
+        self._queue.paused = True
+
+    def resume(self) -> None:
+        """Go on after `pause`."""
+        self._queue.paused = False
+        self._queue.advance()
+
+    # Points.
+
+    def _receive_point(self, packet: Packet) -> None:
+        point = packet.message
+        if not isinstance(point, JointTrajPt) or packet.dialect.real is not self._real:
+            size = POINT_SIZE[self._real]
+            self._refuse(0, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
+        elif self._concerns_download(point.sequence, packet.comm_type):
+            self._receive_download(point, packet.comm_type)
+        elif packet.comm_type is CommType.TOPIC and self._topics:
+            self._errors.enter(corrupt('no download is under way').about(_name(point)))
+        elif packet.comm_type is not CommType.SERVICE_REQUEST:
+            sentence = f'JOINT_TRAJ_PT must be a request, not a {packet.comm_type.name.lower()}'
+            self._refuse(point.sequence, corrupt(sentence))
+        elif self._is_stop(point.sequence):
+            self._stop(point.sequence)
+        else:
+            self._receive_request(point)
+
+    def _concerns_download(self, sequence: int, comm_type: CommType) -> bool:
+        return not self._is_stop(sequence) and self._download.concerns(sequence, comm_type)
+
+    def _is_stop(self, sequence: int) -> bool:
+        return sequence == STOP or (sequence < 0 and self._profile.negative_is_stop)
+
+    def _stop(self, sequence: int) -> None:
+        if self._profile.stop_works:
+            self.restart()
+            self._answer(sequence, ReplyCode.SUCCESS)
+        elif (refusal := self._queue_refusal()) is not None:
+            self._refuse(sequence, refusal)
+        else:
+            self._queue.append(Entry(reply_to=sequence))
+            self._queue.advance()
+
+    def _receive_request(self, point: JointTrajPt) -> None:
+        self._download.forget()
+        outside = limits_refusal(point, self._limits)
+        late = self._profile.late_failure or not self._profile.check_limits
+        refusal = (
+            self._blocked()
+            or self._sequence_refusal(point)
+            or numbers_refusal(point, self._used)
+            or (None if late else outside)
+            or self._queue_refusal()
+        )
+        if refusal is not None:
+            self._refuse(point.sequence, refusal.about(_name(point)))
+            return
+        self._errors.clear()
+        self._topics = False
+        sequence = max(point.sequence, 0)
+        begins = sequence == 0 or self._accepted is None
+        self._accepted = sequence
+        reason = None if outside is None else outside.about(_name(point))
+        self._queue.append(Entry(self._point(point, sequence), point.sequence, begins, reason))
+        self._queue.advance()
+
+    def _sequence_refusal(self, point: JointTrajPt) -> Refusal | None:
+        if point.sequence == LAST:
+            return corrupt('no download is under way')
+        if point.sequence < 0 and point.sequence != STREAMING:
+            return corrupt('the negative sequences are -1 to -4')
+        following = None if self._accepted is None else self._accepted + 1
+        if point.sequence in (0, STREAMING, following) or not self._profile.check_sequence:
+            return None
+        expected = '0' if following is None else f'{following}, or 0 for a new trajectory'
+        return corrupt(f'out of sequence: it must be {expected}')
+
+    def _queue_refusal(self) -> Refusal | None:
+        if len(self._queue) < self._pending_limit:
+            return None
+        return corrupt(f'{len(self._queue)} points wait already, the most that can')
+
+    def _point(self, point: JointTrajPt, sequence: int) -> Point:
+        velocity = point.velocity if 'velocity' in self._used else 0.0
+        duration = point.duration if 'duration' in self._used else 0.0
+        return Point(sequence, target_of(point, self._limits), velocity, duration)
+
+    # Downloads.
+
+    def _receive_download(self, point: JointTrajPt, comm_type: CommType) -> None:
+        reply_to = point.sequence if comm_type is CommType.SERVICE_REQUEST else None
+        if point.sequence == FIRST:
+            self._download.begin(comm_type)
+            self._topics = comm_type is CommType.TOPIC
+            self._accepted = None
+        refused = self._download.refused
+        if not refused and (refusal := self._download_refusal(point, reply_to)) is not None:
+            self._errors.enter(refusal.about(_name(point)))
+            self.abort()
+            refused = True
+        points = self._download.end() if point.sequence == LAST else []
+        if refused:
+            self._answer(reply_to, ReplyCode.FAILURE)
+            return
+        self._errors.clear()
+        if reply_to is not None:
+            self._queue.append(Entry(reply_to=reply_to, ready_at=self._download.busy_until))
+        self._execute(points)
+        self._queue.advance()
+
+    def _download_refusal(self, point: JointTrajPt, reply_to: int | None) -> Refusal | None:
+        check = self._profile.check_limits
+        return (
+            self._blocked()
+            or numbers_refusal(point, self._used)
+            or (limits_refusal(point, self._limits) if check else None)
+            or (self._queue_refusal() if reply_to is not None else None)
+            or self._download.add(point, self._clock.now)
+            or (self._room_refusal() if point.sequence == LAST else None)
+        )
+
+    def _room_refusal(self) -> Refusal | None:
+        """Return why the whole download cannot wait behind what waits already, or None."""
+        most = max(self._pending_limit, self._profile.download.buffer)
+        if len(self._queue) + len(self._download) <= most:
+            return None
+        return corrupt(f'{len(self._queue)} points wait already, {most} is the most that can')
+
+    def _execute(self, points: list[JointTrajPt]) -> None:
+        """Have the points of a download executed when the program is done with them."""
+        for index, point in enumerate(points):
+            outside = limits_refusal(point, self._limits)
+            reason = None if outside is None else outside.about(_name(point))
+            target = self._point(point, index)
+            self._queue.append(Entry(target, None, index == 0, reason, self._download.busy_until))
+
+    # Replies.
+
+    def _refuse_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
+        refusal = corrupt(f'message type {frame.msg_type}: {error}')
+        if frame.msg_type == MessageType.JOINT_TRAJ_PT:
+            self._refuse(sequence_of(frame), refusal)
+            return
+        self._errors.enter(refusal)
+        if frame.msg_type > 0:
+            self._send(failure(frame.msg_type))
+        else:  # a reply of that type would be as invalid
+            self._answer(0, ReplyCode.FAILURE)
+
+    def _refuse(self, sequence: int, refusal: Refusal) -> None:
+        self._errors.enter(refusal)
+        self.abort()
+        self._answer(sequence, ReplyCode.FAILURE)
+
+    def _fail(self, refusal: Refusal) -> None:
+        self._errors.enter(refusal)
+        self.abort()
+
+    def _answer_success(self, entry: Entry) -> None:
+        self._answer(entry.reply_to, ReplyCode.SUCCESS)
+
+    def _answer(self, sequence: int | None, code: ReplyCode) -> None:
+        if sequence is not None:
+            self._send(reply(self._reply(sequence), code))
+
+    def _send(self, packet: Packet) -> None:
+        if packet.reply_code is ReplyCode.FAILURE and not self._profile.failure_replies:
+            packet = dataclasses.replace(packet, reply_code=ReplyCode.SUCCESS)
+        self._send_packet(packet)

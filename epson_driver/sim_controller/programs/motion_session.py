@@ -1,0 +1,44 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The motion port: one client's bytes to the motion program, its replies back."""
+
+from typing import TYPE_CHECKING
+
+from epson_driver.sim_controller.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.session import Send
+from epson_driver.sim_controller.states import Event
+from epson_driver.simple_message import FrameError, Framer
+
+if TYPE_CHECKING:
+    from epson_driver.sim_controller.core import Controller
+
+
+class MotionSession:
+    """The one motion client; when it is gone, however that came, the arm brakes."""
+
+    def __init__(self, controller: 'Controller', send: Send) -> None:
+        self._controller = controller
+        self._framer = Framer(controller.dialect.byte_order)
+        self._open = True
+        controller.reply = send
+        controller.program.restart()
+
+    def receive(self, data: bytes) -> None:
+        """Obey the client. Raises FrameError; the client counts as lost then."""
+        self._framer.receive_data(data)
+        try:
+            while self._open and (frame := self._framer.next_frame()) is not None:
+                self._controller.program.receive(frame)
+        except FrameError as error:
+            self._controller.show(Refusal(ErrorNumber.CORRUPT_MESSAGE, str(error)))
+            self.closed()
+            raise
+
+    def closed(self) -> None:
+        """Take note that the client is gone: brake, motors off."""
+        if self._open:
+            self._open = False
+            try:
+                self._controller.apply(Event.CLIENT_LOST)
+            finally:
+                self._controller.reply = None

@@ -1,0 +1,108 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motoman's trajectory mode: whether points are taken, and what is missing if not."""
+
+import logging
+from collections.abc import Callable
+from typing import Protocol
+
+from epson_driver.sim_controller.errors import ErrorNumber, ErrorRegister, Refusal
+from epson_driver.sim_controller.states import (
+    Condition,
+    Event,
+    Fault,
+    Mode,
+    Motors,
+    RefusedError,
+    Tasks,
+)
+from epson_driver.simple_message.motoman import NotReady
+
+_log = logging.getLogger(__name__)
+
+NOT_READY: tuple[tuple[NotReady, Callable[[Condition], bool]], ...] = (
+    (NotReady.ALARM, lambda condition: condition.fault is not Fault.NONE),
+    (NotReady.ESTOP, lambda condition: condition.estopped),
+    (NotReady.NOT_PLAY, lambda condition: condition.mode is Mode.MANUAL),
+    (NotReady.SERVO_OFF, lambda condition: condition.motors not in (Motors.ON, Motors.HOLDING)),
+    (NotReady.HOLD, lambda condition: condition.paused or condition.tasks is Tasks.RECOVERING),
+    (NotReady.NOT_STARTED, lambda condition: condition.tasks is not Tasks.RUNNING),
+)
+"""What a condition lacks for motion. The first row that applies counts, in MotoROS's order.
+
+MotoROS has ERROR as the second; here it is what the program shows, which an E-stop and the servos
+going off can have caused, and is told when none of these applies.
+"""
+
+
+class Servos(Protocol):
+    """The controller, as far as Motoman's commands reach it."""
+
+    @property
+    def condition(self) -> Condition:
+        """Its condition now."""
+
+    def apply(self, event: Event) -> None:
+        """Let something happen to it. Raises RefusedError: why, and what to do."""
+
+
+class TrajectoryMode:
+    """Off at first. Nothing but `begin` turns it on.
+
+    `blocked` returns why the controller's condition forbids motion, or None.
+    """
+
+    def __init__(
+        self, servos: Servos, errors: ErrorRegister, blocked: Callable[[], Refusal | None]
+    ) -> None:
+        self._servos = servos
+        self._errors = errors
+        self._blocked = blocked
+        self._on = False
+
+    def missing(self) -> NotReady | None:
+        """Return what is missing for motion, or None."""
+        condition = self._servos.condition
+        blocked = self._blocked()
+        ready = condition.motors is Motors.ON and condition.tasks is Tasks.RUNNING
+        if self._on and ready and blocked is None:
+            return None
+        for code, applies in NOT_READY:
+            if applies(condition):
+                return code
+        if self._errors.number is not ErrorNumber.NONE:
+            return NotReady.ERROR
+        return NotReady.NOT_STARTED if blocked is None else NotReady.UNSPECIFIED
+
+    def begin(self) -> NotReady | None:
+        """Turn it on, after resetting an alarm and switching the servos on if that is needed.
+
+        What wants a person stays as it is: the E-stop, a pause, the key switch, stopped tasks.
+        Return what is missing then, or None.
+        """
+        condition = self._servos.condition
+        wants_person = (
+            condition.estopped
+            or condition.paused
+            or condition.mode is Mode.MANUAL
+            or condition.tasks in (Tasks.STOPPED, Tasks.RECOVERING)
+        )
+        if wants_person or self.missing() is None:
+            return self.missing()
+        try:
+            self._errors.clear()
+            if condition.fault is not Fault.NONE:
+                self._servos.apply(Event.RESET)
+            if self._servos.condition.motors is not Motors.ON:
+                self._servos.apply(Event.MOTORS_ON)
+        except RefusedError as error:
+            _log.warning('START_TRAJ_MODE: %s', error)
+            return self.missing()
+        self._on = True
+        missing = self.missing()
+        self._on = missing is None
+        return missing
+
+    def end(self) -> None:
+        """Turn it off."""
+        self._on = False

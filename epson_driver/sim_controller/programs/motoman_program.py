@@ -1,0 +1,309 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motoman's program on the motion port: MOTION_CTRL commands and JOINT_TRAJ_PT_FULL points.
+
+The rules (MotoROS 1.9):
+
+* Everything but a reply is answered at once with a MOTION_REPLY, whose header says SUCCESS and
+  whose result says what became of it. PING and GET_VERSION have their own replies.
+* Points are only taken in trajectory mode. START_TRAJ_MODE begins it, and for that resets an
+  alarm and switches the servos on; the E-stop, a pause and the key switch want a person. It ends
+  with STOP_TRAJ_MODE, with the connection, and when the servos go off.
+* Point 0 must be where the arm stands, and moves nothing. Each later one has the next sequence
+  and a later time, and is to be reached at that time. All carry time, position and velocity.
+* BUSY: there is no room for the point now. Nothing has happened; the client sends it again.
+* INVALID: the point is wrong. It changes nothing either: the arm finishes the points before it.
+* STOP_MOTION brakes and forgets all points, in every condition; the mode stays. The next point is
+  a point 0, once the arm stands.
+
+What is approximate:
+
+* The arm goes through the points as in any other profile. MotoROS interpolates position and
+  velocity; here velocities are checked against the limits, but otherwise neither they nor
+  accelerations count.
+* CHECK_QUEUE_CNT counts the points that wait, plus one while the arm moves, instead of the
+  interpolation steps. It is 0 when no motion is left.
+* STOP_SERVOS is answered at once; MotoROS waits until the power is off.
+* After a pause the arm goes on to the same points; MotoROS wants START_TRAJ_MODE again.
+* There is one group, 0. Sequences that skip or repeat, which MotoROS does not check, are INVALID;
+  so are messages that are not requests.
+* RESET_ALARM also resets an E-stop that was released, as reset does on this controller.
+"""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from epson_driver.sim_controller.arm.executor import Executor, Point
+from epson_driver.sim_controller.errors import ErrorRegister, Refusal
+from epson_driver.sim_controller.programs.motoman_mode import Servos, TrajectoryMode
+from epson_driver.sim_controller.programs.motoman_points import (
+    Wrong,
+    form_wrong,
+    next_wrong,
+    start_wrong,
+)
+from epson_driver.sim_controller.programs.motoman_replies import (
+    invalid,
+    outcome,
+    success,
+    unreadable,
+)
+from epson_driver.sim_controller.programs.points import clipped
+from epson_driver.sim_controller.requests import answer
+from epson_driver.sim_controller.states import Event, Fault, RefusedError
+from epson_driver.simple_message import (
+    BodyError,
+    CommType,
+    Frame,
+    HeaderError,
+    JointTrajPtFull,
+    MessageType,
+    MotionCtrl,
+    MotionReply,
+    Packet,
+    Real,
+    ReplyCode,
+    decode,
+    reply,
+)
+from epson_driver.simple_message.motoman import Command, Invalid, Result
+
+_log = logging.getLogger(__name__)
+
+_STANDARD = (MessageType.PING, MessageType.GET_VERSION)
+
+_Command = Callable[[MotionReply], MotionReply | None]
+"""Obeys a command. It takes the reply that says SUCCESS, and returns the reply if there is one."""
+
+
+class MotomanProgram:
+    """Has the points of one client executed, and obeys its commands.
+
+    At most `pending_limit` points wait for the arm; more are BUSY. `blocked` returns why the
+    controller's condition forbids motion, or None; `send` takes the replies; `began` is told when
+    a trajectory begins; `hang_up` closes the client's connection.
+    """
+
+    def __init__(
+        self,
+        arm: Executor,
+        pending_limit: int,
+        errors: ErrorRegister,
+        blocked: Callable[[], Refusal | None],
+        send: Callable[[Packet], None],
+        began: Callable[[], None],
+        servos: Servos,
+        hang_up: Callable[[], None],
+    ) -> None:
+        self._arm = arm
+        self._pending_limit = pending_limit
+        self._errors = errors
+        self._send = send
+        self._began = began
+        self._servos = servos
+        self._hang_up = hang_up
+        self._mode = TrajectoryMode(servos, errors, blocked)
+        self._paused = False
+        # The sequence and the time of the point taken last; None before a point 0.
+        self._last: tuple[int, float] | None = None
+        self._waiting: deque[Point] = deque()
+        self._commands: dict[int, _Command] = {
+            Command.CHECK_MOTION_READY: self._check_motion_ready,
+            Command.CHECK_QUEUE_CNT: self._check_queue_count,
+            Command.STOP_MOTION: self._stop_motion,
+            Command.START_SERVOS: self._start_servos,
+            Command.STOP_SERVOS: self._stop_servos,
+            Command.RESET_ALARM: self._reset_alarm,
+            Command.START_TRAJ_MODE: self._start_trajectory_mode,
+            Command.STOP_TRAJ_MODE: self._stop_trajectory_mode,
+            Command.DISCONNECT: self._disconnect,
+        }
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for `resume`."""
+        return self._paused
+
+    def receive(self, frame: Frame) -> None:
+        """Obey, queue or refuse one frame."""
+        try:
+            packet = decode(frame)
+        except (HeaderError, BodyError) as error:
+            self._refuse_corrupt(frame, error)
+            return
+        if packet.comm_type is CommType.SERVICE_REPLY:
+            return
+        if packet.msg_type in _STANDARD:
+            response = answer(packet, {})
+            if response is not None:
+                self._send(response)
+        else:
+            self._answer(self._obey(packet))
+
+    def step(self, dt: float) -> None:
+        """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
+        left: float | None = dt
+        while left is not None:
+            left = self._arm.step(left)
+            self._feed()
+            if not self._arm.moving:
+                return
+
+    def abort(self) -> None:
+        """Brake, forget all points, and end the trajectory mode; all are answered already."""
+        self._stop()
+        self._mode.end()
+
+    def restart(self) -> None:
+        """Abort. The same, because no trajectory goes on after that."""
+        self.abort()
+
+    def pause(self) -> None:
+        """Give the arm no more points until `resume`; new ones are NOT_READY, HOLD."""
+        self._paused = True
+
+    def resume(self) -> None:
+        """Go on with the points that wait."""
+        self._paused = False
+        self._feed()
+
+    def _obey(self, packet: Packet) -> MotionReply | None:
+        message, done = packet.message, success(packet)
+        if not isinstance(message, MotionCtrl | JointTrajPtFull):
+            sentence = f'message type {packet.msg_type} is none of this program'
+            return invalid(done, Wrong(Invalid.MSGTYPE, sentence))
+        if packet.comm_type is not CommType.SERVICE_REQUEST:
+            sentence = f'it must be a request, not a {packet.comm_type.name.lower()}'
+            return invalid(done, Wrong(Invalid.MSGHEADER, sentence))
+        if packet.dialect.real is not Real.FLOAT32:
+            return invalid(done, Wrong(Invalid.MSGSIZE, 'its reals must be float32'))
+        if isinstance(message, MotionCtrl):
+            return self._commands.get(message.command, _unknown)(done)
+        return self._receive_point(message, done)
+
+    # Points.
+
+    def _receive_point(self, point: JointTrajPtFull, done: MotionReply) -> MotionReply:
+        missing = self._mode.missing()
+        if missing is not None:
+            return outcome(done, Result.NOT_READY, missing)
+        wrong = form_wrong(point) or self._sequence_wrong(point.sequence)
+        if wrong is not None:
+            return invalid(done, wrong)
+        if point.sequence == 0 or self._last is None:
+            return self._begin(point, done)
+        if not self._arm.has_room and len(self._waiting) >= self._pending_limit:
+            return outcome(done, Result.BUSY)
+        return self._go_on(point, self._last[1], done)
+
+    def _sequence_wrong(self, sequence: int) -> Wrong | None:
+        following = None if self._last is None else self._last[0] + 1
+        if sequence in (0, following):
+            return None
+        expected = '0' if following is None else f'{following}, or 0 for a new trajectory'
+        return Wrong(Invalid.SEQUENCE, f'sequence = {sequence}: must be {expected}')
+
+    def _begin(self, point: JointTrajPtFull, done: MotionReply) -> MotionReply:
+        if self._arm.moving:
+            return invalid(done, Wrong(Invalid.DATA_START_POS, 'the arm still moves'))
+        wrong = start_wrong(point, self._arm.position, self._arm.limits)
+        if wrong is not None:
+            return invalid(done, wrong)
+        self._last = (0, point.time)
+        self._began()
+        return done
+
+    def _go_on(self, point: JointTrajPtFull, before: float, done: MotionReply) -> MotionReply:
+        limits = self._arm.limits
+        wrong = next_wrong(point, before, limits)
+        if wrong is not None:
+            return invalid(done, wrong)
+        self._last = (point.sequence, point.time)
+        target = clipped(np.array(point.positions[: len(limits.names)]), limits)
+        self._waiting.append(Point(point.sequence, target, 0.0, point.time - before))
+        self._feed()
+        return done
+
+    def _feed(self) -> None:
+        while self._waiting and not self._paused and self._arm.has_room:
+            self._arm.take(self._waiting.popleft())
+
+    def _stop(self) -> None:
+        self._arm.stop()
+        self._waiting.clear()
+        self._last = None
+
+    # Commands. Each takes the reply that says SUCCESS.
+
+    def _check_motion_ready(self, done: MotionReply) -> MotionReply:
+        missing = self._mode.missing()
+        return done if missing is None else outcome(done, Result.FAILURE, missing)
+
+    def _check_queue_count(self, done: MotionReply) -> MotionReply:
+        if done.robot_id != 0:
+            return outcome(done, Result.FAILURE, -1)
+        return outcome(done, Result.SUCCESS, len(self._waiting) + self._arm.moving)
+
+    def _stop_motion(self, done: MotionReply) -> MotionReply:
+        self._stop()
+        return done
+
+    def _start_servos(self, done: MotionReply) -> MotionReply:
+        return self._apply(Event.MOTORS_ON, done)
+
+    def _stop_servos(self, done: MotionReply) -> MotionReply:
+        self._stop()
+        return self._apply(Event.MOTORS_OFF, done)
+
+    def _reset_alarm(self, done: MotionReply) -> MotionReply:
+        self._errors.clear()
+        condition = self._servos.condition
+        if condition.fault is Fault.NONE and not condition.estopped:
+            return done
+        return self._apply(Event.RESET, done)
+
+    def _start_trajectory_mode(self, done: MotionReply) -> MotionReply:
+        missing = self._mode.begin()
+        return done if missing is None else outcome(done, Result.NOT_READY, missing)
+
+    def _stop_trajectory_mode(self, done: MotionReply) -> MotionReply:
+        if self._arm.moving or self._waiting:
+            return outcome(done, Result.FAILURE)
+        self.abort()
+        return done
+
+    def _disconnect(self, done: MotionReply) -> MotionReply | None:
+        response = self._stop_trajectory_mode(done)
+        if response.result != Result.SUCCESS:
+            return response
+        self._hang_up()
+        return None
+
+    def _apply(self, event: Event, done: MotionReply) -> MotionReply:
+        try:
+            self._servos.apply(event)
+        except RefusedError as error:
+            _log.warning('%s: %s', Command(done.command).name, error)
+            return outcome(done, Result.FAILURE)
+        return done
+
+    # Replies.
+
+    def _refuse_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
+        if frame.comm_type == CommType.SERVICE_REPLY:
+            return
+        subcode = Invalid.MSGSIZE
+        if isinstance(error, HeaderError):
+            subcode = Invalid.MSGTYPE if error.field == 'msg_type' else Invalid.MSGHEADER
+        self._answer(invalid(unreadable(frame.msg_type), Wrong(subcode, str(error))))
+
+    def _answer(self, response: MotionReply | None) -> None:
+        if response is not None:
+            self._send(reply(response, ReplyCode.SUCCESS))
+
+
+def _unknown(done: MotionReply) -> MotionReply:
+    return invalid(done, Wrong(Invalid.COMMAND, f'command = {done.command} is not known'))

@@ -1,0 +1,145 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The arm's side of the motion program: what waits, what the arm does now, when it is answered."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from epson_driver.sim_controller.arm.executor import Executor, Point
+from epson_driver.sim_controller.clock import Clock, Timer
+from epson_driver.sim_controller.errors import Refusal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """One thing that is done in its turn.
+
+    The arm goes to `point`; None: there is only something to answer. `reply_to` is the sequence of
+    the request to answer; None: it was no request. `begins`: a trajectory begins with the point.
+    `refusal`: the point is never executed, and the motion ends for that reason. Its turn does not
+    come before the controller's time `ready_at`, s.
+    """
+
+    point: Point | None = None
+    reply_to: int | None = None
+    begins: bool = False
+    refusal: Refusal | None = None
+    ready_at: float = 0.0
+
+
+TICK = 1e-9
+"""Differences in time that rounding makes, s."""
+
+
+class PointQueue:
+    """Gives the arm one entry after the other, and has each answered.
+
+    `answered` is called with an entry that was done (or, with `answers_early`, one that will be
+    refused); `failed` with one that is refused in its turn, which is still in the queue then.
+    `began` is called before the arm takes the first point of a trajectory. Any of them may flush
+    the queue.
+    """
+
+    def __init__(
+        self,
+        arm: Executor,
+        clock: Clock,
+        answers_early: bool,
+        answered: Callable[[Entry], None],
+        failed: Callable[[Refusal], None],
+        began: Callable[[], None],
+    ) -> None:
+        self._arm = arm
+        self._clock = clock
+        self._answers_early = answers_early
+        self._answered = answered
+        self._failed = failed
+        self._began = began
+        self._current: Entry | None = None
+        self._waiting: deque[Entry] = deque()
+        self._timer: Timer | None = None
+        self.paused = False
+
+    def __len__(self) -> int:
+        """How many wait."""
+        return len(self._waiting)
+
+    def append(self, entry: Entry) -> None:
+        """Let an entry wait for its turn, which `advance` gives it."""
+        self._waiting.append(entry)
+
+    def flush(self) -> tuple[list[Entry], bool]:
+        """Brake. Return what is not answered, and whether points that were answered are lost."""
+        lost = self._arm.stop()
+        entries = [] if self._current is None else [self._current]
+        entries += self._waiting
+        self._current = None
+        self._waiting.clear()
+        return entries, lost
+
+    def step(self, dt: float) -> None:
+        """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
+        left: float | None = dt
+        while left is not None:
+            left = self._arm.step(left)
+            self.advance()
+            if not self._arm.moving:
+                return
+
+    def advance(self) -> None:
+        """Have answered what is done, and give the arm the next points that it has room for.
+
+        In a pause nothing is done.
+        """
+        while not self.paused:
+            if (current := self._current) is not None:
+                if not self._done(current):
+                    return
+                self._finish(current)
+            elif not self._waiting or not self._has_turn(self._waiting[0]):
+                return
+            else:
+                self._begin(self._waiting.popleft())
+
+    def _has_turn(self, entry: Entry) -> bool:
+        room = entry.point is None or self._arm.has_room
+        return room and self._is_ready(entry.ready_at)
+
+    def _is_ready(self, ready_at: float) -> bool:
+        """Return whether it is that time; if not, `advance` will be called then."""
+        if ready_at <= self._clock.now + TICK:
+            return True
+        timer = self._timer
+        if timer is None or timer.action is None or timer.due > ready_at:
+            if timer is not None:
+                timer.cancel()
+            self._timer = self._clock.after(ready_at - self._clock.now, self.advance)
+        return False
+
+    def _begin(self, entry: Entry) -> None:
+        """Give the arm an entry's point, if it is one to go to."""
+        self._current = entry
+        if entry.point is None:
+            return
+        if entry.refusal is not None:
+            if self._answers_early:
+                self._answered(entry)
+            return
+        if entry.begins:
+            self._began()
+        if self._current is not entry:  # flushed meanwhile
+            return
+        self._arm.take(entry.point)
+
+    def _done(self, entry: Entry) -> bool:
+        if entry.refusal is not None:
+            return not self._arm.moving
+        return entry.point is None or self._arm.done
+
+    def _finish(self, entry: Entry) -> None:
+        if entry.refusal is not None:
+            self._failed(entry.refusal)
+            return
+        self._current = None
+        self._answered(entry)

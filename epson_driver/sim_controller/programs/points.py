@@ -1,0 +1,127 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a JOINT_TRAJ_PT must be before the arm moves for it."""
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits
+from epson_driver.sim_controller.errors import ErrorNumber, Refusal, corrupt
+from epson_driver.simple_message import (
+    BodyError,
+    CommType,
+    Frame,
+    JointTrajPt,
+    MessageType,
+    ReplyCode,
+    decode,
+)
+from epson_driver.simple_message.framer import HEADER_SIZE
+
+SLOWEST = 1e-6
+"""Smallest velocity field obeyed: below it a move would take days. 0 means: none given."""
+
+LONGEST = 86_400.0
+"""Longest duration field obeyed, s: a day."""
+
+
+BOTH = frozenset({'velocity', 'duration'})
+
+FIELDS_USED = {
+    'both': BOTH,
+    'velocity': frozenset({'velocity'}),
+    'duration': frozenset({'duration'}),
+    'nothing': frozenset[str](),
+}
+"""Which fields of a point count, besides the joints, by the profile's word for it."""
+
+POINT_LENGTH = 64
+"""The length prefix of a JOINT_TRAJ_PT."""
+
+
+def frame_fault(frame: Frame) -> str | None:
+    """Return what is wrong with a frame for a program that knows JOINT_TRAJ_PT only, or None."""
+    length = HEADER_SIZE + len(frame.body)
+    if length != POINT_LENGTH:
+        return f'length = {length}: must be {POINT_LENGTH}'
+    for name, value, right in (
+        ('msg_type', frame.msg_type, MessageType.JOINT_TRAJ_PT),
+        ('comm_type', frame.comm_type, CommType.SERVICE_REQUEST),
+        ('reply_code', frame.reply_code, ReplyCode.INVALID),
+    ):
+        if value != right:
+            return f'{name} = {value}: must be {right.value}'
+    return None
+
+
+def numbers_refusal(point: JointTrajPt, used: frozenset[str] = BOTH) -> Refusal | None:
+    """Return why the point's numbers make no sense, or None. Unused joints count too.
+
+    `used`: which of velocity and duration are looked at.
+    """
+    for index, angle in enumerate(point.joints):
+        if not np.isfinite(angle):
+            return corrupt(f'joints[{index}] = {angle} is not finite')
+    for name in ('velocity', 'duration'):
+        if name in used and (refusal := _number_refusal(name, getattr(point, name))) is not None:
+            return refusal
+    return None
+
+
+def _number_refusal(name: str, value: float) -> Refusal | None:
+    if not np.isfinite(value):
+        return corrupt(f'{name} = {value} is not finite')
+    if value < 0.0:
+        return corrupt(f'{name} = {value:g} is negative')
+    if name == 'duration':
+        if value > LONGEST:
+            return corrupt(f'duration = {value:g} s is above {LONGEST:g} s')
+    elif value > 1.0:
+        return corrupt(f'velocity = {value:g} is above 1, the fraction of the maximum joint speed')
+    elif 0.0 < value < SLOWEST:
+        return corrupt(f'velocity = {value:g} is below {SLOWEST:g}')
+    return None
+
+
+def limits_refusal(point: JointTrajPt, limits: JointLimits) -> Refusal | None:
+    """Return which joint of the point is outside its limits, or None.
+
+    A limit that was rounded to float32 on its way is still inside.
+    """
+    return angles_refusal(np.array(point.joints[: len(limits.names)]), limits)
+
+
+def angles_refusal(angles: Array, limits: JointLimits) -> Refusal | None:
+    """Return which of the angles, shape (n,), rad, is outside its limits, or None."""
+    low, high = limits.position_min, limits.position_max
+    inside = (angles >= np.minimum(low, low.astype(np.float32))) & (
+        angles <= np.maximum(high, high.astype(np.float32))
+    )
+    if inside.all():
+        return None
+    joint = int(np.argmin(inside))
+    sentence = (
+        f'{limits.names[joint]} = {angles[joint]:.7g} {limits.units[joint]} is outside the limits '
+        f'{low[joint]:.7g} … {high[joint]:.7g} {limits.units[joint]}'
+    )
+    return Refusal(ErrorNumber.OUT_OF_RANGE, sentence)
+
+
+def target_of(point: JointTrajPt, limits: JointLimits) -> Array:
+    """Return the angles of a point that was not refused, shape (n,), rad, within the limits."""
+    return clipped(np.array(point.joints[: len(limits.names)]), limits)
+
+
+def clipped(angles: Array, limits: JointLimits) -> Array:
+    """Return the nearest angles within the limits, shape (n,), rad."""
+    nearest: Array = np.clip(angles, limits.position_min, limits.position_max)
+    return nearest
+
+
+def sequence_of(frame: Frame) -> int:
+    """Return the sequence in a JOINT_TRAJ_PT with a wrong header, 0 if the body is wrong too."""
+    try:
+        request = Frame(frame.msg_type, CommType.SERVICE_REQUEST, 0, frame.body, frame.byte_order)
+        message = decode(request).message
+    except BodyError:
+        return 0
+    return message.sequence if isinstance(message, JointTrajPt) else 0

@@ -1,0 +1,318 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""EPSON's Remote Ethernet commands: one line in, one line out, by one table.
+
+`$Cmd,parameters` is answered with `#Cmd,value` (0 where there is no value) or `!Cmd,error`.
+Names, acceptance and answers are those of the RC+ user's guides, Remote Ethernet, and of EPSON's
+own client for Node-RED; `$Sim,…` (sim_commands.py) exists in the simulation only.
+"""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.io.io_points import BYTE, WORD, IoError
+from epson_driver.sim_controller.remote import remote_acceptance as needs
+from epson_driver.sim_controller.remote.remote_acceptance import CommandError, Need, check
+from epson_driver.sim_controller.remote.remote_parameters import (
+    expect,
+    hexadecimal,
+    robot,
+    switch,
+    whole,
+    wrong,
+)
+from epson_driver.sim_controller.remote.sim_commands import simulate
+from epson_driver.sim_controller.remote.spel_functions import error_text
+from epson_driver.sim_controller.remote.spel_statements import NO_MOTION, execute
+from epson_driver.sim_controller.remote.status_words import flags
+from epson_driver.sim_controller.states import Event, Power, RefusedError
+from epson_driver.simple_message import IoType
+
+if TYPE_CHECKING:
+    from epson_driver.sim_controller.core import Controller
+
+_log = logging.getLogger(__name__)
+
+_LAST_ADDRESS = 65_535
+_SIX_AXIS, _JOINT_ROBOT = 5, 1
+"""Robot types of GetRobotInfo."""
+
+_SIMULATED = 'simulated'
+"""The answer where a real controller has a serial number or a version."""
+
+
+@dataclass(slots=True)
+class Dialogue:
+    """What is known of one remote client. `why` explains the last command that was refused."""
+
+    controller: 'Controller'
+    logged_in: bool = False
+    why: str = ''
+
+
+Run = Callable[[Dialogue, list[str]], str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A remote command; `run` returns its value, None where it has none.
+
+    With an `event`, that is what it does, after `run` has checked the parameters. With `whole`
+    everything after the first comma is one parameter.
+    """
+
+    usage: str
+    text: str
+    needs: tuple[Need, ...]
+    run: Run
+    event: Event | None = None
+    whole: bool = False
+
+
+def answer(dialogue: Dialogue, line: str) -> str:
+    """Obey one line without its terminator; return the answer without terminator."""
+    name, comma, rest = line.removeprefix('$').partition(',')
+    name = _CANONICAL.get(name.strip().lower(), name)
+    try:
+        return f'#{name},{_obey(dialogue, line, name, rest if comma else None)}'
+    except CommandError as error:
+        number, dialogue.why = error.number, str(error)
+    except RefusedError as refusal:
+        number, dialogue.why = RemoteErrorNumber.NOT_READY, str(refusal)
+    _log.warning('remote command %s refused (%d): %s', name, number, dialogue.why)
+    return f'!{name},{number:d}'
+
+
+def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
+    if not line.startswith('$'):
+        raise CommandError(RemoteErrorNumber.NO_DOLLAR, 'the command does not begin with $')
+    command = COMMANDS.get(name)
+    if command is None:
+        raise CommandError(RemoteErrorNumber.BAD_COMMAND, f'there is no command {name}')
+    if not dialogue.logged_in and name != 'Login':
+        raise CommandError(RemoteErrorNumber.BAD_COMMAND, 'nobody is logged in')
+    parameters = [] if rest is None else [rest] if command.whole else rest.split(',')
+    if not command.whole:
+        parameters = [part.strip() for part in parameters]
+    value = None
+    if command.event is not None:
+        command.run(dialogue, parameters)
+    check(dialogue.controller, command.needs, command.event)
+    if command.event is not None:
+        dialogue.controller.apply(command.event)
+    else:
+        value = command.run(dialogue, parameters)
+    return '0' if value is None else value
+
+
+def _login(dialogue: Dialogue, parameters: list[str]) -> None:
+    password = dialogue.controller.profile.remote.password
+    if password and ''.join(parameters) != password:
+        raise CommandError(RemoteErrorNumber.PASSWORD, 'the password is wrong')
+    dialogue.logged_in = True
+
+
+def _logout(dialogue: Dialogue, parameters: list[str]) -> None:
+    expect(parameters, 0)
+    dialogue.logged_in = False
+
+
+def _plain(_dialogue: Dialogue, parameters: list[str]) -> None:
+    expect(parameters, 0)
+
+
+def _robot(_dialogue: Dialogue, parameters: list[str]) -> None:
+    robot(parameters)
+
+
+def _start(_dialogue: Dialogue, parameters: list[str]) -> None:
+    expect(parameters, 1)
+    if whole('function', parameters[0], 0, 63) != 0:
+        raise wrong('function', parameters[0], 'there is only 0, main')
+
+
+def _set_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> None:
+    robot(parameters, all_robots=False)
+
+
+def _get_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> str:
+    expect(parameters, 0)
+    return '1'
+
+
+def _home(dialogue: Dialogue, parameters: list[str]) -> None:
+    robot(parameters)
+    if dialogue.controller.spel.home is None:
+        raise RefusedError('no home position is defined: HomeSet')
+    raise RefusedError(f'Home: {NO_MOTION}')
+
+
+def _get_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[str]) -> str:
+    expect(parameters, 1)
+    index = whole('address', parameters[0], 0, _LAST_ADDRESS)
+    try:
+        value = dialogue.controller.io.read_port(io_type, index, width)
+    except IoError as error:
+        raise CommandError(RemoteErrorNumber.PARAMETER, str(error)) from error
+    return f'{value:0{max(width // 4, 1)}X}'
+
+
+def _set_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[str]) -> None:
+    expect(parameters, 2)
+    index = whole('address', parameters[0], 0, _LAST_ADDRESS)
+    text = parameters[1]
+    value = switch('value', text) if width == 1 else hexadecimal('value', text, 2**width - 1)
+    try:
+        dialogue.controller.io.write_port(io_type, index, width, int(value))
+    except IoError as error:
+        raise CommandError(RemoteErrorNumber.PARAMETER, str(error)) from error
+
+
+def _variable(least: int, most: int, _dialogue: Dialogue, parameters: list[str]) -> None:
+    expect(parameters, least, most)
+    raise wrong('variable', parameters[0], 'the program has no Global Preserve variables')
+
+
+def _get_status(dialogue: Dialogue, parameters: list[str]) -> str:
+    expect(parameters, 0)
+    return f'{flags(dialogue.controller)},{dialogue.controller.error_number:04d}'
+
+
+def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
+    statement = parameters[0].strip() if parameters else ''
+    if len(statement) < 2 or not statement.startswith('"') or not statement.endswith('"'):
+        raise CommandError(RemoteErrorNumber.FORMAT, 'a statement stands in double quotes')
+    value = execute(dialogue.controller, statement[1:-1])
+    return None if value is None else f'"{value}"'
+
+
+def _get_motor(dialogue: Dialogue, parameters: list[str]) -> str:
+    robot(parameters)
+    condition = dialogue.controller.condition
+    return f'1,{condition.powered:d},{condition.power is Power.HIGH:d}'
+
+
+def _get_robot_info(dialogue: Dialogue, parameters: list[str]) -> str:
+    expect(parameters, 0)
+    model = dialogue.controller.model
+    kind = _SIX_AXIS if len(model.joint_names) == 6 else _JOINT_ROBOT
+    return f'1,{kind},{model.name.upper().replace("_", "-")}'
+
+
+def _get_robot_name(dialogue: Dialogue, parameters: list[str]) -> str:
+    robot(parameters)
+    return f'1,{dialogue.controller.model.name}'
+
+
+def _get_robot_serial(_dialogue: Dialogue, parameters: list[str]) -> str:
+    robot(parameters)
+    return f'1,{_SIMULATED}'
+
+
+def _get_err_msg(_dialogue: Dialogue, parameters: list[str]) -> str:
+    expect(parameters, 1, 2)
+    number = whole('error', parameters[0], 0, 9999)
+    if len(parameters) > 1:
+        whole('language', parameters[1], 0, 5)
+    return error_text(number)
+
+
+def _get_err_func(_dialogue: Dialogue, parameters: list[str]) -> str:
+    expect(parameters, 1)
+    whole('error', parameters[0], 0, 9999)
+    return '0'
+
+
+def _fixed(value: str) -> Run:
+    def run(_dialogue: Dialogue, parameters: list[str]) -> str:
+        expect(parameters, 0)
+        return value
+
+    return run
+
+
+def _get_cont_type(dialogue: Dialogue, parameters: list[str]) -> str:
+    expect(parameters, 0)
+    return dialogue.controller.profile.name.upper()
+
+
+def _sim(dialogue: Dialogue, parameters: list[str]) -> str | None:
+    if [part.lower() for part in parameters] == ['why']:
+        return dialogue.why
+    return simulate(dialogue.controller, parameters)
+
+
+_FREE: tuple[Need, ...] = ()
+_AUTO = (needs.AUTO,)
+_IDLE = (needs.AUTO, needs.READY)
+_SAFE = (needs.AUTO, needs.NO_ESTOP, needs.NO_SAFEGUARD, needs.READY)
+_SOUND = (needs.AUTO, needs.NO_ESTOP, needs.NO_SAFEGUARD, needs.NO_ERROR, needs.READY)
+"""What must be so; the first that is not is told."""
+
+
+_SPACES = {
+    'IO': (IoType.DIGITAL_INPUT, 'input', IoType.DIGITAL_OUTPUT, 'output'),
+    'MemIO': (IoType.FLAG, 'memory', IoType.FLAG, 'memory'),
+}
+_SIZES = {'': (1, 'bit'), 'Byte': (BYTE, 'port'), 'Word': (WORD, 'word')}
+_SET_WHEN_READY = ('SetIO', 'SetIOByte')
+"""The others that set something need AUTO as well."""
+
+
+def _io_commands() -> dict[str, Command]:
+    """Return GetIO, SetIOByte, GetMemIOWord and so on."""
+    rows = {}
+    for space, (readable, source, writable, target) in _SPACES.items():
+        for size, (width, address) in _SIZES.items():
+            name = f'Set{space}{size}'
+            rows[f'Get{space}{size}'] = Command(
+                address, f'read {source} {address}', _FREE, partial(_get_io, readable, width)
+            )
+            rows[name] = Command(
+                f'{address},value',
+                f'set {target} {address}',
+                (needs.READY,) if name in _SET_WHEN_READY else _IDLE,
+                partial(_set_io, writable, width),
+            )
+    return rows
+
+
+COMMANDS: dict[str, Command] = {
+    'Login': Command('password', 'begin; needed first', _FREE, _login, whole=True),
+    'Logout': Command('', 'end', _FREE, _logout),
+    'Start': Command('0', 'start the tasks', _SOUND, _start, Event.START),
+    'Stop': Command('', 'stop the tasks', _AUTO, _plain, Event.STOP),
+    'Pause': Command('', 'pause the tasks', (*_AUTO, needs.TASKS_RUN), _plain, Event.PAUSE),
+    'Continue': Command('', 'go on', (*_AUTO, needs.PAUSED), _plain, Event.CONTINUE),
+    'Reset': Command('', 'clear E-stop and error', _IDLE, _plain, Event.RESET),
+    'SetMotorsOn': Command('robot', 'motors on', _SAFE, _robot, Event.MOTORS_ON),
+    'SetMotorsOff': Command('robot', 'motors off', _AUTO, _robot, Event.MOTORS_OFF),
+    'SetCurRobot': Command('robot', 'choose the robot', _IDLE, _set_cur_robot),
+    'GetCurRobot': Command('', 'the chosen robot', _FREE, _get_cur_robot),
+    'Home': Command('robot', 'always refused', _SOUND, _home),
+    **_io_commands(),
+    'GetVariable': Command('name,…', 'no variables here', _FREE, partial(_variable, 1, 3)),
+    'SetVariable': Command('name,value,…', 'no variables here', _IDLE, partial(_variable, 2, 3)),
+    'GetStatus': Command('', 'flags, error number', _FREE, _get_status),
+    'Execute': Command('"statement"', 'execute a statement', _SOUND, _execute, whole=True),
+    'Abort': Command('', 'nothing is left to abort', _AUTO, _plain),
+    'GetMotor': Command('robot', 'robots, motors on, power high', _FREE, _get_motor),
+    'GetRobotInfo': Command('', 'robots, type, model', _FREE, _get_robot_info),
+    'GetRobotName': Command('robot', 'robots, name', _FREE, _get_robot_name),
+    'GetRobotSerial': Command('robot', 'robots, serial number', _FREE, _get_robot_serial),
+    'GetErrMsg': Command('error,language', 'text of an error', _FREE, _get_err_msg),
+    'GetErrFunc': Command('error', '0: no function is known', _FREE, _get_err_func),
+    'GetContName': Command('', '0: it has no name', _FREE, _fixed('0')),
+    'GetContNo': Command('', 'serial number', _FREE, _fixed(_SIMULATED)),
+    'GetContVer': Command('', 'firmware', _FREE, _fixed(_SIMULATED)),
+    'GetContType': Command('', 'controller', _FREE, _get_cont_type),
+    'GetPrjName': Command('', 'project', _FREE, _fixed('epson_driver')),
+    'Sim': Command('…', 'only in the simulation', _FREE, _sim),
+}
+"""Name → command."""
+
+_CANONICAL = {name.lower(): name for name in COMMANDS}

@@ -1,0 +1,120 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The remote port: one client's lines to Remote Ethernet commands, the answers back.
+
+A line ends with CR LF, LF or CR. Who does not log in, or says nothing for too long afterwards, is
+hung up on, as a real controller does.
+"""
+
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.remote.remote_commands import Dialogue, answer
+from epson_driver.sim_controller.session import Send
+
+if TYPE_CHECKING:
+    from epson_driver.sim_controller.clock import Timer
+    from epson_driver.sim_controller.core import Controller
+
+LINE_LIMIT = 256
+"""Characters of a line without its end; one more, and the client is hung up on."""
+
+LOGIN_TIME = 300.0
+"""How long a client may be connected without logging in, s."""
+
+_ROUNDING = 1e-6  # s
+_CR, _LF = b'\r'[0], b'\n'[0]
+
+_log = logging.getLogger(__name__)
+
+
+class RemoteSession:
+    """Serves one remote client, with a login of its own. There may be several."""
+
+    def __init__(self, controller: 'Controller', send: Send, hang_up: Callable[[], None]) -> None:
+        self._dialogue = Dialogue(controller)
+        self._clock = controller.clock
+        self._timeout = controller.profile.remote.session_timeout
+        self._send = send
+        self._hang_up = hang_up
+        self._line = bytearray()
+        self._after_cr = False
+        self._open = True
+        self._heard = self._clock.now
+        self._timer: Timer | None = None
+        self._watch()
+
+    @property
+    def logged_in(self) -> bool:
+        """Whether the client has logged in, and not out again."""
+        return self._dialogue.logged_in
+
+    @property
+    def heard(self) -> float:
+        """When the last command came, or else the client, on the controller's clock, s."""
+        return self._heard
+
+    def receive(self, data: bytes) -> None:
+        """Answer every line that is complete now."""
+        for byte in data:
+            if not self._open:
+                return
+            after_cr, self._after_cr = self._after_cr, byte == _CR
+            if byte in (_CR, _LF):
+                if not (byte == _LF and after_cr):
+                    self._answer()
+            elif len(self._line) < LINE_LIMIT:
+                self._line.append(byte)
+            else:
+                self._send(b'!,%d\r\n' % RemoteErrorNumber.FORMAT)
+                self._end(f'a line of more than {LINE_LIMIT} characters')
+
+    def closed(self) -> None:
+        """Take note that the client is gone."""
+        self._open = False
+        self._line.clear()
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _answer(self) -> None:
+        text = self._line.decode('ascii', errors='replace')
+        self._line.clear()
+        self._heard = self._clock.now
+        if not text:  # some clients end a line with CR CR LF
+            return
+        reply = answer(self._dialogue, text)
+        if self._open:  # a command may end the connection
+            printable = ''.join(sign if sign.isprintable() else '?' for sign in reply)
+            self._send(printable.encode() + b'\r\n')
+            self._watch()
+
+    @property
+    def _patience(self) -> float:
+        """How long the client may say nothing, s; 0: for ever."""
+        return self._timeout if self._dialogue.logged_in else LOGIN_TIME
+
+    def _watch(self) -> None:
+        """Look when the client may have said nothing for too long.
+
+        A timer that is there and not too late stays: there are few, whatever the client says.
+        """
+        due = self._heard + self._patience
+        if not self._patience or (self._timer is not None and self._timer.due <= due):
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._clock.after(max(due - self._clock.now, 0.0), self._look)
+
+    def _look(self) -> None:
+        self._timer = None
+        if self._patience and self._clock.now >= self._heard + self._patience - _ROUNDING:
+            self._end(f'nothing was said for {self._patience:g} s')
+        else:
+            self._watch()
+
+    def _end(self, reason: str) -> None:
+        _log.warning('remote client: %s: closed', reason)
+        self.closed()
+        self._hang_up()

@@ -1,0 +1,216 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`$Sim,…`: what needs a finger, a hand or a fault, and what only a simulation can tell.
+
+An answer with several parts has `;` between them, and within a part `=` after its name.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.faults.fault_kinds import FaultError
+from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.io.io_points import IoError
+from epson_driver.sim_controller.remote.remote_acceptance import CommandError
+from epson_driver.sim_controller.remote.remote_parameters import expect, real, whole, wrong
+from epson_driver.sim_controller.remote.spel_functions import print_list
+from epson_driver.sim_controller.states import REGIONS, Event
+from epson_driver.sim_controller.tasks import PROGRAM, TaskState, TaskType
+from epson_driver.simple_message import IoType
+
+if TYPE_CHECKING:
+    from epson_driver.sim_controller.core import Controller
+
+IO_KINDS = {
+    'DI': IoType.DIGITAL_INPUT,
+    'DO': IoType.DIGITAL_OUTPUT,
+    'AI': IoType.ANALOG_INPUT,
+    'AO': IoType.ANALOG_OUTPUT,
+    'flag': IoType.FLAG,
+}
+"""How points are called. Analogue ones are in mV; flags are memory I/O."""
+
+_INPUTS = (IoType.DIGITAL_INPUT, IoType.ANALOG_INPUT)
+_ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
+
+_LAST_INDEX = 65_535
+_LARGEST = 2**31 - 1
+_FARTHEST = 360.0  # degrees, or mm
+
+TASK_TYPES = {
+    TaskType.NORMAL: 'Normal',
+    TaskType.NO_PAUSE: 'NoPause',
+    TaskType.NO_EMG_ABORT: 'NoEmgAbort',
+}
+TASK_WORDS = {
+    TaskState.NOT_RUNNING: 'does not run',
+    TaskState.RUNNING: 'runs',
+    TaskState.WAITING: 'waits',
+    TaskState.HALTED: 'paused',
+    TaskState.QUICK_PAUSE: 'paused',
+    TaskState.ABORTED: 'aborted (2261)',
+}
+"""TaskState in words."""
+
+
+class SimCommand(NamedTuple):
+    """How it is written after `$Sim`, what it does; `run` gets what follows its name."""
+
+    usage: str
+    text: str
+    run: Callable[['Controller', list[str]], str | None]
+
+
+def simulate(controller: 'Controller', parameters: list[str]) -> str | None:
+    """Obey `$Sim,parameters`; return its value, None where it has none.
+
+    Raises CommandError or RefusedError.
+    """
+    name = parameters[0].lower() if parameters else ''
+    if name not in SIM_COMMANDS:
+        raise wrong('$Sim', name, f'must be one of {", ".join(SIM_COMMANDS)}, why')
+    return SIM_COMMANDS[name].run(controller, parameters[1:])
+
+
+def _events(**events: Event) -> Callable[['Controller', list[str]], None]:
+    def run(controller: 'Controller', parameters: list[str]) -> None:
+        event = events.get(','.join(parameters).lower())
+        if event is None:
+            raise wrong('word', ','.join(parameters), f'must be {" or ".join(events)}')
+        controller.apply(event)
+
+    return run
+
+
+def _condition(controller: 'Controller', parameters: list[str]) -> str:
+    expect(parameters, 0)
+    return ';'.join(f'{name}={getattr(controller.condition, name).value}' for name in REGIONS)
+
+
+def _io(controller: 'Controller', parameters: list[str]) -> str | None:
+    expect(parameters, 0, 3)
+    if not parameters:
+        return ';'.join(_points(controller, name) for name in IO_KINDS)
+    expect(parameters, 2, 3)
+    kinds = {name.lower(): io_type for name, io_type in IO_KINDS.items()}
+    io_type = kinds.get(parameters[0].lower())
+    if io_type is None:
+        raise wrong('points', parameters[0], f'must be one of {", ".join(IO_KINDS)}')
+    index = whole('index', parameters[1], 0, _LAST_INDEX)
+    try:
+        if len(parameters) < 3:
+            return str(controller.io.read(io_type, index))
+        value = whole('value', parameters[2], -_LARGEST, _LARGEST)
+        change = controller.io.set_input if io_type in _INPUTS else controller.io.write
+        change(io_type, index, value)
+    except IoError as error:
+        raise CommandError(RemoteErrorNumber.PARAMETER, str(error)) from error
+    return None
+
+
+def _points(controller: 'Controller', name: str) -> str:
+    """Return how many points, and which of them are on; of analogue ones the values."""
+    io_type = IO_KINDS[name]
+    values: list[int] = []
+    for found in controller.io.ranges():
+        if found.io_type == io_type:
+            values += controller.io.read_range(io_type, found.start, found.count)
+    shown = values if io_type in _ANALOG else [at for at, value in enumerate(values) if value]
+    return f'{name}={len(values)}:{" ".join(map(str, shown))}'
+
+
+def _disturb(controller: 'Controller', parameters: list[str]) -> None:
+    expect(parameters, 2)
+    joint = whole('joint', parameters[0], 1, len(controller.model.joint_names))
+    push = real('degrees', parameters[1], -_FARTHEST, _FARTHEST)
+    controller.disturb(joint - 1, push / float(controller.model.shown_per_unit[joint - 1]))
+
+
+def _fault(controller: 'Controller', parameters: list[str]) -> str | None:
+    faults = controller.faults
+    first = parameters[0].lower() if parameters else 'list'
+    try:
+        if first == 'list':
+            expect(parameters, 0, 1)
+            return ';'.join(faults.active())
+        if first == 'clear':
+            expect(parameters, 1, 2)
+            return str(faults.clear(*(name.lower() for name in parameters[1:])))
+        faults.start(parse(','.join(parameters)))
+    except FaultError as error:
+        raise CommandError(RemoteErrorNumber.PARAMETER, str(error)) from error
+    return None
+
+
+def _reboot(controller: 'Controller', parameters: list[str]) -> None:
+    expect(parameters, 0, 1)
+    _fault(controller, ['reboot', *(f'for={seconds}' for seconds in parameters)])
+
+
+def _tasks(controller: 'Controller', parameters: list[str]) -> str:
+    expect(parameters, 0)
+    return ';'.join(
+        f'{task.number}={task.name},{TASK_TYPES[task.type]},'
+        f'{TASK_WORDS[controller.task_state(task)]}'
+        for task in PROGRAM
+    )
+
+
+def _timing(controller: 'Controller', parameters: list[str]) -> str:
+    expect(parameters, 0)
+    timing = controller.timing
+    return (
+        f'{timing.deadline_misses},{timing.late_plans},{timing.planner_failures},'
+        f'{timing.violations}'
+    )
+
+
+def _print(controller: 'Controller', parameters: list[str]) -> str:
+    return print_list(controller, ','.join(parameters))
+
+
+SIM_COMMANDS: dict[str, SimCommand] = {
+    'estop': SimCommand(
+        'estop,press|release',
+        'the E-stop button',
+        _events(press=Event.ESTOP_PRESS, release=Event.ESTOP_RELEASE),
+    ),
+    'door': SimCommand(
+        'door,open|close',
+        'the safeguard door',
+        _events(open=Event.DOOR_OPEN, close=Event.DOOR_CLOSE),
+    ),
+    'mode': SimCommand(
+        'mode,auto|manual',
+        'the key switch',
+        _events(auto=Event.MODE_AUTO, manual=Event.MODE_MANUAL),
+    ),
+    'power': SimCommand(
+        'power,high|low',
+        'as the statement Power, in any condition',
+        _events(high=Event.POWER_HIGH, low=Event.POWER_LOW),
+    ),
+    'io': SimCommand(
+        'io[,DI|DO|AI|AO|flag,index[,value]]',
+        'set a point, also an input; read it; or say how many there are and which are on '
+        '(of analogue ones the values, mV)',
+        _io,
+    ),
+    'disturb': SimCommand('disturb,joint,degrees', 'push a joint', _disturb),
+    'fault': SimCommand(
+        'fault[,name,key=value,…|,list|,clear[,name]]',
+        'begin a fault, list the active ones, clear one or all (answers how many)',
+        _fault,
+    ),
+    'reboot': SimCommand('reboot[,seconds]', 'the fault reboot: off and on again', _reboot),
+    'condition': SimCommand('condition', 'what the controller is in, by region', _condition),
+    'tasks': SimCommand('tasks', 'number=name,type,state of each task', _tasks),
+    'timing': SimCommand(
+        'timing',
+        'late motion cycles, late plans, failures of the planner, limit violations averted',
+        _timing,
+    ),
+    'print': SimCommand('print,function,…', 'as the statement Print, in any condition', _print),
+}
+"""Name → what it does. `$Sim,why` explains the last command that was refused to this client."""

@@ -1,0 +1,183 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a SPEL+ controller says of itself, bit by bit: GetStatus, CtrlInfo, RobotInfo, Stat.
+
+Each word is a table from bit to predicate. (SPEL+ language reference; RC+ user's guide, Remote
+Ethernet; the eleven flags of the RC700 generation.)
+
+Two things are different from a real controller. The tasks of the driver's program run all the
+time here, and would keep a real one from ever being ready; so what runs is the arm: Running means
+that it moves or has somewhere to go, Ready that it does not. And there are no warnings.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from epson_driver.sim_controller.errors import ErrorNumber
+from epson_driver.sim_controller.states import Door, Fault, Mode, Power, Tasks
+from epson_driver.sim_controller.tasks import PROGRAM, TaskState
+
+if TYPE_CHECKING:
+    from epson_driver.sim_controller.core import Controller
+
+Predicate = Callable[['Controller'], bool]
+
+
+def running(controller: 'Controller') -> bool:
+    """Return whether the arm moves, has points, or goes back to where it was interrupted."""
+    condition = controller.condition
+    moves = controller.moving or condition.tasks is Tasks.RECOVERING
+    return moves and not condition.paused
+
+
+def ready(controller: 'Controller') -> bool:
+    """Return whether nothing runs and nothing is paused."""
+    return not running(controller) and not controller.condition.paused
+
+
+def error(controller: 'Controller') -> bool:
+    """Return whether the controller is in error, or shows an error number.
+
+    A person who stopped the tasks can start them again: that they do not run is no error.
+    """
+    number = controller.error_number
+    if controller.condition.tasks is Tasks.STOPPED and number == ErrorNumber.TASK_ABORTED:
+        return controller.condition.estopped
+    return controller.condition.fault is not Fault.NONE or number != ErrorNumber.NONE
+
+
+def never(_controller: 'Controller') -> bool:
+    """Return False: what the simulation does not have."""
+    return False
+
+
+def _critical(controller: 'Controller') -> bool:
+    return controller.condition.fault is Fault.CRITICAL
+
+
+def _resettable(controller: 'Controller') -> bool:
+    return error(controller) and not _critical(controller)
+
+
+def door_open(controller: 'Controller') -> bool:
+    """Return whether the safeguard door is open."""
+    return controller.condition.door is Door.OPEN
+
+
+def _estop(controller: 'Controller') -> bool:
+    return controller.condition.estopped
+
+
+def _paused(controller: 'Controller') -> bool:
+    return controller.condition.paused
+
+
+def _manual(controller: 'Controller') -> bool:
+    return controller.condition.mode is Mode.MANUAL
+
+
+def _moving(controller: 'Controller') -> bool:
+    return controller.moving
+
+
+def _held(controller: 'Controller') -> bool:
+    return controller.condition.paused and not controller.in_motion
+
+
+def motors_on(controller: 'Controller') -> bool:
+    """Return whether the motors have power."""
+    return controller.condition.powered
+
+
+def power_high(controller: 'Controller') -> bool:
+    """Return whether the power is high."""
+    return controller.condition.power is Power.HIGH
+
+
+def _in(*tasks: Tasks) -> Predicate:
+    return lambda controller: controller.condition.tasks in tasks
+
+
+def _not(predicate: Predicate) -> Predicate:
+    return lambda controller: not predicate(controller)
+
+
+def _task_runs(number: int) -> Predicate:
+    task = next((task for task in PROGRAM if task.number == number), None)
+    if task is None:
+        return never
+    return lambda controller: controller.task_state(task) in _ALIVE
+
+
+_ALIVE = (TaskState.RUNNING, TaskState.WAITING, TaskState.HALTED, TaskState.QUICK_PAUSE)
+
+FLAGS: dict[str, Predicate] = {
+    'Test': never,
+    'Teach': _manual,
+    'Auto': _not(_manual),
+    'Warning': never,
+    'SError': _critical,
+    'Safeguard': door_open,
+    'EStop': _estop,
+    'Error': error,
+    'Paused': _paused,
+    'Running': running,
+    'Ready': ready,
+}
+"""The flags of GetStatus, from left to right."""
+
+CTRL_INFO_1: dict[int, Predicate] = {
+    0x1: ready,
+    0x2: running,
+    0x4: _paused,
+    0x100: _estop,
+    0x200: door_open,
+    0x400: error,
+    0x800: _critical,
+    0x1000: never,
+    0x2000: _in(Tasks.WAIT_RECOVER),
+    0x4000: _in(Tasks.RECOVERING),
+}
+"""CtrlInfo(1): the controller's state. 0x1000 is a warning."""
+
+CTRL_INFO_7: dict[int, Predicate] = {0x1: _not(_manual)}
+"""CtrlInfo(7): 0 program (MANUAL), 1 AUTO."""
+
+ROBOT_INFO_0: dict[int, Predicate] = {
+    0x2: _resettable,
+    0x4: _critical,
+    0x8: motors_on,
+    0x10: power_high,
+    0x100: _not(_moving),
+    0x200: _moving,
+    0x400: _held,
+    0x4000: never,
+}
+"""RobotInfo(0): 0x100 the robot halts, 0x200 it moves or is paused in a motion, 0x400 it was
+stopped by pause or door, 0x4000 by Till."""
+
+STAT_0: dict[int, Predicate] = {
+    **{1 << (number - 1): _task_runs(number) for number in range(1, 17)},
+    0x10000: running,
+    0x20000: _paused,
+    0x40000: error,
+    0x80000: _manual,
+    0x100000: _estop,
+    0x200000: _not(power_high),
+    0x400000: _not(door_open),
+    0x800000: never,
+}
+"""Stat(0): tasks 1 to 16, then what the controller does. 0x800000 is the enable switch."""
+
+STAT_1: dict[int, Predicate] = {0x10: motors_on}
+"""Stat(1): what the robot does. The bits for positions it is at are not there."""
+
+
+def word(table: Mapping[int, Predicate], controller: 'Controller') -> int:
+    """Return the bits of `table` that are set now."""
+    return sum(bit for bit, predicate in table.items() if predicate(controller))
+
+
+def flags(controller: 'Controller') -> str:
+    """Return the flags of GetStatus as 0 and 1, from left to right."""
+    return ''.join(str(int(predicate(controller))) for predicate in FLAGS.values())

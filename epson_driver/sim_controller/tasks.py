@@ -1,0 +1,74 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The SPEL+ tasks of the controller's program, and what they are doing in which condition.
+
+A Normal task pauses with pause and door, and is aborted by an E-stop and by errors. A NoEmgAbort
+task survives all of that. (SPEL+ language reference, Xqt and TaskState.)
+"""
+
+from enum import Enum
+from typing import NamedTuple
+
+from epson_driver.sim_controller.states import Condition, Tasks
+
+
+class TaskType(Enum):
+    """SPEL+ task types; the value is TaskInfo(task, 2)."""
+
+    NORMAL = 0
+    NO_PAUSE = 1
+    NO_EMG_ABORT = 2
+
+
+class TaskState(Enum):
+    """SPEL+ TaskState; the value is its number."""
+
+    NOT_RUNNING = 0
+    RUNNING = 1
+    WAITING = 2
+    HALTED = 3
+    QUICK_PAUSE = 4
+    ABORTED = 5
+
+
+TASK_STATES: dict[TaskType, dict[Tasks, TaskState]] = {
+    TaskType.NORMAL: {
+        Tasks.RUNNING: TaskState.RUNNING,
+        Tasks.PAUSED: TaskState.HALTED,
+        Tasks.INTERRUPTED: TaskState.HALTED,
+        Tasks.WAIT_RECOVER: TaskState.HALTED,
+        Tasks.RECOVERING: TaskState.HALTED,
+        Tasks.STOPPED: TaskState.NOT_RUNNING,
+        Tasks.ABORTED: TaskState.ABORTED,
+    },
+    TaskType.NO_PAUSE: {
+        Tasks.RUNNING: TaskState.RUNNING,
+        Tasks.PAUSED: TaskState.RUNNING,
+        Tasks.INTERRUPTED: TaskState.RUNNING,
+        Tasks.WAIT_RECOVER: TaskState.RUNNING,
+        Tasks.RECOVERING: TaskState.RUNNING,
+        Tasks.STOPPED: TaskState.NOT_RUNNING,
+        Tasks.ABORTED: TaskState.ABORTED,
+    },
+    TaskType.NO_EMG_ABORT: dict.fromkeys(Tasks, TaskState.RUNNING),
+}
+
+
+class Task(NamedTuple):
+    """One task of the program: SPEL+ task number, name, type."""
+
+    number: int
+    name: str
+    type: TaskType
+
+    def state(self, condition: Condition) -> TaskState:
+        """Return what the task is doing."""
+        return TASK_STATES[self.type][condition.tasks]
+
+
+PROGRAM = (
+    Task(1, 'motion server', TaskType.NORMAL),
+    Task(2, 'state server', TaskType.NO_EMG_ABORT),
+    Task(3, 'I/O server', TaskType.NORMAL),
+)
+MOTION_SERVER, STATE_SERVER, IO_SERVER = PROGRAM

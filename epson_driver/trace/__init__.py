@@ -1,0 +1,7 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Recording what goes over the wire, as pcap files, and playing recordings back."""
+
+from epson_driver.trace.trace import Trace, TraceError, open_trace
+
+__all__ = ['Trace', 'TraceError', 'open_trace']

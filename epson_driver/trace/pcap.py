@@ -1,0 +1,304 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Classic pcap files of TCP conversations, written and read. No sockets, no clock.
+
+What the kernel sent is not known here: the writer makes packets that carry the bytes in an
+orderly TCP conversation, with a handshake, sequence numbers, acknowledgements, checksums and FIN.
+The reader also takes what tcpdump and Wireshark captured, with its retransmissions.
+
+The format: draft-ietf-opsawg-pcap. Packets: RFC 791, 8200, 9293.
+"""
+
+import functools
+import ipaddress
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from epson_driver.link.wire_events import Address
+
+LARGEST_SEGMENT = 16384
+"""Longer data is split; an IPv4 packet holds 65,535 bytes at most."""
+
+UNACKNOWLEDGED = 16384
+"""A side that sends nothing acknowledges at least so often, well inside the window of 65,535."""
+
+MICROSECONDS = 0xA1B2C3D4
+NANOSECONDS = 0xA1B23C4D
+PCAPNG = 0x0A0D0D0A
+LONGEST_RECORD = 262144
+"""As tcpdump's; a longer one in a file means that the file is damaged."""
+
+_FILE_HEADER = struct.pack('<IHHiIII', MICROSECONDS, 2, 4, 0, 0, LONGEST_RECORD, 1)
+_RECORD = struct.Struct('<IIII')
+_TCP = struct.Struct('!HHIIBBHHH')
+_IPV4 = struct.Struct('!BBHHHBBH4s4s')
+_IPV6 = struct.Struct('!IHBB16s16s')
+_CONTROLLER_MAC = bytes.fromhex('020000000002')
+_CLIENT_MAC = bytes.fromhex('020000000001')
+_TCP_PROTOCOL = 6
+_FIRST_SEQUENCE = 1000
+
+LINK_HEADERS = {0: 4, 1: 14, 12: 0, 101: 0, 113: 16, 276: 20}
+"""Bytes before the IP header by the file's link type: BSD loopback, Ethernet, raw IP (twice),
+Linux cooked (`tcpdump -i any`) in both versions."""
+
+
+class PcapError(ValueError):
+    """A file that cannot be read as a capture; the text says why."""
+
+
+class Flag:
+    """The flags of a TCP segment that matter here. Plain numbers: IntFlag is slow."""
+
+    FIN = 1
+    SYN = 2
+    RST = 4
+    PSH = 8
+    ACK = 16
+
+
+class Sink(Protocol):
+    """What packets are written to: a binary file, or what stands for one."""
+
+    def write(self, data: bytes, /) -> object:
+        """Take bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One TCP segment of a capture. `time` is s since 1970."""
+
+    time: float
+    source: Address
+    target: Address
+    sequence: int
+    flags: int
+    data: bytes
+
+
+class PcapWriter:
+    """Writes the file's header at once, and packets as they are given. `size` counts bytes."""
+
+    def __init__(self, sink: Sink) -> None:
+        self.size = 0
+        self._sink = sink
+        self._write(_FILE_HEADER)
+
+    def record(self, time_ns: int, packet: bytes) -> None:
+        """Write one packet; `time_ns` is ns since 1970."""
+        seconds, rest = divmod(time_ns, 1_000_000_000)
+        length = len(packet)
+        self._write(_RECORD.pack(seconds & 0xFFFFFFFF, rest // 1000, length, length) + packet)
+
+    def _write(self, data: bytes) -> None:
+        self.size += len(data)
+        self._sink.write(data)
+
+
+class _Side:
+    """One end of a conversation: its headers, what it has sent, what it has acknowledged."""
+
+    def __init__(self, own: Address, other: Address, own_mac: bytes, other_mac: bytes) -> None:
+        source, target = _packed(own[0]), _packed(other[0])
+        self._ipv6 = len(source) == 16
+        self._ports = (own[1], other[1])
+        self._ethernet = other_mac + own_mac + (b'\x86\xdd' if self._ipv6 else b'\x08\x00')
+        self._addresses = (source, target)
+        self._identification = 0
+        self._pseudo_sum = _sum(source) + _sum(target) + _TCP_PROTOCOL
+        self.sequence = _FIRST_SEQUENCE
+        self.acknowledged = 0
+
+    def packet(self, flags: int, acknowledge: int, data: bytes) -> bytes:
+        """Return the next packet of this side, and count what it carries."""
+        source, target = self._ports
+        fields = (self.sequence, acknowledge, 0x50, flags, 0xFFFF)
+        length = _TCP.size + len(data)
+        bare = _TCP.pack(source, target, *fields, 0, 0)
+        check = _checksum(self._pseudo_sum + length + _sum(bare) + _sum(data))
+        tcp = _TCP.pack(source, target, *fields, check, 0)
+        turns = bool(flags & (Flag.SYN | Flag.FIN))  # either takes one number
+        self.sequence = (self.sequence + len(data) + turns) & 0xFFFFFFFF
+        self.acknowledged = acknowledge
+        return self._ethernet + self._ip(length) + tcp + data
+
+    def _ip(self, length: int) -> bytes:
+        if self._ipv6:
+            return _IPV6.pack(6 << 28, length, _TCP_PROTOCOL, 64, *self._addresses)
+        self._identification = (self._identification + 1) & 0xFFFF
+        total = _IPV4.size + length
+        fields = (0x45, 0, total, self._identification, 0x4000, 64, _TCP_PROTOCOL)
+        check = _checksum(_sum(_IPV4.pack(*fields, 0, *self._addresses)))
+        return _IPV4.pack(*fields, check, *self._addresses)
+
+
+class Conversation:
+    """One connection, from its handshake to its end, as packets in a file.
+
+    Times are ns since 1970; they are written as they are given.
+    """
+
+    def __init__(self, writer: PcapWriter, client: Address, server: Address, time_ns: int) -> None:
+        self._writer = writer
+        self._client = _Side(client, server, _CLIENT_MAC, _CONTROLLER_MAC)
+        self._server = _Side(server, client, _CONTROLLER_MAC, _CLIENT_MAC)
+        self._finished: set[bool] = set()
+        self._record(time_ns, Flag.SYN, from_client=True)
+        self._record(time_ns, Flag.SYN | Flag.ACK, from_client=False)
+        self._record(time_ns, Flag.ACK, from_client=True)
+
+    def data(self, time_ns: int, data: bytes, *, from_client: bool) -> None:
+        """Write bytes that one side sent."""
+        sender, receiver = self._sides(from_client=from_client)
+        for start in range(0, len(data), LARGEST_SEGMENT):
+            piece = data[start : start + LARGEST_SEGMENT]
+            self._record(time_ns, Flag.PSH | Flag.ACK, from_client=from_client, data=piece)
+            if (sender.sequence - receiver.acknowledged) & 0xFFFFFFFF >= UNACKNOWLEDGED:
+                self._record(time_ns, Flag.ACK, from_client=not from_client)
+
+    def finish(self, time_ns: int, *, from_client: bool) -> None:
+        """Write the FIN of one side, once, and the other's acknowledgement."""
+        if from_client not in self._finished:
+            self._finished.add(from_client)
+            self._record(time_ns, Flag.FIN | Flag.ACK, from_client=from_client)
+            self._record(time_ns, Flag.ACK, from_client=not from_client)
+
+    def reset(self, time_ns: int, *, from_client: bool) -> None:
+        """Write the RST of one side: nothing follows it."""
+        self._record(time_ns, Flag.RST | Flag.ACK, from_client=from_client)
+        self._finished = {True, False}
+
+    def _sides(self, *, from_client: bool) -> tuple[_Side, _Side]:
+        sides = (self._client, self._server)
+        return sides if from_client else (sides[1], sides[0])
+
+    def _record(self, time_ns: int, flags: int, *, from_client: bool, data: bytes = b'') -> None:
+        sender, receiver = self._sides(from_client=from_client)
+        acknowledge = receiver.sequence if flags & Flag.ACK else 0
+        self._writer.record(time_ns, sender.packet(flags, acknowledge, data))
+
+
+def _packed(address: str) -> bytes:
+    return ipaddress.ip_address(address.split('%')[0]).packed
+
+
+@functools.lru_cache(maxsize=1024)
+def _text(address: bytes) -> str:
+    return str(ipaddress.ip_address(address))
+
+
+def _sum(data: bytes) -> int:
+    """Return a number with the same checksum as the data's 16 bit words (RFC 1071).
+
+    65,536 is 1 modulo 65,535, so the number that all bytes make together has it.
+    """
+    return int.from_bytes(data + b'\0' if len(data) % 2 else data) % 0xFFFF
+
+
+def _checksum(total: int) -> int:
+    return 0xFFFF - (total % 0xFFFF or 0xFFFF)
+
+
+# --- reading ---------------------------------------------------------------------------------
+
+
+def read_segments(data: bytes) -> Iterator[Segment]:
+    """Yield the TCP segments of a classic pcap file, in its order; other packets are left out.
+
+    A file that ends within a packet (its writer was killed) ends before it. Raises PcapError for
+    anything but a classic capture of IP packets.
+    """
+    order, scale, link_type = _file_header(data)
+    skip = LINK_HEADERS[link_type]
+    record = struct.Struct(order + 'IIII')
+    position = 24
+    while position + record.size <= len(data):
+        seconds, fraction, length, _ = record.unpack_from(data, position)
+        if length > LONGEST_RECORD:
+            raise PcapError(f'damaged at byte {position}: a packet of {length} bytes')
+        position += record.size
+        packet = data[position + skip : position + length]
+        if position + length > len(data):
+            return
+        position += length
+        segment = _segment(packet, seconds + fraction * scale)
+        if segment is not None:
+            yield segment
+
+
+def _file_header(data: bytes) -> tuple[str, float, int]:
+    """Return byte order, length of a time's fraction in s, and link type."""
+    if len(data) < 24:
+        raise PcapError('not a capture: shorter than the header of one')
+    for order in '<>':
+        magic, *_, link_type = struct.unpack_from(order + 'IHHiIII', data)
+        if magic == PCAPNG:
+            raise PcapError('a pcapng file: convert it with `editcap -F pcap FILE NEW`')
+        if magic in (MICROSECONDS, NANOSECONDS):
+            link_type &= 0xFFFF
+            if link_type not in LINK_HEADERS:
+                raise PcapError(f'link type {link_type} is not known')
+            return order, 1e-6 if magic == MICROSECONDS else 1e-9, link_type
+    raise PcapError('not a capture: it does not begin as a pcap file does')
+
+
+def _segment(packet: bytes, time: float) -> Segment | None:
+    """Return the TCP segment in an IP packet, or None if there is none, or not all of it."""
+    if not packet:
+        return None
+    if packet[0] >> 4 == 4 and len(packet) >= _IPV4.size:
+        header = (packet[0] & 15) * 4
+        protocol, fragment = packet[9], int.from_bytes(packet[6:8]) & 0x3FFF
+        end = int.from_bytes(packet[2:4]) or len(packet)  # 0: offloaded, as long as it is
+        source, target = packet[12:16], packet[16:20]
+    elif packet[0] >> 4 == 6 and len(packet) >= _IPV6.size:
+        header, protocol, fragment = _IPV6.size, packet[6], 0
+        end = header + (int.from_bytes(packet[4:6]) or len(packet) - header)
+        source, target = packet[8:24], packet[24:40]
+    else:
+        return None
+    if protocol != _TCP_PROTOCOL or fragment or not header + _TCP.size <= end <= len(packet):
+        return None
+    from_port, to_port, sequence, _, offset, flags, *_ = _TCP.unpack_from(packet, header)
+    return Segment(
+        time,
+        (_text(source), from_port),
+        (_text(target), to_port),
+        sequence,
+        flags & 0x1F,
+        packet[header + (offset >> 4) * 4 : end],
+    )
+
+
+@dataclass(slots=True)
+class Stream:
+    """One direction of a conversation while it is put together."""
+
+    next_sequence: int | None = None
+    waiting: dict[int, bytes] = field(default_factory=dict)
+
+    def take(self, segment: Segment) -> bytes:
+        """Return what is new and in order: what was sent twice comes once, gaps are waited for."""
+        sequence = (segment.sequence + bool(segment.flags & Flag.SYN)) & 0xFFFFFFFF
+        if self.next_sequence is None or segment.flags & Flag.SYN:
+            self.next_sequence = sequence
+        if segment.data:
+            held = self.waiting.get(sequence, b'')
+            self.waiting[sequence] = max(held, segment.data, key=len)
+        if self._ahead(sequence) > 0:  # behind a gap: nothing is in order because of it
+            return b''
+        fresh = bytearray()
+        for start in sorted(self.waiting, key=self._ahead):
+            if self._ahead(start) > 0:
+                break
+            data = self.waiting.pop(start)[-self._ahead(start) :]
+            fresh += data
+            self.next_sequence = (self.next_sequence + len(data)) & 0xFFFFFFFF
+        return bytes(fresh)
+
+    def _ahead(self, sequence: int) -> int:
+        """Return how far a sequence number lies ahead of what was taken."""
+        difference = (sequence - (self.next_sequence or 0)) & 0xFFFFFFFF
+        return difference - (difference >> 31 << 32)

@@ -1,0 +1,86 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A capture as the steps of its connections, in order, without TCP's details."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from epson_driver.inputs import read_file
+from epson_driver.link.wire_events import Address, WireEvent
+from epson_driver.trace.pcap import Flag, Segment, Stream, read_segments
+
+Pair = frozenset[Address]
+
+LARGEST = 1_000_000_000
+"""Bytes of a recording; all of it is held in memory."""
+
+CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of one connection; `number` counts connections from 0, `time` is s since 1970."""
+
+    time: float
+    number: int
+    server: Address
+    event: WireEvent
+    data: bytes = b''
+
+
+class _Connection:
+    """A connection while its packets are read."""
+
+    def __init__(self, number: int, client: Address, server: Address) -> None:
+        self.number = number
+        self.client = client
+        self.server = server
+        self.ended: set[WireEvent] = set()
+        self.streams = {client: Stream(), server: Stream()}
+
+    def steps(self, segment: Segment) -> list[Step]:
+        """Return the steps that a packet shows."""
+        by_client = segment.source == self.client
+        steps = []
+        data = self.streams[segment.source].take(segment)
+        if data:
+            steps.append(WireEvent.SENT if by_client else WireEvent.RECEIVED)
+        if segment.flags & Flag.RST:
+            steps.append(WireEvent.CLOSED if by_client else WireEvent.RESET)
+        elif segment.flags & Flag.FIN:
+            steps.append(WireEvent.CLOSED if by_client else WireEvent.ENDED)
+        new = [step for step in steps if step not in self.ended]
+        self.ended |= {WireEvent.CLOSED, WireEvent.ENDED, WireEvent.RESET}.intersection(new)
+        return [
+            Step(segment.time, self.number, self.server, step, data if step in CARRIES else b'')
+            for step in new
+        ]
+
+
+def read_recording(path: Path) -> list[Step]:
+    """Return all steps of all connections in a pcap file.
+
+    A connection whose beginning was not captured begins with its first packet; the lower port is
+    taken for the server's. Raises PcapError, or InputError if it cannot be read.
+    """
+    connections: dict[Pair, _Connection] = {}
+    steps: list[Step] = []
+    number = 0
+    for segment in read_segments(read_file(path, LARGEST)):
+        pair = frozenset({segment.source, segment.target})
+        connection = connections.get(pair)
+        begins = segment.flags & (Flag.SYN | Flag.ACK) == Flag.SYN
+        if connection is None or (begins and connection.ended):
+            client, server = _client_first(segment, begins=begins)
+            connection = connections[pair] = _Connection(number, client, server)
+            number += 1
+            steps.append(Step(segment.time, connection.number, server, WireEvent.OPENED))
+        steps += connection.steps(segment)
+    return steps
+
+
+def _client_first(segment: Segment, *, begins: bool) -> tuple[Address, Address]:
+    answers = segment.flags & Flag.SYN and not begins  # the second packet of a handshake
+    if begins or (not answers and segment.source[1] > segment.target[1]):
+        return segment.source, segment.target
+    return segment.target, segment.source

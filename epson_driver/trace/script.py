@@ -1,0 +1,229 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a recording asks of a client and what the controller did then, in the recorded order."""
+
+import itertools
+import statistics
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+from epson_driver.link.replies import sequence_of
+from epson_driver.link.wire_events import WireEvent
+from epson_driver.simple_message import (
+    CommType,
+    Frame,
+    FrameError,
+    Framer,
+    MessageType,
+    SimpleMessageError,
+    decode,
+)
+from epson_driver.trace.recording import Step
+
+USUAL_PORTS = {11000: 'motion', 11002: 'state', 11003: 'io', 50240: 'motion', 50241: 'state'}
+"""Of a port that carried nothing that tells."""
+
+ROLES = ('motion', 'state', 'io')
+
+TELLS = {
+    MessageType.JOINT_POSITION: 'state',
+    MessageType.JOINT_FEEDBACK: 'state',
+    MessageType.STATUS: 'state',
+    MessageType.JOINT_TRAJ_PT: 'motion',
+    MessageType.JOINT_TRAJ: 'motion',
+    MessageType.JOINT_TRAJ_PT_FULL: 'motion',
+    MessageType.MOTION_CTRL: 'motion',
+    MessageType.IO_INFO: 'io',
+    MessageType.IO_READ: 'io',
+    MessageType.IO_WRITE: 'io',
+    MessageType.IO_STREAM_SUB: 'io',
+}
+"""What a port is for, by the topics that the controller sends and the requests that it gets."""
+
+
+class ScriptError(ValueError):
+    """A recording that cannot be played; the text says why."""
+
+
+class Kind(Enum):
+    """What an entry of a script is. The first two are the client's turn."""
+
+    OPEN = auto()
+    REQUEST = auto()
+    SEND = auto()
+    END = auto()
+    RESET = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One entry; `time` in s from the beginning, never less than the one before it."""
+
+    time: float
+    kind: Kind
+    connection: int
+    data: bytes = b''
+    frame: Frame | None = None
+    """The data as a frame, if it is one."""
+
+    @property
+    def clients_turn(self) -> bool:
+        """Whether the client does this."""
+        return self.kind in (Kind.OPEN, Kind.REQUEST)
+
+    @property
+    def topic(self) -> int | None:
+        """The message type of a topic, which newer ones of its type replace; None otherwise."""
+        if self.frame is None or self.frame.comm_type != CommType.TOPIC:
+            return None
+        return self.frame.msg_type
+
+
+@dataclass(frozen=True)
+class Script:
+    """A recording made ready. `ports` are the recorded ports by what they are for."""
+
+    entries: tuple[Entry, ...]
+    ports: dict[str, int]
+    port_of: dict[int, int] = field(default_factory=dict)
+    """The recorded port of each connection."""
+    periods: dict[tuple[int, int], float] = field(default_factory=dict)
+    """The usual time between two topics of a type, s, by connection and type."""
+
+
+class Splitter:
+    """Divides a stream into the bytes of its frames; what is no frame comes out as it is."""
+
+    def __init__(self) -> None:
+        self._framer = Framer()
+        self._bytes = bytearray()
+        self._broken = False
+
+    def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | None]]:
+        """Yield bytes and their frame, None after the first that cannot be one."""
+        self._bytes += data
+        self._framer.receive_data(data)
+        while not self._broken:
+            try:
+                frame = self._framer.next_frame()
+            except FrameError:
+                self._broken = True
+                break
+            if frame is None:
+                return
+            yield self._taken(16 + len(frame.body)), frame
+        yield from self.rest()
+
+    def rest(self) -> Iterator[tuple[bytes, None]]:
+        """Yield what is left, part of a frame, if anything is."""
+        if self._bytes:
+            yield self._taken(len(self._bytes)), None
+
+    def _taken(self, count: int) -> bytes:
+        data = bytes(self._bytes[:count])
+        del self._bytes[:count]
+        return data
+
+
+def signature(frame: Frame) -> tuple[int, int, int | None]:
+    """Return what a request must have in common with a recorded one to be taken for it."""
+    try:
+        sequence = sequence_of(decode(frame).message)
+    except SimpleMessageError:
+        sequence = None
+    return frame.msg_type, frame.comm_type, sequence
+
+
+def make_script(steps: Sequence[Step], controller: str | None = None) -> Script:
+    """Return the script of a recording, of one controller's address if there are several.
+
+    Connections that do not speak simple message are left out. Raises ScriptError.
+    """
+    steps = _of_one_controller(steps, controller)
+    if not steps:
+        raise ScriptError('no connection to a controller is in it')
+    entries = list(_entries(steps))
+    port_of = {step.number: step.server[1] for step in steps}
+    ports = _ports(entries, port_of)
+    kept = {number for number, port in port_of.items() if port in ports.values()}
+    entries = [entry for entry in entries if entry.connection in kept]
+    return Script(tuple(entries), ports, port_of, _periods(entries))
+
+
+def _of_one_controller(steps: Sequence[Step], controller: str | None) -> list[Step]:
+    speaks: dict[int, bool] = {}
+    for number in {step.number for step in steps}:
+        data = [b.data for b in steps if b.number == number and b.event is WireEvent.RECEIVED]
+        speaks[number] = not data or any(
+            frame is not None and 0 < frame.comm_type <= CommType.SERVICE_REPLY
+            for _, frame in Splitter().split(b''.join(data))
+        )
+    chosen = [
+        step for step in steps if speaks[step.number] and controller in (None, step.server[0])
+    ]
+    addresses = sorted({step.server[0] for step in chosen})
+    if len(addresses) > 1:
+        raise ScriptError(f'controllers {", ".join(addresses)} are in it: choose one')
+    return chosen
+
+
+def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
+    splitters: dict[tuple[int, WireEvent], Splitter] = defaultdict(Splitter)
+    kinds = {
+        WireEvent.OPENED: Kind.OPEN,
+        WireEvent.ENDED: Kind.END,
+        WireEvent.RESET: Kind.RESET,
+        WireEvent.SENT: Kind.REQUEST,
+        WireEvent.RECEIVED: Kind.SEND,
+    }
+    begin = now = steps[0].time
+    for step in steps:
+        now = max(now, step.time)
+        if step.event is WireEvent.CLOSED:
+            continue
+        time, kind = now - begin, kinds[step.event]
+        if step.event in (WireEvent.SENT, WireEvent.RECEIVED):
+            pieces = splitters[step.number, step.event].split(step.data)
+            for data, frame in pieces:
+                if frame is not None or kind is Kind.SEND:
+                    yield Entry(time, kind, step.number, data, frame)
+            continue
+        if kind is not Kind.OPEN:
+            for data, _ in splitters[step.number, WireEvent.RECEIVED].rest():
+                yield Entry(time, Kind.SEND, step.number, data)
+        yield Entry(time, kind, step.number)
+
+
+def _ports(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[str, int]:
+    """Find out which port is which."""
+    roles: dict[int, str] = {}
+    for entry in entries:
+        told_by = CommType.TOPIC if entry.kind is Kind.SEND else CommType.SERVICE_REQUEST
+        if entry.frame is not None and entry.frame.comm_type == told_by:
+            role = TELLS.get(entry.frame.msg_type)  # type: ignore[call-overload]
+            if role is not None:
+                roles.setdefault(port_of[entry.connection], role)
+    for port in sorted(set(port_of.values()) - set(roles)):
+        free = [role for role in ROLES if role not in roles.values()]
+        usual = USUAL_PORTS.get(port)
+        if free:
+            roles[port] = usual if usual in free else free[0]
+    ports = {role: port for port, role in roles.items()}
+    if len(ports) < len(roles):
+        text = ', '.join(f'{port} ({role})' for port, role in sorted(roles.items()))
+        raise ScriptError(f'two ports of the same kind are in it: {text}')
+    return {role: ports[role] for role in ROLES if role in ports}
+
+
+def _periods(entries: Sequence[Entry]) -> dict[tuple[int, int], float]:
+    times: dict[tuple[int, int], list[float]] = defaultdict(list)
+    for entry in entries:
+        if entry.kind is Kind.SEND and entry.topic is not None:
+            times[entry.connection, entry.topic].append(entry.time)
+    return {
+        key: statistics.median(b - a for a, b in itertools.pairwise(at))
+        for key, at in times.items()
+        if len(at) > 2
+    }

@@ -1,0 +1,230 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that links send and receive, recorded into a pcap file while they run.
+
+The event loop makes the packets; a thread writes them, so that a slow disk never delays a frame.
+The trace ends by itself when the file is full, the disk fails, or the disk cannot keep up. The
+links do not notice.
+"""
+
+import contextlib
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable
+from contextvars import copy_context
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+from epson_driver.link.link import Link
+from epson_driver.link.wire_events import WireEvent
+from epson_driver.trace.pcap import Conversation, PcapWriter
+
+WRITE_PERIOD = 0.2
+"""How often the thread writes, s: what a killed process loses at most."""
+
+MOST_UNWRITTEN = 16 * 1024 * 1024
+"""Bytes held for a disk that does not take them; then the trace ends."""
+
+END_TIMEOUT = 1.0
+"""How long the end of the driver waits for the disk, s."""
+
+MEGABYTE = 1_000_000
+DEFAULT_SIZE = 100 * MEGABYTE
+
+_log = logging.getLogger(__name__)
+
+
+class TraceError(OSError):
+    """A trace that cannot begin, or go on; the text says why."""
+
+
+def open_trace(folder: str, name: str) -> BinaryIO:
+    """Open a new file for a trace in a folder, which is made if it is not there (`~`: home).
+
+    `%Y%m%d-%H%M%S` and the like in the name are filled in; what comes of it must be the name of a
+    file, without a folder. This may take as long as the disk does: not for the event loop.
+
+    Raises TraceError. What exists is left alone, also a symbolic link that leads nowhere: it may
+    be the trace of what went wrong before a restart.
+    """
+    if not folder:
+        raise TraceError('no trace: the parameter trace_folder is empty')
+    try:
+        filled_in = datetime.now().astimezone().strftime(name)
+    except ValueError as error:
+        raise TraceError(f'no trace into {name!r}: {error}') from error
+    for text in (name, filled_in):
+        if not text.isprintable() or {'/', os.sep} & set(text) or text[:1] in ('', '.', '~'):
+            raise TraceError(
+                f'no trace into {text!r}: the parameter trace_file must be the name of a file in '
+                f'{folder}, without a folder and without . or ~ in front'
+            )
+    path = Path(folder, filled_in)
+    try:
+        path = path.expanduser()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open('xb', buffering=0)  # x: O_EXCL, which follows no symbolic link
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: no such user
+        why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
+        raise TraceError(f'no trace into {path}: {why}') from error
+
+
+class Trace:
+    """Records links. `begin` and `end` are called in the event loop, at any time.
+
+    A file that has `largest` bytes ends its trace; the attribute may be set at any time. `clock`
+    returns the wall clock in ns since 1970.
+    """
+
+    def __init__(self, links: Iterable[Link], clock: Callable[[], int] = time.time_ns) -> None:
+        self._links = tuple(links)
+        self._clock = clock
+        self._file: _BackgroundFile | None = None
+        self._name = ''
+        self._writer = PcapWriter(_Nowhere())
+        self.largest: float = DEFAULT_SIZE
+        self._conversations: dict[Link, Conversation] = {}
+
+    @property
+    def file_name(self) -> str:
+        """The file that is being written; empty if none is."""
+        return self._name if self._file is not None else ''
+
+    def begin(self, file: BinaryIO) -> None:
+        """Record into an open file, which is closed at the end.
+
+        A connection that exists already is recorded as if it began now, with what came of its
+        unfinished frame.
+        """
+        self.end('another one begins')
+        self._name = str(file.name)
+        self._file = _BackgroundFile(file)
+        self._writer = PcapWriter(self._file)
+        _log.info('trace into %s begins', self._name)
+        for link in self._links:
+            link.trace = partial(self._take, link)
+            if link.addresses is not None:
+                self._take(link, WireEvent.OPENED, b'')
+                if link.unread:
+                    self._take(link, WireEvent.RECEIVED, link.unread)
+
+    def end(self, why: str, patience: float = 0.0) -> None:
+        """Have what is left written and the file closed; nothing happens if there is none.
+
+        That goes on in the background, after `patience` s: the last trace of a process needs some.
+        """
+        file = self._file
+        if file is None:
+            return
+        self._file = None
+        for link in self._links:
+            link.trace = None
+        self._conversations.clear()
+        file.close(f'after {self._writer.size} bytes: {why}', patience)
+
+    def _take(self, link: Link, event: WireEvent, data: bytes) -> None:
+        """Record one step. Whatever is wrong with the trace ends it; the link goes on."""
+        try:
+            self._record(link, event, data)
+        except TraceError:
+            self.end('')  # the log has the reason
+            return
+        except Exception as error:  # noqa: BLE001 - whatever it is
+            _log.exception('trace into %s fails', self._name)
+            self.end(f'{type(error).__name__}: {error}')
+            return
+        if self._writer.size >= self.largest:
+            self.end(f'it has reached its size, {self.largest / MEGABYTE:g} MB')
+
+    def _record(self, link: Link, event: WireEvent, data: bytes) -> None:
+        now = self._clock()
+        if event is WireEvent.OPENED:
+            ends = link.addresses
+            if ends is not None:
+                self._conversations[link] = Conversation(self._writer, *ends, now)
+            return
+        conversation = self._conversations.get(link)
+        if conversation is None:
+            return
+        if event is WireEvent.SENT:
+            conversation.data(now, data, from_client=True)
+        elif event is WireEvent.RECEIVED:
+            conversation.data(now, data, from_client=False)
+        elif event is WireEvent.ENDED:
+            conversation.finish(now, from_client=False)
+        elif event is WireEvent.RESET:
+            conversation.reset(now, from_client=False)
+        else:
+            conversation.finish(now, from_client=True)
+            del self._conversations[link]
+
+
+class _Nowhere:
+    """The sink before the first trace."""
+
+    def write(self, data: bytes, /) -> None:
+        """Forget it."""
+
+
+class _BackgroundFile:
+    """A file that a thread of its own writes. `write` never waits. The log has its end."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._lock = threading.Lock()
+        self._unwritten = bytearray()
+        self._closing = threading.Event()
+        self._why = ''
+        self._error = ''
+        in_context = copy_context().run  # what it logs is about the same robot
+        self._thread = threading.Thread(
+            target=in_context, args=(self._run,), name='trace', daemon=True
+        )
+        self._thread.start()
+
+    def write(self, data: bytes, /) -> None:
+        """Take bytes. Raises TraceError if the disk failed or does not keep up."""
+        with self._lock:
+            if len(self._unwritten) > MOST_UNWRITTEN:
+                self._fail(f'the disk does not keep up, {len(self._unwritten)} bytes wait for it')
+            if self._error:
+                raise TraceError(self._error)
+            self._unwritten += data
+
+    def close(self, why: str, patience: float) -> None:
+        """Write the rest in the background; wait for that, but only `patience` s."""
+        self._why = why
+        self._closing.set()
+        self._thread.join(patience)
+
+    def _run(self) -> None:
+        try:
+            closing = False
+            while not closing:
+                closing = self._closing.wait(WRITE_PERIOD)
+                with self._lock:
+                    data, self._unwritten = self._unwritten, bytearray()
+                self._write_all(memoryview(data))
+        except Exception as error:  # noqa: BLE001 - a trace that cannot go on ends, whatever it is
+            number = error.errno if isinstance(error, OSError) else None
+            with self._lock:
+                self._fail(os.strerror(number) if number else f'{type(error).__name__}: {error}')
+        finally:
+            with contextlib.suppress(OSError):
+                self._file.close()
+        if not self._error:
+            _log.info('trace into %s ends %s', self._file.name, self._why)
+
+    def _fail(self, why: str) -> None:
+        if not self._error:
+            self._error = why
+            self._unwritten.clear()
+            _log.error('trace into %s ends: %s', self._file.name, why)
+
+    def _write_all(self, data: memoryview) -> None:
+        while data:
+            data = data[self._file.write(data) or 0 :]

@@ -1,0 +1,544 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A driver and the simulated controller of each profile: streaming, download, Motoman's way."""
+
+import asyncio
+import contextlib
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.driver_harness import (
+    HOME,
+    JOINTS,
+    LIMITS,
+    Harness,
+    Submitted,
+    WaxController,
+    pose,
+    simulated,
+)
+from support.event_loop import now, run, until
+
+from epson_driver.driver.delivery.deliveries import delivery_rules
+from epson_driver.driver.delivery.delivery import DeliveryRules
+from epson_driver.driver.goal.execution import Settings, cause_time
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_states import State
+from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.driver.state.joint_mapping import joint_mapping
+from epson_driver.motion import Trajectory
+from epson_driver.node.parameters import profile_defaults
+from epson_driver.profiles import load_controller_profile
+from epson_driver.sim_controller.states import Event
+from epson_driver.simple_message import (
+    ByteOrder,
+    CommType,
+    JointTrajPt,
+    JointTrajPtFull,
+    MotionCtrl,
+    decode,
+)
+from epson_driver.simple_message.motoman import Command
+
+PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
+AT_GOAL = 0.01
+
+
+@contextlib.asynccontextmanager
+async def cell_of(profile, interface=None, *, enabled=True, **options):
+    """Run a driver with the controller of a profile; yield both, and every packet it received."""
+    if isinstance(profile, str):
+        profile = load_controller_profile(profile)
+    defaults = profile_defaults(profile)
+    rules = delivery_rules(profile, interface or defaults['interface'], defaults['point_message'])
+    options.setdefault('settings', Settings(cause_time=cause_time(profile.state)))
+    async with (
+        simulated(profile=profile) as (controller, ports),
+        Harness(ports, delivery=rules, usual_byte_order=profile.byte_order, **options) as harness,
+    ):
+        received = watch(controller)
+        await harness.ready()
+        if enabled:
+            await harness.services.enable()
+        yield harness, controller, received
+
+
+def watch(controller):
+    """Return a list that fills with the packets which the motion program takes."""
+    packets = []
+    take = controller.program.receive
+
+    def receive(frame, *rest):
+        packets.append(decode(frame))
+        return take(frame, *rest)
+
+    controller.program.receive = receive
+    return packets
+
+
+def where(controller):
+    """Return where the controller sees its joints, rad."""
+    return np.array(controller.joint_position().joints[:JOINTS])
+
+
+def plan(times, positions, velocities=None):
+    return Goal(
+        Trajectory(
+            LIMITS.names,
+            np.array(times, dtype=float),
+            np.array(positions, dtype=float),
+            velocities,
+        ),
+        np.full(JOINTS, AT_GOAL),
+        goal_time=0.0,
+    )
+
+
+def hand_in(harness, goal):
+    submitted = Submitted(goal)
+    harness.driver.goals.submit(submitted.ticket)
+    return submitted
+
+
+A = pose(0.2, 0.05, 0.1)
+B = pose(0.1, -0.1, 0.0, 0.2)
+
+
+def line():
+    return plan([0.0, 0.3], [HOME, A])
+
+
+def there_and_back():
+    return plan([0.0, 0.3, 0.6], [HOME, A, HOME])
+
+
+def dense():
+    """Twenty points with velocities, along a straight line with a smooth start and end."""
+    share = np.linspace(0.0, 1.0, 20)
+    smooth, rate = 3 * share**2 - 2 * share**3, 6 * share - 6 * share**2
+    return plan(share * 1.0, np.outer(smooth, B), np.outer(rate, B))
+
+
+PLANS = {'line': line, 'there and back': there_and_back, 'dense': dense}
+
+
+# ---- the same plans on every controller
+
+
+@pytest.mark.parametrize('name', PROFILES)
+def test_the_same_three_plans_succeed_on_every_controller(name):
+    async def check():
+        async with cell_of(name) as (harness, controller, _):
+            for make in PLANS.values():
+                begin = where(controller)
+                start = plan([0.0, 0.5], [begin, HOME])
+                assert (await hand_in(harness, start).end()).end is End.SUCCEEDED
+                goal = make()
+                outcome = await hand_in(harness, goal).end()
+                assert outcome.end is End.SUCCEEDED, outcome
+                assert not controller.in_motion
+                end = goal.trajectory.positions[-1]
+                assert np.abs(where(controller) - end).max() < 1e-4
+
+    run(check())
+
+
+@pytest.mark.parametrize('name', ['rc620', 'rc700a', 'generic', 'abb'])
+@pytest.mark.parametrize('interface', ['streaming', 'download'])
+def test_both_interfaces_execute_a_plan(name, interface):
+    async def check():
+        async with cell_of(name, interface) as (harness, controller, received):
+            outcome = await hand_in(harness, there_and_back()).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            expected = {
+                'streaming': [(CommType.SERVICE_REQUEST, sequence) for sequence in (0, 1, 2)],
+                'download': [(CommType.TOPIC, sequence) for sequence in (-1, 1, -3)],
+            }
+            assert [(p.comm_type, p.message.sequence) for p in received] == expected[interface]
+            assert not controller.in_motion
+
+    run(check())
+
+
+@pytest.mark.parametrize(
+    ('name', 'values'),
+    [
+        ('rc620', (11000, 11002, 11003, 0, 'streaming', 'joint_traj_pt')),
+        ('abb', (11000, 11002, 11003, 0, 'download', 'joint_traj_pt')),
+        ('motoman', (50240, 50241, 50242, 0, 'streaming', 'joint_traj_pt_full')),
+    ],
+)
+def test_a_profile_gives_the_defaults(name, values):
+    given = profile_defaults(load_controller_profile(name))
+    ports = ('motion_port', 'state_port', 'io_port', 'remote_port')
+    assert tuple(given[key] for key in (*ports, 'interface', 'point_message')) == values
+
+
+def test_a_refused_goal_waits_for_the_status_of_its_controller():
+    waits = {name: cause_time(load_controller_profile(name).state) for name in PROFILES}
+    assert waits['rc620'] == pytest.approx(Settings().cause_time)
+    assert waits['fanuc'] > 11 * 0.0238
+
+
+@pytest.mark.parametrize(
+    ('name', 'interface', 'message', 'text'),
+    [
+        ('rc620', 'download', 'joint_traj_pt_full', 'points are downloaded as joint_traj_pt only'),
+        ('motoman', 'streaming', 'joint_traj_pt', 'takes joint_traj_pt_full only'),
+    ],
+)
+def test_parameters_that_do_not_go_together(name, interface, message, text):
+    with pytest.raises(ValueError, match=text):
+        delivery_rules(load_controller_profile(name), interface, message)
+
+
+# ---- download
+
+
+def test_a_download_that_is_too_long_is_refused_before_anything_is_sent():
+    async def check():
+        async with cell_of('abb') as (harness, _, received):
+            times = np.arange(101) * 0.05
+            shares = np.linspace(0.0, 1.0, 101)
+            outcome = await hand_in(harness, plan(times, np.outer(shares, A))).end()
+            assert outcome.end is End.ABORTED
+            assert outcome.code is ErrorCode.INVALID_GOAL
+            assert re.search(r'101 points, .* keeps 100 ', outcome.text), outcome.text
+            assert received == []
+            allowed = plan(times[:100], np.outer(shares, A)[:100])
+            assert (await hand_in(harness, allowed).end()).end is End.SUCCEEDED
+
+    run(check())
+
+
+def test_a_single_point_is_sent_twice():
+    async def check():
+        async with cell_of('rc620', 'download') as (harness, controller, received):
+            outcome = await hand_in(harness, plan([0.5], [A])).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            first, last = (packet.message for packet in received)
+            assert (first.sequence, last.sequence) == (-1, -3)
+            assert replace(first, sequence=-3) == last
+            assert np.abs(where(controller) - A).max() < 1e-4
+
+    run(check())
+
+
+def test_a_download_waits_for_the_dead_time_of_all_points():
+    """The arm stands for seconds after the last point was sent; nothing may take that for the end.
+
+    The plan ends where it begins, and is short enough to be at its goal all the time.
+    """
+
+    async def check():
+        rc620 = load_controller_profile('rc620')
+        download = replace(rc620.program.download, dead_time=0.15)
+        slow = replace(rc620, program=replace(rc620.program, download=download))
+        async with cell_of(slow, 'download') as (harness, controller, received):
+            shares = np.concatenate([np.linspace(0, 1, 6), np.linspace(1, 0, 6)])
+            goal = plan(np.arange(12) * 0.1, np.outer(shares, pose(0.005)))
+            goal_in = hand_in(harness, goal)
+            await until(lambda: len(received) == 12)
+            moved = False
+            while not goal_in.outcomes:
+                moved |= controller.in_motion
+                await asyncio.sleep(0.005)
+            assert goal_in.outcome.end is End.SUCCEEDED
+            assert moved
+            assert not controller.in_motion
+
+    run(check())
+
+
+def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
+    async def check():
+        async with cell_of('abb') as (harness, controller, received):
+            goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
+            await harness.until_moving()
+            harness.driver.goals.cancel(goal.ticket)
+            outcome = await goal.end()
+            assert outcome.end is End.CANCELED
+            assert (received[-1].comm_type, received[-1].message.sequence) == (
+                CommType.SERVICE_REQUEST,
+                -4,
+            )
+            assert not controller.in_motion
+            assert where(controller)[0] < 1.4
+
+    run(check())
+
+
+def test_a_download_that_the_controller_refuses_ends_with_its_error():
+    """Its joints are counted otherwise, and so the goal is beyond a limit that it alone knows."""
+
+    async def check():
+        mapping = joint_mapping(JOINTS, [1], [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0)
+        async with cell_of('rc620', 'download', mapping=mapping) as (harness, controller, _):
+            goal = hand_in(harness, plan([0.0, 1.0], [harness.at, harness.at + pose(3.5)]))
+            outcome = await goal.end()
+            assert outcome.end is End.ABORTED
+            assert '4001' in outcome.text
+            assert not controller.in_motion
+
+    run(check())
+
+
+def test_an_e_stop_ends_a_download():
+    async def check():
+        async with cell_of('abb') as (harness, controller, _):
+            goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
+            await harness.until_moving()
+            controller.apply(Event.ESTOP_PRESS)
+            outcome = await goal.end()
+            assert outcome.end is End.ABORTED
+            assert 'E-stop' in outcome.text
+            assert harness.gate is not None
+
+    run(check())
+
+
+@pytest.mark.invariant(7)
+def test_inv7_a_long_download_never_fills_the_memory():
+    """docs/invariants.md, 7: points wait while the controller does not read."""
+
+    async def check():
+        rc620 = load_controller_profile('rc620')
+        download = replace(rc620.program.download, buffer=10_000, dead_time=0.0)
+        profile = replace(rc620, program=replace(rc620.program, download=download))
+        async with cell_of(profile, 'download') as (harness, _, received):
+            count = 5000
+            shares = np.linspace(0.0, 1.0, count)
+            goal = hand_in(harness, plan(np.arange(count) * 0.01, np.outer(shares, A)))
+            most = 0
+            while len(received) < count:
+                most = max(most, harness.driver.motion_link.unsent)
+                assert not goal.outcomes, goal.outcome
+                await asyncio.sleep(0)
+            assert most < 32768
+            assert [packet.message.sequence for packet in received[1:-1]] == [*range(1, count - 1)]
+            harness.driver.goals.cancel(goal.ticket)
+            assert (await goal.end()).end is End.CANCELED
+
+    run(check())
+
+
+# ---- Motoman
+
+
+def test_motoman_gets_its_mode_then_points_with_time_position_and_velocity():
+    async def check():
+        async with cell_of('motoman') as (harness, _, received):
+            goal = dense()
+            outcome = await hand_in(harness, goal).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            mode, *points = (packet.message for packet in received)
+            assert isinstance(mode, MotionCtrl)
+            assert mode.command == Command.START_TRAJ_MODE
+            assert all(isinstance(point, JointTrajPtFull) for point in points)
+            assert [point.sequence for point in points] == [*range(20)]
+            assert {point.valid_fields for point in points} == {7}
+            plan_sent = goal.trajectory
+            times = [point.time for point in points]
+            np.testing.assert_allclose(times, plan_sent.times, atol=1e-6)
+            velocities = [point.velocities[:JOINTS] for point in points]
+            np.testing.assert_allclose(velocities, plan_sent.velocities, atol=1e-6)
+
+    run(check())
+
+
+def test_a_busy_motoman_gets_the_same_point_again_until_it_takes_it():
+    async def check():
+        motoman = load_controller_profile('motoman')
+        small = replace(motoman, motion=replace(motoman.motion, pending_limit=2))
+        async with cell_of(small) as (harness, controller, received):
+            outcome = await hand_in(harness, dense()).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            sequences = [
+                packet.message.sequence
+                for packet in received
+                if isinstance(packet.message, JointTrajPtFull)
+            ]
+            assert len(sequences) > 20  # some came more than once
+            assert sequences == sorted(sequences)
+            assert set(sequences) == set(range(20))
+            assert np.abs(where(controller) - B).max() < 1e-4
+
+    run(check())
+
+
+def test_a_busy_point_is_not_sent_again_after_stop():
+    async def check():
+        motoman = load_controller_profile('motoman')
+        small = replace(motoman, motion=replace(motoman.motion, pending_limit=1))
+        async with cell_of(small) as (harness, controller, received):
+            goal = hand_in(harness, plan(np.arange(9) * 1.0, np.outer(np.arange(9.0), pose(0.2))))
+            await harness.until_moving()
+            harness.driver.goals.cancel(goal.ticket)
+            assert (await goal.end()).end is End.CANCELED
+            stop = next(
+                index
+                for index, packet in enumerate(received)
+                if isinstance(packet.message, MotionCtrl)
+                and packet.message.command == Command.STOP_MOTION
+            )
+            assert await harness.rests()
+            assert received[stop + 1 :] == []
+            assert not controller.in_motion
+
+    run(check())
+
+
+def test_a_motoman_that_refuses_says_why():
+    async def check():
+        async with cell_of('motoman') as (harness, controller, _):
+            controller.apply(Event.PAUSE)
+            outcome = await hand_in(harness, line()).end()
+            assert outcome.end is End.ABORTED
+            assert 'NOT_READY' in outcome.text
+            assert '5007: the controller is on hold' in outcome.text
+
+    run(check())
+
+
+def test_stop_reaches_a_motoman_that_does_nothing():
+    async def check():
+        async with cell_of('motoman') as (harness, _, received):
+            assert 'acknowledged STOP' in await harness.services.stop()
+            assert received[-1].message.command == Command.STOP_MOTION
+
+    run(check())
+
+
+def test_a_plan_that_begins_beside_the_arm_takes_it_there_slowly():
+    async def check():
+        async with cell_of('motoman') as (harness, controller, received):
+            goal = plan([0.0, 0.01, 0.5], [pose(0.01), pose(0.0101), A])
+            outcome = await hand_in(harness, goal).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            first, second = (
+                packet.message
+                for packet in received
+                if isinstance(packet.message, JointTrajPtFull) and packet.message.sequence < 2
+            )
+            assert first.positions[:JOINTS] == tuple(HOME)
+            speed = (second.positions[0] - first.positions[0]) / (second.time - first.time)
+            assert speed == pytest.approx(0.1 * LIMITS.velocity[0], rel=1e-3)
+            assert np.abs(where(controller) - A).max() < 1e-4
+
+    run(check())
+
+
+@pytest.mark.parametrize('factor', [0.5, 0.1])
+def test_motomans_times_and_velocities_follow_the_speed_scaling(factor):
+    async def check():
+        async with cell_of('motoman') as (harness, _, received):
+            harness.driver.goals.scaling.set(factor, now() - 1.0)
+            goal = plan([0.0, 0.1, 0.2], [HOME, pose(0.02), pose(0.04)])
+            outcome = await hand_in(harness, goal).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            points = [p.message for p in received if isinstance(p.message, JointTrajPtFull)]
+            times = np.diff([point.time for point in points])
+            np.testing.assert_allclose(times, 0.1 / factor, rtol=0.02)
+            assert points[1].velocities[0] == pytest.approx(0.2 * factor, rel=1e-5)
+
+    run(check())
+
+
+# ---- the state
+
+
+def test_motoman_measures_velocities_itself():
+    async def check():
+        async with cell_of('motoman') as (harness, _, _):
+            goal = hand_in(harness, plan([0.0, 1.0], [HOME, pose(1.0)]))
+            await harness.until_moving()
+            measured = []
+            take = harness.driver.robot.on_joints
+
+            def on_joints(data, now, velocities, told):
+                sample = take(data, now, velocities, told)
+                measured.append((velocities, sample))
+                return sample
+
+            harness.driver.robot.on_joints = on_joints
+            await goal.end()
+            assert measured
+            for velocities, sample in measured:
+                assert velocities is not None
+                np.testing.assert_array_equal(sample.velocities, velocities[:JOINTS])
+            assert max(abs(sample.velocities[0]) for _, sample in measured) > 0.1
+
+    run(check())
+
+
+def test_joints_are_counted_as_ros_does_in_both_directions():
+    async def check():
+        mapping = joint_mapping(JOINTS, [1, -1, 1, 1, 1, -1], [0.1, 0.0, 0, 0, 0, 0], 1)
+        async with cell_of('generic', mapping=mapping) as (harness, controller, received):
+            start = mapping.positions_to_ros(where(controller))
+            np.testing.assert_allclose(harness.at, start, atol=1e-6)
+            target = start + pose(0.2, 0.15, -0.1, 0.0, 0.0, 0.3)
+            goal = hand_in(harness, plan([0.0, 0.5], [start, target]))
+            assert (await goal.end()).end is End.SUCCEEDED
+            wanted = mapping.positions_to_controller(target)
+            assert np.abs(where(controller) - wanted).max() < 1e-4
+            np.testing.assert_allclose(harness.at, target, atol=1e-6)
+            sent = received[-1].message
+            assert isinstance(sent, JointTrajPt)
+            way = np.abs(mapping.velocities_to_controller(target - start)) / 0.5
+            assert sent.velocity == pytest.approx(max(way / LIMITS.velocity), rel=1e-6)
+
+    run(check())
+
+
+def test_the_final_states_are_reached_in_every_delivery():
+    """A goal that a controller ends by itself leaves nothing behind that could be sent later."""
+
+    async def check():
+        for name in ('rc620', 'abb', 'motoman'):
+            async with cell_of(name) as (harness, _, received):
+                goal = hand_in(harness, dense())
+                await until(lambda got=received: len(got) >= 2)
+                await harness.services.disable()
+                assert goal.ticket.execution.state is State.ABORTED
+                count = len(received)
+                await asyncio.sleep(0.1)
+                assert len(received) == count
+
+    run(check())
+
+
+# ---- before anything is known
+
+
+def test_what_is_sent_before_any_state_has_the_byte_order_of_the_profile():
+    async def check():
+        async with WaxController() as controller:
+            fanuc = load_controller_profile('fanuc').byte_order
+            harness = Harness(controller.ports, usual_byte_order=fanuc)
+            assert harness.driver.motion_link.dialect.byte_order is fanuc
+            async with harness:  # but this one is little endian, and shows it
+                await harness.ready()
+                assert harness.driver.motion_link.dialect.byte_order is ByteOrder.LITTLE
+
+    run(check())
+
+
+def test_full_points_without_motomans_commands():
+    """As Staubli's server takes them: each is a request, answered with a JOINT_POSITION."""
+
+    async def check():
+        rules = DeliveryRules(point_message='joint_traj_pt_full')
+        async with (
+            WaxController() as controller,
+            Harness(controller.ports, delivery=rules) as harness,
+        ):
+            await harness.ready()
+            await harness.services.enable()
+            outcome = await hand_in(harness, line()).end()
+            await until(lambda: controller.received == [0, 0, -4])  # group 0 twice, then STOP
+            assert 'the arm stands, and joint_1 is 0.2 rad from the goal' in outcome.text
+
+    run(check())

@@ -1,0 +1,104 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sentences about a prismatic joint have metres, those about its neighbours rad."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from epson_driver.driver.goal.goal import check_limits, check_start
+from epson_driver.driver.goal.tolerances import Tolerances
+from epson_driver.driver.outcome import GoalRefusedError
+from epson_driver.motion import Trajectory, go, problems
+from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.programs.motoman_points import next_wrong, start_wrong
+from epson_driver.sim_controller.programs.points import angles_refusal
+from epson_driver.simple_message import JointTrajPtFull, joint_data
+
+MODEL = load_robot_model('gx4_c251s')
+LIMITS = MODEL.limits
+HOME = np.array([0.1, 0.2, -0.05, 0.3])
+
+
+def plan(*points, times=(0.0, 1.0), **fields):
+    return Trajectory(MODEL.joint_names, np.array(times), np.array(points), **fields)
+
+
+def moved(joint, by):
+    target = HOME.copy()
+    target[joint] += by
+    return target
+
+
+@pytest.mark.parametrize(
+    ('joint', 'by', 'unit', 'limits'),
+    [(2, 0.1, 'm', '-0.15 … 0'), (3, 9.0, 'rad', '-6.28319 … 6.28319')],
+)
+def test_a_position_out_of_range(joint, by, unit, limits):
+    found = next(problems(plan(HOME, moved(joint, by)), LIMITS))
+    value = f'{HOME[joint] + by:.6g}'
+    name = f'joint_{joint + 1}'
+    assert found == (
+        f'point 1, {name}: position {value} {unit} is outside the limits {limits} {unit}'
+    )
+    refusal = angles_refusal(moved(joint, by), LIMITS)
+    assert re.search(rf'^{name} = {value} {unit} is outside .* {unit}$', refusal.sentence)
+    with pytest.raises(ValueError, match=rf'{name}: target .* {unit}$'):
+        go(LIMITS, HOME, moved(joint, by))
+
+
+@pytest.mark.parametrize(('joint', 'by', 'unit'), [(2, -0.08, 'm'), (3, -1.0, 'rad')])
+def test_velocities(joint, by, unit):
+    fast = plan(HOME, moved(joint, by), times=(0.0, 0.001))
+    (found,) = problems(fast, LIMITS)
+    velocity = f'{LIMITS.velocity[joint]:.6g}'
+    assert found == (
+        f'points 0 to 1, joint_{joint + 1}: {abs(by) / 0.001:.6g} {unit}/s would be needed, '
+        f'the velocity limit is {velocity} {unit}/s'
+    )
+    given = np.zeros((2, 4))
+    given[1, joint] = 0.5
+    moving = plan(HOME, moved(joint, by), velocities=given)
+    with pytest.raises(GoalRefusedError, match=rf'the last velocity, 0\.5 {unit}/s, must be 0'):
+        check_limits(moving, LIMITS)
+    given[1, joint] = np.nan
+    (found,) = problems(plan(HOME, HOME, velocities=given), LIMITS)
+    assert found == f'point 1, joint_{joint + 1}: velocities = nan {unit}/s is not finite'
+
+
+@pytest.mark.parametrize(('joint', 'unit'), [(2, 'm'), (3, 'rad')])
+def test_a_start_beside_the_arm(joint, unit):
+    name = f'joint_{joint + 1}'
+    with pytest.raises(GoalRefusedError) as caught:
+        check_start(plan(HOME, HOME), moved(joint, -0.05), LIMITS, 0.02)
+    assert f'0.05 {unit} apart, the limit is 0.02 {unit}' in str(caught.value)
+    late = plan(HOME, HOME, times=(1e-4, 1.0))
+    with pytest.raises(GoalRefusedError, match=rf'{name}: .* need 500 {unit}/s, .* {unit}/s$'):
+        check_start(late, moved(joint, -0.05), LIMITS, 0.02)
+
+
+@pytest.mark.parametrize(('joint', 'unit'), [(2, 'm'), (3, 'rad')])
+def test_motomans_points(joint, unit):
+    name = f'joint_{joint + 1}'
+    point = JointTrajPtFull(0, 0, 7, 0.1, joint_data(HOME))
+    wrong = start_wrong(point, moved(joint, -0.05), LIMITS)
+    away = rf'^{name} = .* {unit}, but it stands at .* {unit}, more than .* {unit} away$'
+    assert re.search(away, wrong.sentence)
+    fast = replace(point, velocities=joint_data(moved(joint, 100.0)))
+    wrong = next_wrong(fast, 0.0, LIMITS)
+    assert re.search(rf'^{name}: .* {unit}/s is above the limit, .* {unit}/s$', wrong.sentence)
+
+
+def test_a_violated_tolerance():
+    allowed = Tolerances(np.full(4, 0.01), np.full(4, 0.1))
+    off = np.zeros(4)
+    off[2] = 0.02
+    units = LIMITS.units.__getitem__
+    assert allowed.violation(MODEL.joint_names, off, np.zeros(4), units) == (
+        'joint_3: the position error is 0.02 m, the tolerance is 0.01 m'
+    )
+    assert allowed.violation(MODEL.joint_names, np.zeros(4), off * 10, units) == (
+        'joint_3: the velocity error is 0.2 m/s, the tolerance is 0.1 m/s'
+    )

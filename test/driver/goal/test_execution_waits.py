@@ -1,0 +1,341 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A goal against its plan: path tolerance, a controller that is paused, and the speed scaling."""
+
+import numpy as np
+import pytest
+from support.execution_harness import CYCLE, DT, LINE, Harness
+
+from epson_driver.driver.goal.execution import SETTLE_TIME, Settings
+from epson_driver.driver.goal.speed_scaling import RAMP
+from epson_driver.driver.goal.tolerances import Tolerances
+from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.simple_message import TriState
+
+PATIENT = Settings(reply_timeout=2.0)
+INF = np.inf
+
+
+def tolerance(position=(INF, INF), velocity=(INF, INF)):
+    return Tolerances(np.array(position), np.array(velocity))
+
+
+def on_plan(harness):
+    """Let the arm be where the plan is, until the next call."""
+    time, positions, _ = harness.execution.desired
+    return time, positions
+
+
+def follow(harness, seconds, *, offset=(0.0, 0.0)):
+    """Let time pass while the arm is that far from the plan."""
+    for _ in range(round(seconds / DT)):
+        harness.now += DT
+        _, positions = on_plan(harness)
+        harness.joints(positions + offset)
+
+
+# --- path tolerance ---------------------------------------------------------------------------
+
+
+def test_an_arm_on_its_path_violates_nothing():
+    harness = Harness(path_tolerance=tolerance((0.05, 0.05)))
+    for _ in LINE:
+        harness.answer()
+    follow(harness, 1.9, offset=(0.04, -0.04))
+    assert harness.state == 'settling'
+    harness.move_to(LINE[-1])
+    harness.see(0.3)
+    assert harness.outcome.end is End.SUCCEEDED
+
+
+def test_a_joint_beside_the_path_stops_the_arm_and_the_text_says_which():
+    harness = Harness(path_tolerance=tolerance((INF, 0.05)))
+    harness.answer()
+    follow(harness, 0.3, offset=(0.5, 0.0))
+    assert harness.stops == 0
+    harness.now += DT
+    harness.joints(on_plan(harness)[1] + (0.5, 0.1))
+    assert harness.stops == 1
+    assert not harness.outcomes  # when it stands
+    harness.answer()
+    harness.see(0.3)
+    assert harness.outcome.end is End.ABORTED
+    assert harness.outcome.code is ErrorCode.PATH_TOLERANCE_VIOLATED
+    assert 'on the way to point 1' in harness.outcome.text
+    assert 'joint_2: the position error is 0.09' in harness.outcome.text
+    assert 'the tolerance is 0.05 rad' in harness.outcome.text
+    assert harness.execution.at_rest
+    assert harness.stops == 1
+
+
+def test_the_velocity_has_its_tolerance_too():
+    harness = Harness(path_tolerance=tolerance(velocity=(0.6, INF)))
+    harness.answer()
+    follow(harness, 0.3)
+    assert harness.stops == 0
+    harness.see(0.3, moving=0.0)  # it stands, and should go at 0.5 rad/s: still allowed
+    assert harness.stops == 0
+    harness.see(0.1, moving=-0.3)
+    assert harness.stops == 1
+    harness.answer()
+    harness.see(0.3)
+    assert 'joint_1: the velocity error is' in harness.outcome.text
+
+
+def test_without_a_path_tolerance_nothing_is_checked():
+    harness = Harness()
+    harness.answer()
+    follow(harness, 0.5, offset=(3.0, 3.0))
+    assert not harness.stops
+
+
+def test_a_controller_that_rests_at_each_point_is_late_against_the_plan():
+    harness = Harness(path_tolerance=tolerance((0.2, 0.2)))
+    harness.go_and_answer()
+    harness.see(0.7)  # the plan goes on
+    assert harness.stops == 1
+
+
+def test_after_the_end_of_the_plan_only_the_goal_tolerance_counts():
+    harness = Harness(path_tolerance=tolerance((0.6, 0.6)))
+    for _ in LINE:
+        harness.answer()
+    follow(harness, 1.5)
+    harness.at = np.array([0.5, 0.25])
+    harness.in_motion = TriState.TRUE
+    harness.see(1.0)
+    assert harness.state == 'settling'
+    harness.move_to((5.0, 5.0))
+    assert harness.stops == 0
+
+
+def test_a_status_between_two_samples_compares_nothing_old():
+    harness = Harness(path_tolerance=tolerance((0.05, 0.05)))
+    harness.answer()
+    follow(harness, 0.3)
+    harness.now += 0.3  # the plan is 0.15 rad further
+    harness.status()
+    assert harness.stops == 0
+    harness.joints(harness.execution.desired[1])
+    assert harness.stops == 0
+
+
+def test_a_violation_is_not_forgotten_if_the_stop_fails():
+    harness = Harness(path_tolerance=tolerance((0.05, 0.05)), settings=PATIENT)
+    harness.answer()
+    follow(harness, 0.1, offset=(0.3, 0.0))
+    harness.see(3.0)
+    assert harness.outcome.code is ErrorCode.PATH_TOLERANCE_VIOLATED
+    assert 'joint_1' in harness.outcome.text
+    assert 'standstill' in harness.outcome.text
+
+
+def test_a_tight_velocity_at_the_goal_holds_for_its_joint():
+    harness = Harness(goal_velocity=np.array([0.001, INF]), in_motion=TriState.UNKNOWN, step=0.1)
+    harness.finish_points()
+    harness.at = np.array([0.995, 0.5])
+    harness.see(0.5, moving=0.005)  # below what holds for all joints
+    assert harness.state == 'settling'
+    harness.see(0.3)
+    assert harness.outcome.end is End.SUCCEEDED
+
+
+# --- the controller is paused -----------------------------------------------------------------
+
+
+def status(harness, possible, in_motion=TriState.FALSE, **fields):
+    harness.now += DT
+    harness.in_motion = in_motion
+    harness.status(motion_possible=possible, **fields)
+
+
+def pause(harness):
+    status(harness, TriState.FALSE, TriState.TRUE)
+    status(harness, TriState.FALSE)
+
+
+def stand(harness, seconds):
+    """Let time pass in which the arm stands and the status says nothing new."""
+    harness.see(seconds, status=False)
+
+
+@pytest.mark.parametrize('acknowledged', [1, 3], ids=['while streaming', 'while settling'])
+def test_a_paused_controller_is_waited_for_and_the_clock_stands(acknowledged):
+    harness = Harness(settings=PATIENT, goal_time=0.5, path_tolerance=tolerance((0.05, 0.05)))
+    status(harness, TriState.TRUE)
+    for _ in range(acknowledged):
+        harness.answer()
+    follow(harness, 0.5)
+    pause(harness)
+    assert harness.execution.paused
+    assert harness.execution.speed(harness.now) == 0.0
+    before = harness.execution.desired[0]
+    stand(harness, 60.0)
+    time, _, velocities = harness.execution.desired
+    assert time == before
+    assert velocities.tolist() == [0.0, 0.0]
+    assert not harness.outcomes
+    status(harness, TriState.TRUE)
+    assert not harness.execution.paused
+    while harness.state == 'streaming':
+        follow(harness, 0.5)
+        harness.answer()
+    follow(harness, 2.0 - harness.execution.desired[0])
+    harness.move_to(LINE[-1])
+    status(harness, TriState.TRUE)
+    harness.see(0.3)
+    assert harness.outcome.end is End.SUCCEEDED, harness.outcome.text
+
+
+def test_a_paused_goal_does_not_succeed_before_the_controller_goes_on():
+    harness = Harness(step=0.1)
+    status(harness, TriState.TRUE)
+    harness.finish_points()
+    pause(harness)
+    stand(harness, 1.0)
+    assert not harness.outcomes
+    status(harness, TriState.TRUE)
+    stand(harness, 0.3)
+    assert harness.outcome.end is End.SUCCEEDED
+
+
+def test_after_a_pause_the_usual_patience_holds():
+    harness = Harness(settings=PATIENT, step=0.25)
+    status(harness, TriState.TRUE)
+    for _ in LINE:
+        harness.answer()
+    follow(harness, 0.125)
+    pause(harness)
+    stand(harness, 10.0)
+    status(harness, TriState.TRUE)
+    stand(harness, SETTLE_TIME - 0.1)
+    assert not harness.outcomes
+    stand(harness, 0.3)
+    assert harness.outcome.code is ErrorCode.GOAL_TOLERANCE_VIOLATED
+
+
+def test_a_paused_goal_can_be_canceled():
+    harness = Harness()
+    status(harness, TriState.TRUE)
+    harness.answer()
+    pause(harness)
+    harness.execution.cancel(harness.now)
+    assert harness.sequences[-1] == -4
+    harness.answer()
+    status(harness, TriState.FALSE)
+    stand(harness, 0.3)
+    assert harness.outcome.end is End.CANCELED
+
+
+@pytest.mark.parametrize('before', [TriState.UNKNOWN, TriState.FALSE])
+def test_a_controller_that_never_says_that_motion_is_possible_is_not_paused(before):
+    harness = Harness(settings=PATIENT)
+    status(harness, before)
+    harness.answer()
+    status(harness, TriState.FALSE)
+    assert not harness.execution.paused
+    stand(harness, 3.2)
+    assert 'no reply' in harness.outcome.text
+
+
+@pytest.mark.parametrize(
+    'fields', [{'in_error': TriState.TRUE}, {'error_code': 4001}], ids=['in error', 'number']
+)
+def test_an_error_is_no_pause(fields):
+    harness = Harness(settings=PATIENT)
+    status(harness, TriState.TRUE)
+    harness.answer()
+    status(harness, TriState.FALSE, **fields)
+    assert not harness.execution.paused
+
+
+# --- speed scaling ----------------------------------------------------------------------------
+
+
+def test_points_that_are_not_sent_yet_get_slower_and_the_clock_with_them():
+    harness = Harness(path_tolerance=tolerance((0.05, 0.05)), goal_time=0.1)
+    harness.answer()
+    assert [point.duration for point in harness.sent] == [1.0, 1.0]
+    harness.scaling.set(0.5, harness.now)
+    follow(harness, 1.0)  # what was sent goes on as it was sent
+    assert harness.execution.desired[0] == pytest.approx(1.0)
+    harness.answer()
+    assert harness.sent[-1].duration == pytest.approx(2.0)
+    assert harness.sent[-1].velocity == pytest.approx(0.25)
+    harness.answer()
+    follow(harness, 1.0)
+    assert harness.execution.desired[0] == pytest.approx(1.5)
+    follow(harness, 1.0)
+    harness.see(0.3)
+    assert harness.outcome.end is End.SUCCEEDED
+
+
+def test_at_0_no_point_is_sent_and_at_more_it_goes_on():
+    harness = Harness(CYCLE, settings=PATIENT, goal_time=0.5)
+    harness.answer()
+    harness.scaling.set(0.0, harness.now)
+    follow(harness, 1.0)
+    harness.answer()
+    assert harness.sequences == [0, 1]
+    stand(harness, 60.0)
+    assert harness.state == 'streaming'
+    assert harness.sequences == [0, 1]
+    assert harness.execution.desired[0] == pytest.approx(1.0)
+    harness.scaling.set(1.0, harness.now)
+    stand(harness, DT)
+    assert harness.sequences == [0, 1, 2]
+    assert harness.sent[-1].duration == pytest.approx(1.0 + 0.5 / RAMP, rel=0.02)
+    harness.go_and_answer()
+    harness.see(1.5)
+    assert harness.outcome.end is End.SUCCEEDED
+
+
+def test_a_goal_that_is_held_can_be_canceled_and_sends_nothing_more():
+    harness = Harness()
+    harness.scaling.set(0.0, harness.now)
+    stand(harness, 1.0)
+    harness.answer()
+    harness.execution.cancel(harness.now)
+    harness.scaling.set(1.0, harness.now)
+    stand(harness, 1.0)
+    assert harness.sequences == [0, -4]
+    harness.answer()
+    harness.see(0.3)
+    assert harness.outcome.end is End.CANCELED
+
+
+def test_a_goal_that_begins_at_0_waits_before_its_first_point():
+    harness = Harness(start=False, settings=PATIENT, goal_time=0.5)
+    harness.scaling.set(0.0, harness.now)
+    stand(harness, 1.0)
+    harness.start()
+    stand(harness, 30.0)
+    assert harness.sequences == []
+    assert harness.execution.desired[0] == 0.0
+    harness.scaling.set(0.5, harness.now)
+    stand(harness, DT)
+    assert harness.sequences == [0]
+
+
+def test_patience_for_a_reply_knows_how_slow_the_point_is():
+    harness = Harness(settings=PATIENT)
+    harness.scaling.set(0.1, harness.now - 10.0)
+    harness.answer()
+    stand(harness, 11.5)
+    assert not harness.outcomes
+    stand(harness, 0.8)
+    assert 'no reply' in harness.outcome.text
+
+
+@pytest.mark.invariant(9)
+def test_a_process_that_was_not_scheduled_has_not_waited_for_a_reply():
+    """docs/invariants.md, 9: the reply came meanwhile, and is read after the state."""
+    harness = Harness(settings=PATIENT)
+    harness.go_and_answer()
+    harness.pass_time(60.0)
+    stand(harness, DT)
+    assert not harness.outcomes
+    harness.answer()
+    assert harness.sequences[-1] == 2
+    stand(harness, 4.0)
+    assert 'no reply' in harness.outcome.text

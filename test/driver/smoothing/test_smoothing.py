@@ -1,0 +1,122 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is sent instead of a plan's own points, and what a plan without times is taken for."""
+
+import numpy as np
+import pytest
+
+from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.driver.delivery.points import trajectory_points
+from epson_driver.driver.goal.goal import check_limits, check_start, untimed
+from epson_driver.driver.outcome import GoalRefusedError
+from epson_driver.driver.smoothing.smoothing import Smoothing, prepared
+from epson_driver.motion import Trajectory, problems
+from epson_driver.motion.smoothed import passed
+from epson_driver.robots import load_robot_model
+from epson_driver.share import share_file
+
+LIMITS = load_robot_model('c3_a601s').limits
+PLAN = read_trajectory(share_file('config', 'trajectories', 'around_pillar_fast_100ms.yaml'))
+START = PLAN.positions[0]
+POSITIONS_ONLY = Trajectory(LIMITS.names, np.zeros(len(PLAN.times)), PLAN.positions)
+
+
+def resampled(period, *, time_optimal=False, plan=PLAN):
+    return prepared(plan, START, LIMITS, Smoothing(period, time_optimal))
+
+
+@pytest.mark.parametrize('period', [0.004, 0.05, 0.1])
+def test_resampled_points_are_dense_equally_spaced_and_within_the_limits(period):
+    motion = resampled(period)
+    assert np.diff(motion.times) == pytest.approx(period)
+    assert motion.times[0] == 0.0
+    assert list(problems(motion, LIMITS)) == []
+    assert np.array_equal(motion.positions[0], PLAN.positions[0])
+    assert np.abs(motion.positions[-1] - PLAN.positions[-1]).max() < 1e-9
+    assert not motion.velocities[0].any()
+    assert not motion.velocities[-1].any()
+    assert PLAN.duration <= motion.duration < 1.3 * PLAN.duration + period
+
+
+def test_resampled_points_lie_on_the_one_smooth_motion():
+    fine, coarse = resampled(0.004), resampled(0.04)
+    assert coarse.positions[1:-1] == pytest.approx(
+        fine.positions[10 : 10 * (len(coarse.times) - 1) : 10], abs=1e-6
+    )
+    errors, _ = passed(PLAN.positions, fine)
+    assert errors.max() < 1e-4
+
+
+def test_what_goes_over_the_wire_is_no_faster_than_the_joints():
+    points = trajectory_points(resampled(0.05), START, LIMITS)
+    assert all(0.0 < point.velocity <= 1.0 for point in points)
+    assert [point.duration for point in points[1:]] == pytest.approx([0.05] * (len(points) - 1))
+
+
+def test_time_optimal_needs_no_times_and_is_the_same_with_them():
+    plan = untimed(POSITIONS_ONLY, LIMITS)
+    check_limits(plan, LIMITS)
+    check_start(plan, START, LIMITS, 0.01)
+    motion = resampled(0.004, time_optimal=True, plan=plan)
+    same = resampled(0.004, time_optimal=True)
+    assert np.array_equal(motion.positions, same.positions)
+    assert motion.duration < resampled(0.004).duration
+
+
+def test_retiming_keeps_the_points_of_the_plan():
+    plan = prepared(untimed(POSITIONS_ONLY, LIMITS), START, LIMITS, Smoothing(None, True))
+    assert np.array_equal(plan.positions, PLAN.positions)
+    assert plan.times[0] == 0.0
+    assert np.all(np.diff(plan.times) > 0.0)
+    assert not plan.velocities[-1].any()
+    motion = resampled(0.004, time_optimal=True)
+    assert plan.duration == motion.duration
+    assert passed(PLAN.positions, motion)[1][1:-1] == pytest.approx(plan.times[1:-1])
+
+
+def test_retiming_leaves_repeated_points_out():
+    positions = np.repeat(PLAN.positions, 3, axis=0)
+    plan = untimed(Trajectory(LIMITS.names, np.zeros(len(positions)), positions), LIMITS)
+    retimed = prepared(plan, START, LIMITS, Smoothing(None, True))
+    assert np.array_equal(retimed.positions, PLAN.positions)
+
+
+def test_a_first_point_with_a_time_is_gone_to_from_where_the_arm_is():
+    start = np.zeros(6)
+    plan = Trajectory(LIMITS.names, np.array([2.0]), START[None, :])
+    for smoothing in (Smoothing(0.05), Smoothing(0.05, True), Smoothing(None, True)):
+        motion = prepared(plan, start, LIMITS, smoothing)
+        assert np.array_equal(motion.positions[0], start)
+        assert np.abs(motion.positions[-1] - START).max() < 1e-9
+    assert prepared(plan, start, LIMITS, Smoothing(0.05)).duration == pytest.approx(2.0, abs=0.3)
+
+
+def test_a_plan_that_is_too_fast_becomes_slower_when_its_times_do_not_count():
+    fast = Trajectory(LIMITS.names, PLAN.times / 100.0, PLAN.positions)
+    with pytest.raises(GoalRefusedError, match='velocity limit'):
+        check_limits(fast, LIMITS)
+    check_limits(untimed(fast, LIMITS), LIMITS)
+
+
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        (np.nan, 'point 2, joint_3: positions = nan rad is not finite'),
+        (9.0, 'joint_3: position 9'),
+    ],
+)
+def test_positions_are_checked_all_the_same(value, words):
+    positions = PLAN.positions.copy()
+    positions[2, 2] = value
+    plan = Trajectory(LIMITS.names, np.zeros(len(positions)), positions)
+    with pytest.raises(GoalRefusedError) as caught:
+        check_limits(untimed(plan, LIMITS), LIMITS)
+    assert words in str(caught.value)
+
+
+def test_an_arm_outside_its_limits_is_said_to_be():
+    start = START.copy()
+    start[0] = 3.0
+    plan = Trajectory(LIMITS.names, PLAN.times + 1.0, PLAN.positions)
+    with pytest.raises(ValueError, match=r'joint_1: position 3 is outside the limits -2\.9'):
+        prepared(plan, start, LIMITS, Smoothing(0.05))

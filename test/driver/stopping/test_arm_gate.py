@@ -1,0 +1,144 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The arm gate, and which status forbids motion (docs/invariants.md, 4)."""
+
+from itertools import product
+
+import pytest
+from support.driver_harness import open_gate
+
+from epson_driver.driver.stopping.arm_gate import (
+    ArmGate,
+    GateError,
+    only_motors_off,
+    what_forbids_motion,
+)
+from epson_driver.error_texts import load_error_texts
+from epson_driver.simple_message import Mode, Status, TriState
+
+pytestmark = pytest.mark.invariant(4)
+
+
+def test_inv4_closed_at_start():
+    """docs/invariants.md, 4."""
+    assert ArmGate().reason == 'not enabled since the driver started'
+
+
+def test_the_first_reason_is_kept():
+    gate = ArmGate()
+    open_gate(gate)
+    assert gate.reason is None
+    assert gate.close('the E-stop is pressed')
+    assert not gate.close('the motors are off')
+    assert gate.reason == 'the E-stop is pressed'
+    open_gate(gate)
+    assert gate.reason is None
+    assert gate.close('the motors are off')
+    assert gate.reason == 'the motors are off'
+
+
+def test_closing_a_gate_that_was_never_open_says_so():
+    gate = ArmGate()
+    assert not gate.close('anything')
+    assert gate.reason == 'not enabled since the driver started'
+
+
+ERRORS = load_error_texts()
+FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
+
+
+@pytest.mark.parametrize(
+    ('fields', 'words'),
+    [
+        ({}, None),
+        ({'e_stopped': 1}, ['E-stop']),
+        ({'e_stopped': 1, 'error_code': 2261}, ['E-stop', '2261']),
+        ({'in_error': 1, 'error_code': 4001}, ['in error 4001 (the arm', 'not confirmed)']),
+        ({'in_error': 1, 'error_code': 4030}, ['in error 4030 (too much torque for too long)']),
+        ({'drives_powered': 0}, ['motors are off']),
+        ({'drives_powered': 0, 'error_code': 4031}, ['motors are off', '4031']),
+        ({'e_stopped': 1, 'in_error': 1, 'drives_powered': 0}, ['E-stop']),
+        ({'in_error': 1, 'error_code': 7, 'drives_powered': 0}, ['in error 7']),
+        ({'e_stopped': -1}, None),
+        ({'in_error': -1}, None),
+        ({'drives_powered': -1}, None),
+        ({'in_motion': -1, 'motion_possible': -1, 'mode': -1}, None),
+        ({'error_code': 5}, None),  # a code alone, without in_error, is a remark
+    ],
+)
+def test_what_a_status_says(fields, words):
+    why = what_forbids_motion(Status(**{**FINE, **fields}), ERRORS)
+    if words is None:
+        assert why is None
+    else:
+        assert all(word in why for word in words)
+
+
+def test_nothing_known_forbids_nothing():
+    assert what_forbids_motion(Status(), ERRORS) is None
+
+
+def test_the_rule_in_full():
+    values = list(TriState)
+    for e_stopped, in_error, drives, mode in product(values, values, values, Mode):
+        status = Status(drives, e_stopped, 0, in_error, TriState.UNKNOWN, mode, TriState.UNKNOWN)
+        forbidden = e_stopped == 1 or in_error == 1 or drives == 0
+        assert (what_forbids_motion(status, ERRORS) is not None) == forbidden
+
+
+# --- requests to open it ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('opened', [False, True], ids=['closed', 'open'])
+def test_inv4_what_closes_it_or_would_have_closed_it_cancels_a_request(opened):
+    """docs/invariants.md, 4."""
+    gate = ArmGate()
+    if opened:
+        open_gate(gate)
+    told = []
+    with gate.enabling() as first, gate.enabling() as second:
+        first.on_cancel = lambda: told.append('first')
+        gate.close('the E-stop is pressed')
+        gate.close('the motors are off')
+        for enabling in (first, second):
+            assert enabling.canceled == 'the E-stop is pressed'
+            with pytest.raises(GateError, match='the E-stop is pressed'):
+                gate.open(enabling)
+    assert told == ['first']
+    assert gate.reason is not None
+    open_gate(gate)
+    assert gate.reason is None
+
+
+def test_inv4_motors_that_are_off_cancel_only_a_request_that_saw_them_on():
+    gate = ArmGate()
+    with gate.enabling() as enabling:
+        gate.close('the motors are off', motors_off=True)
+        assert enabling.canceled is None
+        gate.see_motors_on()
+        gate.close('the motors are off', motors_off=True)
+        assert enabling.canceled == 'the motors are off'
+
+
+def test_inv4_a_request_that_has_ended_opens_nothing():
+    gate = ArmGate()
+    with gate.enabling() as enabling:
+        pass
+    with pytest.raises(GateError, match='has ended'):
+        gate.open(enabling)
+    assert gate.reason is not None
+
+
+@pytest.mark.parametrize(
+    ('fields', 'only'),
+    [
+        ({'drives_powered': 0}, True),
+        ({'drives_powered': 0, 'error_code': 4031}, True),
+        ({'drives_powered': 0, 'e_stopped': 1}, False),
+        ({'drives_powered': 0, 'in_error': 1}, False),
+        ({'drives_powered': -1}, False),
+        ({}, False),
+    ],
+)
+def test_whether_only_the_motors_are_off(fields, only):
+    assert only_motors_off(Status(**{**FINE, **fields})) is only

@@ -1,0 +1,203 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motors and errors by the controller's own commands, against a Motoman."""
+
+import pytest
+from support.driver_harness import Harness, WaxController, frame, pose, simulated
+from support.event_loop import run, until
+
+from epson_driver.driver import services
+from epson_driver.driver.delivery.deliveries import delivery_rules
+from epson_driver.driver.outcome import End
+from epson_driver.driver.services import ServiceError
+from epson_driver.driver.stopping.motors import (
+    Action,
+    ByHand,
+    MotomanCommands,
+    RemoteEthernet,
+    motors,
+)
+from epson_driver.node.parameters import profile_defaults
+from epson_driver.profiles import load_controller_profile
+from epson_driver.sim_controller.states import Event
+from epson_driver.simple_message import MessageType, MotionCtrl, decode
+from epson_driver.simple_message.motoman import Command, Result
+
+MOTOMAN = load_controller_profile('motoman')
+
+
+def as_motoman():
+    """Return what the profile sets of a driver's configuration."""
+    defaults = profile_defaults(MOTOMAN)
+    rules = delivery_rules(MOTOMAN, defaults['interface'], defaults['point_message'])
+    return {'delivery': rules, 'motors': MOTOMAN.program.motors, 'remote_port': 0}
+
+
+def commands_in(controller):
+    """Return a list that fills with the commands which the motion program takes."""
+    commands = []
+    take = controller.program.receive
+
+    def receive(frame, *rest):
+        message = decode(frame).message
+        if isinstance(message, MotionCtrl):
+            commands.append(Command(message.command))
+        return take(frame, *rest)
+
+    controller.program.receive = receive
+    return commands
+
+
+async def refusal(coroutine):
+    with pytest.raises(ServiceError) as caught:
+        await coroutine
+    return str(caught.value)
+
+
+def reports(harness, **fields):
+    status = harness.driver.robot.status
+    return status is not None and all(getattr(status, k) == v for k, v in fields.items())
+
+
+@pytest.mark.parametrize(
+    ('kind', 'port', 'way'),
+    [
+        ('remote_ethernet', 5000, RemoteEthernet),
+        ('remote_ethernet', 0, ByHand),
+        ('motoman', 0, MotomanCommands),
+        ('motoman', 5000, MotomanCommands),
+        ('none', 5000, ByHand),
+    ],
+)
+def test_the_profile_and_the_remote_port_decide(kind, port, way):
+    made = motors(kind, '127.0.0.1', port, None)
+    assert type(made) is way
+    assert bool(made.missing) == (way is ByHand)
+
+
+def test_every_profile_says_how():
+    names = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
+    ways = {name: load_controller_profile(name).program.motors for name in names}
+    assert ways == dict.fromkeys(names, 'remote_ethernet') | {'motoman': 'motoman'}
+
+
+def test_enable_and_disable_switch_a_motomans_servos():
+    async def check():
+        async with (
+            simulated(profile='motoman') as (controller, ports),
+            Harness(ports, **as_motoman()) as harness,
+        ):
+            commands = commands_in(controller)
+            await harness.ready()
+            assert controller.status().drives_powered == 0
+            assert await harness.services.enable() == 'the arm is enabled'
+            assert controller.status().drives_powered == 1
+            assert commands == [Command.START_SERVOS]
+            outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            assert commands == [Command.START_SERVOS, Command.START_TRAJ_MODE]
+            goal = harness.submit(pose(1.0))
+            await harness.until_moving()
+            assert await harness.services.disable() == 'the arm is disabled and the motors are off'
+            assert 'stopped by ~/disable; the arm stands' in goal.outcome.text
+            assert commands[-2:] == [Command.STOP_MOTION, Command.STOP_SERVOS]
+            await until(lambda: reports(harness, drives_powered=0))
+            assert harness.gate == 'disabled by ~/disable'
+            await harness.services.enable()
+            outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+
+    run(check())
+
+
+def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
+    async def check():
+        async with (
+            simulated(profile='motoman') as (controller, ports),
+            Harness(ports, **as_motoman()) as harness,
+        ):
+            commands = commands_in(controller)
+            await harness.ready()
+            await harness.services.enable()
+            controller.apply(Event.ESTOP_PRESS)
+            await until(lambda: reports(harness, e_stopped=1))
+            text = await refusal(harness.services.reset_error())
+            assert text == 'RESET_ALARM: FAILURE: reset the error at the controller'
+            controller.apply(Event.ESTOP_RELEASE)
+            await harness.services.reset_error()
+            assert commands[1:] == [Command.RESET_ALARM] * 2
+            await until(lambda: reports(harness, e_stopped=0, in_error=0))
+            assert 'E-stop' in harness.gate
+            assert controller.status().drives_powered == 0
+            await harness.services.enable()
+            assert harness.gate is None
+
+    run(check())
+
+
+class WaxMotoman(WaxController):
+    """It answers every command with one result, or not at all."""
+
+    STATUS = (0, 0, 0, 0, 0, 2, 0)
+
+    def __init__(self, result):
+        super().__init__(lambda _: b'')
+        self._result = result
+
+    async def _motion(self, reader, writer):
+        while True:
+            length = int.from_bytes(await reader.readexactly(4), 'little')
+            body = await reader.readexactly(length)
+            command = int.from_bytes(body[20:24], 'little')
+            self.received.append(command)
+            if self._result is not None:
+                words = (0, 0, command, self._result, 0)
+                reply = b''.join(word.to_bytes(4, 'little') for word in words) + bytes(40)
+                writer.write(frame(MessageType.MOTION_REPLY, 3, 1, reply))
+
+
+@pytest.mark.parametrize(
+    ('result', 'words'),
+    [(None, 'no reply within 0.1 s'), (Result.ALARM, 'ALARM: the controller has an alarm')],
+)
+def test_a_motoman_that_does_not_obey_leaves_the_gate_closed(monkeypatch, result, words):
+    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.1)
+
+    async def check():
+        async with WaxMotoman(result) as wax, Harness(wax.ports, **as_motoman()) as harness:
+            await harness.ready()
+            text = await refusal(harness.services.enable())
+            assert text == f'START_SERVOS: {words}: switch the motors on at the controller'
+            assert wax.received == [Command.START_SERVOS]
+            assert harness.gate is not None
+
+    run(check())
+
+
+def test_without_a_link_a_motoman_cannot_be_reset():
+    async def check():
+        async with WaxMotoman(None) as wax:
+            harness = Harness(wax.ports, **as_motoman())
+            text = await refusal(harness.services.reset_error())
+            assert 'RESET_ALARM: motion link is disconnected: reset the error at' in text
+
+    run(check())
+
+
+def test_a_controller_without_commands_leaves_it_to_a_person():
+    async def check():
+        async with (
+            simulated() as (controller, ports),
+            Harness(ports, motors='none') as harness,
+        ):
+            await harness.ready()
+            text = await refusal(harness.services.enable())
+            assert 'takes no such command' in text
+            assert Action.MOTORS_ON.value.by_hand in text
+            controller.apply(Event.MOTORS_ON)
+            await until(lambda: reports(harness, drives_powered=1))
+            await harness.services.enable()
+            text = await harness.services.disable()
+            assert text.endswith('takes no such command, so the motors were left as they are')
+
+    run(check())

@@ -1,0 +1,227 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the old client did wrong: the table of docs/migration.md, each row with its test.
+
+The tests at the end are those of rows that no other file had a test for.
+"""
+
+import ast
+import dataclasses
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support.driver_harness import HOME, LIMITS, Harness, WaxController, frame, open_gate, pose
+from support.event_loop import run, until
+
+from epson_driver.cli.__main__ import EXECUTABLES
+from epson_driver.driver.delivery.points import FIRST_VELOCITY, trajectory_points
+from epson_driver.driver.services import ServiceError
+from epson_driver.motion import Trajectory
+from epson_driver.node.parameters import TABLE as PARAMETERS
+from epson_driver.node.parameters import declare
+from epson_driver.profiles import load_controller_profile
+from epson_driver.simple_message import ByteOrder, JointTrajPt
+
+TESTS = Path(__file__).parents[1]
+PAGE = TESTS.parent / 'docs' / 'migration.md'
+TABLE = PAGE.read_text(encoding='utf-8').split('defects: begin -->\n')[1].split('<!--')[0]
+ROWS = [
+    tuple(cell.strip() for cell in line.strip('|').split('|')) for line in TABLE.splitlines()[2:]
+]
+
+KNOWN = {f'B{number}' for number in range(1, 6)}
+KNOWN |= {
+    f'#{number}'
+    for number in (25, 27, 28, 32, 111, 114, 118, 124, 125, 131, 147, 154, 174, 175, 187, 191)
+}
+KNOWN |= {f'#{number}' for number in (83, 210, 216, 218, 235, 238, 239, 260, 263, 265, 271, 282)}
+KNOWN |= {f'motoman#{number}' for number in (41, 88, 174, 215, 228, 361, 591)}
+KNOWN |= {'fanuc_experimental#9', 'fanuc_experimental#17', 'staubli#12', 'staubli#26'}
+KNOWN |= {'packet-simplemessage#21'}
+"""Every reported defect of the old client that concerns a client."""
+
+
+def names_of_tests():
+    """Return the names of all tests there are."""
+    for path in TESTS.rglob('test_*.py'):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield node.name
+
+
+ALL_TESTS = set(names_of_tests())
+
+
+@pytest.mark.parametrize('row', ROWS, ids=lambda row: f'{row[0]}: {row[2]}')
+def test_each_defect_has_the_old_behaviour_ours_and_tests_that_exist(row):
+    defect, old, ours, tests = row
+    assert defect
+    assert old
+    assert ours
+    names = re.findall(r'`(\w+)`', tests)
+    assert names
+    assert re.sub(r'`\w+`(, )?', '', tests) == ''
+    assert set(names) <= ALL_TESTS, set(names) - ALL_TESTS
+
+
+def test_no_known_defect_is_left_out():
+    found = {name.strip() for row in ROWS for name in row[0].split(',')}
+    assert found - {'observed', 'ROS 2 ports'} == KNOWN
+
+
+def names_here(title, column=1):
+    """Return the names in a column of a table of the page."""
+    section = PAGE.read_text('utf-8').split(f'\n## {title}\n')[1].split('\n## ')[0]
+    for line in section.splitlines():
+        if line.startswith('| ') and not line.startswith('| ROS 1 '):
+            yield from re.findall(r'`([^`]+)`', line.split('|')[1 + column])
+
+
+@pytest.mark.parametrize('title', ['Topics, services, actions', 'Parameters'])
+def test_what_the_migration_leads_to_is_there(title):
+    there = (PAGE.parent / 'ros_interface.md').read_text('utf-8')
+    names = list(names_here(title))
+    assert len(names) > 5
+    for name in names:
+        assert f'| `{name}` |' in there
+
+
+def test_the_nodes_that_the_migration_leads_to_are_there():
+    for name in names_here('Nodes'):
+        if ': ' in name:
+            parameter, value = name.split(': ')
+            row = next(row for row in PARAMETERS if row.name == parameter)
+            assert value in row.choices or parameter == 'controller'
+        elif name not in ('motoman', 'fanuc', 'abb'):
+            assert name in EXECUTABLES
+    for name in ('motoman', 'fanuc', 'abb'):
+        assert load_controller_profile(name).name == name
+
+
+def test_b1_a_frame_of_4000_bytes_is_left_out_and_the_next_one_taken():
+    """The old library wrote it over the stack."""
+
+    async def scenario():
+        async with WaxController() as controller, Harness(controller.ports) as harness:
+            await harness.ready()
+            controller.extra = frame(10, 1, 0, bytes(4000 - 12))
+            counted = harness.driver.state_link.statistics
+            await until(lambda: counted.bad_frames)
+            assert counted.bad_frames == {'body': 1}
+            seen = len(harness.events.samples)
+            await until(lambda: len(harness.events.samples) > seen + 2)
+            assert counted.connections == 1
+
+    run(scenario())
+
+
+def test_b2_a_wrong_byte_order_ends_the_connection_and_says_why():
+    """The old client waited for the 939,524,096 bytes of a small message read the wrong way."""
+
+    async def scenario():
+        async with WaxController() as controller:  # it writes little endian
+            async with Harness(controller.ports, byte_order=ByteOrder.BIG) as harness:
+                await until(lambda: harness.driver.state_link.statistics.bad_frames['length'])
+                await until(lambda: any('length' in why for _, why in harness.events.links))
+                assert not harness.events.samples
+            async with Harness(controller.ports) as harness:
+                await harness.ready()
+
+    run(scenario())
+
+
+def test_b5_a_message_cannot_be_changed():
+    point = JointTrajPt(1)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        point.sequence = 2
+
+
+def test_147_more_than_ten_joints_are_refused_with_the_name_of_the_parameter():
+    names = [f'joint_{number}' for number in range(1, 12)]
+    node = SimpleNamespace(
+        declare_parameter=lambda name, default, _descriptor: SimpleNamespace(
+            value=names if name == 'joint_names' else default
+        )
+    )
+    with pytest.raises(ValueError, match='joint_names has 11 names: a message carries 10'):
+        declare(node)
+
+
+def test_191_the_first_point_leaves_at_once():
+    """No timer, no sleep, no turn of the loop between the goal and its first point."""
+
+    async def scenario():
+        async with WaxController() as controller, Harness(controller.ports) as harness:
+            await harness.ready()
+            await harness.services.enable()
+            sent = harness.driver.motion_link.statistics.frames_sent
+            goal = harness.submit(pose(0.1))
+            assert harness.driver.motion_link.statistics.frames_sent == sent + 1
+            await until(lambda: controller.received)
+            assert controller.received[0] == 0
+            harness.driver.goals.cancel(goal.ticket)
+            await goal.end()
+
+    run(scenario())
+
+
+def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
+    async def scenario():
+        controller = WaxController()
+        controller.shows_joints = False
+        async with controller, Harness(controller.ports) as harness:
+            await until(lambda: harness.driver.robot.status is not None)
+            await until(lambda: harness.driver.motion_link.connected)
+            with pytest.raises(ServiceError, match='no joint state from the controller'):
+                await harness.services.enable()
+            open_gate(harness.driver.gate)
+            goal = harness.submit(pose(0.1), start=HOME)
+            assert 'no joint state' in (await goal.end()).text
+            assert controller.received == []
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    ('status', 'words'),
+    [
+        ((1, 1, 0, 0, 0, 2, 0), 'E-stop'),
+        ((1, 0, 4031, 1, 0, 2, 0), 'in error 4031'),
+        ((0, 0, 0, 0, 0, 2, 0), 'motors are off'),
+    ],
+    ids=['E-stop', 'error', 'motors off'],
+)
+def test_271_a_status_alone_ends_the_goal_and_closes_the_gate(status, words):
+    """No reply, no lost link: nothing but the STATUS says it."""
+
+    async def scenario():
+        async with (
+            WaxController(lambda _: b'') as controller,
+            Harness(controller.ports) as harness,
+        ):
+            await harness.ready()
+            await harness.services.enable()
+            goal = harness.submit(pose(0.1))
+            await until(lambda: controller.received)
+            controller.status = status
+            assert words in (await goal.end()).text
+            assert words in harness.gate
+            controller.status = WaxController.STATUS
+            seen = len(harness.events.statuses)
+            await until(lambda: len(harness.events.statuses) > seen + 2)
+            assert words in harness.submit(pose(0.1)).outcome.text
+
+    run(scenario())
+
+
+def test_fanuc_9_a_plan_without_velocities_moves_as_fast_as_planned():
+    limit = LIMITS.velocity[0]
+    plan = Trajectory(
+        LIMITS.names, np.array([0.0, 1.0, 2.0]), np.array([pose(0), pose(limit / 2), pose(limit)])
+    )
+    points = trajectory_points(plan, HOME, LIMITS)
+    assert [point.velocity for point in points[1:]] == pytest.approx([0.5, 0.5])
+    assert points[0].velocity == FIRST_VELOCITY

@@ -1,0 +1,274 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a driver must stand for long: a hundred cuts of its links, and a goal of 10,000 points."""
+
+import asyncio
+import contextlib
+import gc
+import random
+import resource
+import sys
+import weakref
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.driver_harness import Harness, cell, pose, simulated
+from support.event_loop import now, run, until
+
+from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.link import LinkState
+from epson_driver.link.states import BACK_OFF
+from epson_driver.sim_controller.faults.fault_text import parse
+
+CUTS = 100
+CELLS = 4
+"""Robots that are cut at the same time, so that the test is short."""
+
+SEED = 11000
+PORTS = ('motion', 'state', 'motion+state', 'motion+state+io')
+PLANNED = 0.5
+"""How long a motion takes by its plan, s; with its accelerations it takes longer."""
+
+LATEST = 1.4
+"""A cut comes this long after its goal at most, s: some goals are at their end by then."""
+
+LONGEST = 0.35
+"""of a cut, s."""
+
+AT_GOAL = 0.01
+"""rad; the tolerance of the goals here."""
+
+STAYS = 0.03
+"""A connection that is this old was not taken during the cut, to be closed at once, s."""
+
+WITHIN = 1.5
+"""How soon after the controller's return the links must be back, s."""
+
+PATIENCE = 100.0
+"""How long a test here may take on a machine that is busy, s."""
+
+
+class History:
+    """Each state of a link, and when it was entered."""
+
+    def __init__(self, link):
+        self.link = link
+        self.steps = []
+        self._tell = link._on_state
+        link._on_state = self._on_state
+
+    def _on_state(self, state, why):
+        self.steps.append((now(), state))
+        self._tell(state, why)
+
+    @property
+    def since(self):
+        """When the present state was entered."""
+        return self.steps[-1][0] if self.steps else 0.0
+
+    @property
+    def stays(self):
+        return self.link.connected and now() - self.since >= STAYS
+
+    def attempts(self, after):
+        """Return how many attempts to connect began after a time."""
+        return sum(at > after and state is LinkState.CONNECTING for at, state in self.steps)
+
+
+def open_sockets():
+    count = 0
+    for each in Path('/proc/self/fd').iterdir():
+        with contextlib.suppress(FileNotFoundError):  # the directory's own
+            count += str(each.readlink()).startswith('socket:')
+    return count
+
+
+class CutCell:
+    """A driver and its controller, whose links are cut again and again."""
+
+    def __init__(self, harness, controller, number):
+        self.harness = harness
+        self.controller = controller
+        self.chance = random.Random(SEED + number)
+        links = (harness.driver.motion_link, harness.driver.state_link)
+        self.histories = {link.name: History(link) for link in links}
+        self.ends = Counter()
+        self.back_after = []
+        self.tickets = []
+
+    async def cut(self):
+        """Let one goal run, cut at a random moment, and look at everything that follows."""
+        harness, controller = self.harness, self.controller
+        await harness.services.enable()
+        target = pose(-0.4 if harness.at[0] > 0.0 else 0.4, self.chance.uniform(0.0, 0.2))
+        goal = harness.submit(
+            (harness.at + target) / 2, target, step=PLANNED / 2, tolerance=AT_GOAL
+        )
+        self.tickets.append(weakref.ref(goal.ticket))
+        await asyncio.sleep(self.chance.uniform(0.0, LATEST))
+
+        ports = self.chance.choice(PORTS)
+        ended_before = bool(goal.outcomes)
+        controller.faults.start(
+            parse(f'cut {self.chance.uniform(0.01, LONGEST):.3f} port={ports}')
+        )
+        cut_links = [name for name in self.histories if name in ports]
+        await self.returned(cut_links)
+        self.ends[self.check_end(goal, target, ended_before)] += 1
+        await self.nothing_moves_before_enable()
+        assert len(goal.outcomes) == 1
+        harness.events.samples.clear()
+        harness.events.statuses.clear()
+
+    def check_end(self, goal, target, ended_before):
+        """Return how the goal ended; it did so once, and says why."""
+        outcome = goal.outcome
+        if outcome.end is End.SUCCEEDED:
+            assert abs(self.controller.servo.actual - target).max() <= AT_GOAL
+            return 'succeeded before the cut'
+        assert not ended_before, outcome
+        assert outcome.end is End.ABORTED
+        assert outcome.code is ErrorCode.PATH_TOLERANCE_VIOLATED
+        assert 'link was lost' in outcome.text
+        assert 'on the way to point' in outcome.text
+        return 'aborted: ' + outcome.text.split(' was lost')[0]
+
+    async def returned(self, names):
+        """Wait for the controller's return, then for the links: one attempt must do for each."""
+        faults, driver = self.controller.faults, self.harness.driver
+        await until(lambda: not any(faults.refuses(name) for name in names))
+        at = now()
+        histories = [self.histories[name] for name in names]
+        await until(lambda: all(each.stays for each in self.histories.values()))
+        assert all(each.attempts(after=at) <= 1 for each in histories)
+        self.back_after.append(max(0.0, *(each.since - at for each in histories)))
+        await until(lambda: driver.robot.sample is not None and driver.robot.status is not None)
+        for each in self.histories.values():
+            each.steps.clear()
+
+    async def nothing_moves_before_enable(self):
+        """The links are back; the gate is closed, goals are refused, and the arm stands."""
+        harness, controller = self.harness, self.controller
+        assert 'link was lost' in harness.gate
+        await until(lambda: not controller.in_motion and controller.servo.settled)
+        stood = controller.servo.actual.copy()
+        refused = harness.submit(pose(0.1))
+        assert refused.outcome.code is ErrorCode.INVALID_GOAL
+        assert 'link was lost' in refused.outcome.text
+        samples = len(harness.events.samples)
+        await until(lambda: len(harness.events.samples) > samples + 5)
+        assert np.array_equal(controller.servo.actual, stood)
+        assert not controller.moving
+
+    def check_nothing_is_kept(self):
+        driver = self.harness.driver
+        assert not driver.goals.busy
+        assert driver.goals._next is None
+        assert not driver.changes._waiters
+        assert not driver.goals._preparations
+        gc.collect()
+        assert [each for each in self.tickets if each() is not None] == []
+
+
+@pytest.mark.invariant(4)
+def test_a_hundred_cuts_are_a_hundred_clean_outcomes():
+    """docs/invariants.md, 4: and nothing moves before enable.
+
+    A link tries again at most `max(BACK_OFF)` s after the attempt before; the test shows that the
+    first attempt after the controller's return succeeds, and prints how long that took.
+    """
+    assert max(BACK_OFF) < WITHIN
+    ends, back_after = Counter(), []
+
+    async def scenario():
+        async with cell() as one, cell() as two, cell() as three, cell() as four:
+            cells = [CutCell(*each, number) for number, each in enumerate((one, two, three, four))]
+            await asyncio.sleep(0.1)  # what enabling opened is closed
+            tasks, sockets = len(asyncio.all_tasks()), open_sockets()
+
+            async def all_cuts(each):
+                for _ in range(CUTS // CELLS):
+                    await each.cut()
+
+            async with asyncio.TaskGroup() as group:
+                for each in cells:
+                    group.create_task(all_cuts(each))
+            await asyncio.sleep(0.1)
+            assert len(asyncio.all_tasks()) == tasks, asyncio.all_tasks()
+            assert open_sockets() <= sockets
+            for each in cells:
+                each.check_nothing_is_kept()
+                ends.update(each.ends)
+                back_after.extend(each.back_after)
+
+    gc.collect()  # what tests before this one left in cycles
+    before = open_sockets()
+    run(scenario(), PATIENCE)
+    assert open_sockets() <= before
+    assert ends.total() == CUTS
+    for text, count in sorted(ends.items()):
+        print(f'{count:3} {text}')
+    quantiles = np.quantile(back_after, [0.0, 0.5, 0.9, 0.99, 1.0])
+    within = sum(each <= WITHIN for each in back_after)
+    print(f'{within} of {CUTS} within {WITHIN:g} s of the return')
+    print('back after, s (least, median, 90 %, 99 %, most):', *(f'{q:.3f}' for q in quantiles))
+    assert len([text for text in ends if text.startswith('aborted')]) == 2, 'both links were cut'
+
+
+POINTS = 10_000
+FIRST = 1_000
+STEP = 2e-6
+"""From point to point, rad: so small that a point takes a few ms."""
+
+OBJECTS = 0.25
+"""Python objects that the process may keep for each point after the first 1,000; a message alone
+is several."""
+
+GROWTH = 4e6
+"""By how much the process may grow after the first 1,000 points, bytes: 450 for each point."""
+
+
+def resident():
+    """Return the memory of this process, bytes."""
+    return int(Path('/proc/self/statm').read_text().split()[1]) * resource.getpagesize()
+
+
+@pytest.mark.slow
+def test_a_goal_of_10000_points_streams_without_growth(caplog):
+    caplog.set_level('ERROR')  # pytest keeps every record, and a busy machine makes many
+
+    async def scenario():
+        async with simulated(profile='generic') as (_, ports), Harness(ports) as harness:
+            await harness.ready()
+            await harness.services.enable()
+            points = np.arange(1, POINTS + 1)[:, None] * pose(STEP)
+            goal = harness.submit(*points, step=0.001, tolerance=100 * STEP)
+            execution = goal.ticket.execution
+
+            def kept():
+                """Return objects and bytes in use, without the test's own records."""
+                harness.events.samples.clear()
+                harness.events.statuses.clear()
+                goal.feedback.clear()
+                gc.collect()
+                return sys.getallocatedblocks(), resident()
+
+            used = []
+            for count in range(FIRST, POINTS + 1, FIRST):
+                while execution.point < count and not goal.outcomes:  # noqa: ASYNC110 - as `until`
+                    await asyncio.sleep(0.02)
+                used.append(kept())
+            outcome = await goal.end()
+            objects, size = (np.subtract(each, each[0]) for each in zip(*used, strict=True))
+            print(outcome.text)
+            print('objects more than after the first 1,000 points:', *objects)
+            print('KiB more:', *(size // 1024))
+            assert outcome.end is End.SUCCEEDED, outcome
+            assert abs(harness.at - points[-1]).max() <= 100 * STEP
+            assert harness.driver.motion_link.statistics.frames_sent > POINTS
+            assert max(objects) < OBJECTS * (POINTS - FIRST)
+            assert max(size) < GROWTH
+
+    run(scenario(), PATIENCE)

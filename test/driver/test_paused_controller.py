@@ -1,0 +1,178 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Goals that come while the controller is paused, and those that run then, in every delivery."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from support.driver_harness import Harness, WaxController, cell, pose, simulated
+from support.event_loop import run, until
+
+from epson_driver.driver.delivery.deliveries import delivery_rules
+from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.node.parameters import profile_defaults
+from epson_driver.profiles import load_controller_profile
+from epson_driver.sim_controller.states import Event
+
+POSSIBLE = (1, 0, 0, 0, 0, 2, 1)
+NOT_POSSIBLE = (1, 0, 0, 0, 0, 2, 0)
+UNKNOWN = (1, 0, 0, 0, 0, 2, -1)
+DELIVERIES = ('rc620', 'abb', 'motoman')
+
+
+def possible(harness, value):
+    return (status := harness.driver.robot.status) is not None and status.motion_possible == value
+
+
+def as_profile(name):
+    """Return what a profile sets of a driver's configuration."""
+    profile = load_controller_profile(name)
+    defaults = profile_defaults(profile)
+    rules = delivery_rules(profile, defaults['interface'], defaults['point_message'])
+    return {'delivery': rules, 'usual_byte_order': profile.byte_order}
+
+
+async def tell(harness, wax, status):
+    """Let the controller of wax report a status, and the driver see it."""
+    wax.status = status
+    await until(lambda: possible(harness, status[-1]))
+
+
+# --- a goal that comes ------------------------------------------------------------------------
+
+
+def test_a_goal_that_comes_in_a_pause_is_refused_at_once_and_the_next_one_runs():
+    async def check():
+        async with cell() as (harness, controller):
+            controller.apply(Event.PAUSE)
+            await until(lambda: possible(harness, 0))
+            sent = harness.driver.motion_link.statistics.frames_sent
+            goal = harness.submit(pose(0.2))
+            assert goal.outcome.end is End.ABORTED
+            assert goal.outcome.code is ErrorCode.INVALID_GOAL
+            assert goal.outcome.text.startswith('the controller is paused')
+            assert goal.outcome.text.endswith('continue there')
+            assert harness.driver.motion_link.statistics.frames_sent == sent
+            assert harness.gate is None
+            controller.apply(Event.CONTINUE)
+            await until(lambda: possible(harness, 1))
+            assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
+
+    run(check())
+
+
+def test_a_goal_that_comes_in_a_pause_leaves_the_one_that_waits():
+    async def check():
+        async with cell() as (harness, controller):
+            waits = harness.submit(pose(0.5))
+            await harness.until_moving()
+            controller.apply(Event.PAUSE)
+            await until(lambda: waits.ticket.execution.paused)
+            assert 'paused' in harness.submit(pose(0.0)).outcome.text
+            assert not waits.outcomes
+            controller.apply(Event.CONTINUE)
+            assert (await waits.end()).end is End.SUCCEEDED
+
+    run(check())
+
+
+@pytest.mark.parametrize('never', [NOT_POSSIBLE, UNKNOWN], ids=['always no', 'not told'])
+def test_a_controller_that_never_says_yes_gets_its_goals(never):
+    async def check():
+        async with WaxController() as wax, Harness(wax.ports) as harness:
+            wax.status = never
+            await harness.ready()
+            await until(lambda: possible(harness, never[-1]))
+            await harness.services.enable()
+            goal = harness.submit(pose(0.1))
+            await until(lambda: wax.received)
+            harness.driver.goals.cancel(goal.ticket)
+            await goal.end()
+
+    run(check())
+
+
+def test_only_what_was_said_since_the_arm_was_enabled_counts():
+    async def check():
+        async with WaxController() as wax, Harness(wax.ports) as harness:
+            await harness.ready()
+            await harness.services.enable()
+            await tell(harness, wax, POSSIBLE)
+            await tell(harness, wax, NOT_POSSIBLE)
+            await harness.services.enable()  # it is enabled already: that changes nothing
+            assert 'paused' in harness.submit(pose(0.1)).outcome.text
+            await harness.services.disable()
+            await harness.services.enable()
+            goal = harness.submit(pose(0.1))
+            assert not goal.outcomes
+            harness.driver.goals.cancel(goal.ticket)
+            await goal.end()
+
+    run(check())
+
+
+def test_an_error_without_a_reason_to_close_the_gate_is_no_pause():
+    async def check():
+        async with WaxController() as wax, Harness(wax.ports) as harness:
+            await harness.ready()
+            await harness.services.enable()
+            await tell(harness, wax, (1, 0, 4031, -1, 0, 2, 0))
+            assert not harness.driver.robot.paused
+
+    run(check())
+
+
+# --- a goal that runs -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', DELIVERIES)
+def test_a_running_goal_waits_for_a_paused_controller_in_every_delivery(name):
+    async def check():
+        async with (
+            simulated(profile=name) as (controller, ports),
+            Harness(ports, **as_profile(name)) as harness,
+        ):
+            await harness.ready()
+            await harness.services.enable()
+            steps = [pose(0.1 * step) for step in range(1, 9)]
+            goal = harness.submit(*steps, step=0.2)
+            await harness.until_moving()
+            controller.apply(Event.PAUSE)
+            await until(lambda: goal.ticket.execution.paused)
+            assert goal.ticket.execution.speed(0.0) == 0.0
+            plan_time = goal.ticket.execution.desired[0]
+            here = harness.at
+            assert here[0] < 0.75
+            await asyncio.sleep(1.2)  # longer than an arm may stand beside its goal
+            assert not goal.outcomes
+            assert goal.ticket.execution.desired[0] == plan_time
+            np.testing.assert_allclose(harness.at, here, atol=1e-3)
+            controller.apply(Event.CONTINUE)
+            assert (await goal.end()).end is End.SUCCEEDED
+            np.testing.assert_allclose(harness.at, steps[-1], atol=1e-3)
+
+    run(check())
+
+
+@pytest.mark.parametrize('name', DELIVERIES)
+def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled_in_every_delivery(name):
+    async def check():
+        async with (
+            simulated(profile=name) as (controller, ports),
+            Harness(ports, **as_profile(name)) as harness,
+        ):
+            await harness.ready()
+            await harness.services.enable()
+            goal = harness.submit(*[pose(0.1 * step) for step in range(1, 9)], step=0.2)
+            await harness.until_moving()
+            controller.apply(Event.PAUSE)
+            await until(lambda: goal.ticket.execution.paused)
+            harness.driver.goals.cancel(goal.ticket)
+            assert (await goal.end()).end is End.CANCELED
+            controller.apply(Event.CONTINUE)
+            await until(lambda: possible(harness, 1))
+            assert await harness.rests()
+            assert harness.at[0] < 0.75
+
+    run(check())

@@ -1,0 +1,163 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The speed scaling where points are sent long before the arm moves: download, Motoman's queue."""
+
+import asyncio
+import contextlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import execution_harness
+from support.driver_harness import HOME, Harness, pose, simulated
+from support.event_loop import now, run, until
+
+from epson_driver.driver.delivery.deliveries import delivery_rules
+from epson_driver.driver.goal.speed_scaling import RAMP
+from epson_driver.driver.outcome import End
+from epson_driver.node.parameters import profile_defaults
+from epson_driver.profiles import load_controller_profile
+from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, decode
+
+STEP = 0.2
+STEPS = [pose(0.1 * step) for step in range(1, 9)]
+
+
+@contextlib.asynccontextmanager
+async def cell_of(name, **motion):
+    """Run an enabled driver with the controller of a profile; yield it and the points it takes."""
+    profile = load_controller_profile(name)
+    profile = replace(profile, motion=replace(profile.motion, **motion))
+    defaults = profile_defaults(profile)
+    rules = delivery_rules(profile, defaults['interface'], defaults['point_message'])
+    async with (
+        simulated(profile=profile) as (controller, ports),
+        Harness(ports, delivery=rules, usual_byte_order=profile.byte_order) as harness,
+    ):
+        points = []
+        take = controller.program.receive
+
+        def receive(frame, *rest):
+            message = decode(frame).message
+            if isinstance(message, JointTrajPt | JointTrajPtFull):
+                points.append(message)
+            return take(frame, *rest)
+
+        controller.program.receive = receive
+        await harness.ready()
+        await harness.services.enable()
+        yield harness, points
+
+
+def test_points_that_are_sent_ahead_are_as_slow_as_it_is_when_their_turn_comes():
+    """All points of a plan of 1 s leave at one moment, in which the factor begins to fall."""
+    line = np.linspace([0.0, 0.0], [1.0, 0.5], 6)
+    harness = execution_harness.Harness(line, step=STEP, start=False)
+    harness.scaling.set(0.1, harness.now)
+    harness.start()
+    while harness.state == 'streaming':
+        harness.answer()
+    _, *rest = (point.duration for point in harness.sent)
+    in_ramp = 0.9 / RAMP
+    done = in_ramp * (1.0 + 0.1) / 2
+    assert sum(rest) == pytest.approx(in_ramp + (1.0 - done) / 0.1, rel=0.01)
+    assert rest[-1] == pytest.approx(STEP / 0.1)
+    harness.pass_time(2.0)
+    harness.joints()
+    after = done + (2.0 - in_ramp) * 0.1
+    assert harness.execution.desired[0] == pytest.approx(after, abs=0.02)
+
+
+def test_a_pause_holds_back_points_of_which_the_turn_comes_in_it():
+    line = np.linspace([0.0, 0.0], [1.0, 0.5], 6)
+    harness = execution_harness.Harness(line, step=STEP, start=False)
+    harness.start()
+    for _ in range(4):
+        harness.answer()
+    harness.scaling.set(0.0, harness.now)  # four of five segments are on their way: 0.8 s
+    harness.answer()
+    assert harness.sequences == [0, 1, 2, 3, 4]
+    assert harness.state == 'streaming'
+    harness.scaling.set(1.0, harness.now)
+    harness.see(execution_harness.DT)
+    assert harness.sequences == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize('factor', [1.0, 0.5])
+def test_a_download_has_the_speed_that_is_set_when_it_begins(factor):
+    async def check():
+        async with cell_of('abb') as (harness, points):
+            harness.driver.goals.scaling.set(factor, now() - 1.0)
+            assert (await harness.submit(*STEPS, step=STEP).end()).end is End.SUCCEEDED
+            durations = [point.duration for point in points[1:]]
+            assert durations == pytest.approx([STEP / factor] * len(STEPS), rel=1e-5)
+            np.testing.assert_allclose(harness.at, STEPS[-1], atol=1e-3)
+
+    run(check())
+
+
+def test_a_download_that_is_sent_is_not_slowed_and_not_paused():
+    async def check():
+        async with cell_of('abb') as (harness, points):
+            goal = harness.submit(*STEPS, step=STEP)
+            await harness.until_moving()
+            assert len(points) == len(STEPS) + 1
+            harness.driver.goals.scaling.set(0.0, now() - 1.0)
+            assert (await goal.end()).end is End.SUCCEEDED
+            np.testing.assert_allclose(harness.at, STEPS[-1], atol=1e-3)
+
+    run(check())
+
+
+def test_a_download_that_comes_in_a_pause_begins_when_that_ends():
+    async def check():
+        async with cell_of('abb') as (harness, points):
+            harness.driver.goals.scaling.set(0.0, now() - 1.0)
+            goal = harness.submit(*STEPS, step=STEP)
+            samples = len(harness.events.samples)
+            await until(lambda: len(harness.events.samples) > samples + 5)
+            assert points == []
+            assert not goal.outcomes
+            harness.driver.goals.scaling.set(1.0, now() - 1.0)
+            assert (await goal.end()).end is End.SUCCEEDED
+            assert len(points) == len(STEPS) + 1
+
+    run(check())
+
+
+def test_a_motoman_pauses_when_it_has_done_what_it_has_and_goes_on():
+    async def check():
+        async with cell_of('motoman', pending_limit=1, look_ahead=0.1) as (harness, points):
+            steps = np.linspace(HOME, pose(1.5), 31)[1:]
+            goal = harness.submit(*steps, step=0.1)
+            await harness.until_moving()
+            harness.driver.goals.scaling.set(0.0, now())
+            await until(lambda: goal.ticket.execution.desired[2][0] == 0.0)
+            while not await harness.rests():  # noqa: ASYNC110 - it looks at another end of a socket
+                await asyncio.sleep(0.01)
+            sent = len(points)
+            here = harness.at
+            assert here[0] < 1.4
+            assert not goal.outcomes
+            assert await harness.rests()
+            assert len(points) == sent
+            harness.driver.goals.scaling.set(0.5, now())
+            outcome = await goal.end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            np.testing.assert_allclose(harness.at, steps[-1], atol=1e-3)
+            times = [point.time for point in points]
+            assert times == sorted(times)
+
+    run(check())
+
+
+def test_a_motoman_that_has_all_points_in_its_queue_is_not_slowed():
+    async def check():
+        async with cell_of('motoman') as (harness, points):
+            goal = harness.submit(*STEPS, step=STEP)
+            await until(lambda: len(points) == len(STEPS) + 1)
+            await harness.until_moving()
+            harness.driver.goals.scaling.set(0.0, now() - 1.0)
+            assert (await goal.end()).end is End.SUCCEEDED
+
+    run(check())

@@ -1,0 +1,225 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joints that are old, impossible or missing: nothing begins on them (invariants 6 and 8)."""
+
+import asyncio
+import logging
+import re
+import struct
+
+import pytest
+from support.driver_harness import LIMITS, Harness, WaxController, answer, frame, pose
+from support.event_loop import now, run, stand_still, until
+
+from epson_driver.cli import processes
+from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.driver.services import ServiceError
+from epson_driver.driver.state.robot_state import DISTRUST, POSE_AGE
+
+pytestmark = pytest.mark.invariant(6, 8)
+
+
+def position(*values):
+    return frame(10, 1, 0, struct.pack('<i10f', 0, *values, *[0.0] * (10 - len(values))))
+
+
+def feedback(*values, valid=2):
+    ten = [*values, *[0.0] * (10 - len(values))]
+    return frame(15, 1, 0, struct.pack('<iif30f', 0, valid, 1.0, *ten, *[0.0] * 20))
+
+
+async def more(harness, count):
+    """Wait for so many more samples."""
+    seen = len(harness.events.samples)
+    await until(lambda: len(harness.events.samples) >= seen + count)
+
+
+def test_inv6_one_feedback_among_positions_silences_nothing():
+    """docs/invariants.md, 6 and 8: every joint message is an event again after a few."""
+
+    async def scenario():
+        async with WaxController() as wax, Harness(wax.ports) as harness:
+            await harness.ready()
+            for _ in range(3):
+                seen = len(harness.events.samples)
+                received = harness.driver.state_link.statistics.frames_received
+                wax.extra = feedback(0.001)
+                await more(harness, 20)
+                came = harness.driver.state_link.statistics.frames_received - received
+                assert len(harness.events.samples) - seen >= came / 2 - 4  # the rest are STATUS
+                assert any(s.positions[0] > 0.0 for _, s in harness.events.samples[seen:])
+
+    run(scenario())
+
+
+def test_feedback_that_comes_with_each_position_is_what_counts():
+    async def scenario():
+        async with WaxController() as wax, Harness(wax.ports) as harness:
+            await harness.ready()
+            for _ in range(20):
+                wax.extra = feedback(0.001, valid=6)
+                await until(lambda: not wax.extra)
+            harness.events.samples.clear()
+            for _ in range(20):
+                wax.extra = feedback(0.001, valid=6)
+                await until(lambda: not wax.extra)
+            assert {float(s.positions[0]) for _, s in harness.events.samples} <= {
+                struct.unpack('<f', struct.pack('<f', 0.001))[0]
+            }
+            wax.extra = b''  # and when it ends, the positions count again
+            await until(lambda: harness.events.samples[-1][1].positions[0] == 0.0)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    ('message', 'said'),
+    [
+        (position(1e10), r'joint_1 is reported at 1e\+10 rad: with its margin it can be at'),
+        (position(0.0, 0.0, 3.75), 'joint_3 is reported to have jumped by 3.75 rad in'),
+        (position(0.0, float('nan')), 'joint 2: position nan is not finite'),
+        (feedback(0.0, 1e10), r'joint_2 is reported at 1e\+10 rad'),
+    ],
+    ids=['out of range', 'jump', 'nan', 'feedback'],
+)
+def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, said, caplog):
+    """docs/invariants.md, 6: it is said, and the arm must be enabled again when it is over."""
+
+    async def scenario():
+        async with (
+            WaxController(lambda number: answer(1, number) if number < 0 else b'') as wax,
+            Harness(wax.ports) as harness,
+        ):
+            await harness.ready()
+            await harness.services.enable()
+            goal = harness.submit(pose(0.5))
+            wax.extra = message
+            outcome = await goal.end()
+            assert outcome.end is End.ABORTED
+            assert 'the joint state cannot be true: ' in outcome.text
+            assert 'the joint state cannot be true: ' in harness.gate
+            assert harness.driver.state_link.statistics.bad_frames['joints'] == 1
+            began = now()
+            await harness.services.enable()
+            assert now() - began > 0.5 * DISTRUST
+            assert not any(sample.positions.any() for _, sample in harness.events.samples)
+            assert harness.driver.state_link.connected
+
+    with caplog.at_level(logging.WARNING):
+        run(scenario())
+    assert any('joint state dropped: ' in text for text in caplog.messages)
+    assert re.search(said, caplog.text)
+
+
+def test_inv6_enable_needs_joints_that_can_be_true():
+    """docs/invariants.md, 6."""
+
+    async def scenario():
+        async with WaxController() as wax, Harness(wax.ports) as harness:
+            wax.shows_joints = False
+
+            async def impossible():
+                while True:
+                    wax.extra = position(LIMITS.position_max[0] + 0.2)
+                    await asyncio.sleep(0.005)
+
+            task = asyncio.create_task(impossible())
+            await until(
+                lambda: harness.driver.motion_link.connected and harness.driver.robot.status
+            )
+            await until(lambda: harness.driver.state_link.statistics.bad_frames['joints'])
+            with pytest.raises(
+                ServiceError, match=r'the joint state cannot be true: joint_1 is re'
+            ):
+                await harness.services.enable()
+            assert harness.gate is not None
+            assert not harness.events.samples
+            task.cancel()
+
+    run(scenario())
+
+
+def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
+    """docs/invariants.md, 6: the STATUS goes on, and the link waits for long."""
+
+    async def scenario():
+        async with WaxController() as wax, Harness(wax.ports, state_timeout=60.0) as harness:
+            await harness.ready()
+            await harness.services.enable()
+            wax.shows_joints = False
+            await more_statuses(harness, 3)
+            stopped = now()
+            await until(lambda: now() > stopped + 1.1 * POSE_AGE)
+            goal = harness.submit(pose(0.5))
+            outcome = await goal.end()
+            assert outcome.code is ErrorCode.INVALID_GOAL
+            assert 'the newest joint state is ' in outcome.text
+            assert wax.received == []
+            with pytest.raises(ServiceError, match='the newest joint state is'):
+                await harness.services.enable()
+
+    run(scenario())
+
+
+async def more_statuses(harness, count):
+    seen = len(harness.events.statuses)
+    await until(lambda: len(harness.events.statuses) >= seen + count)
+
+
+def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path):
+    """A false alarm under load stops a robot in production; the controller has sent all along."""
+
+    async def scenario():
+        controller = await asyncio.to_thread(processes.sim_controller, tmp_path / 'log')
+        try:
+            ports = await asyncio.to_thread(controller.ports)
+            async with Harness(ports, state_timeout=0.5) as harness:
+                await harness.ready()
+                await harness.services.enable()
+                for at in (0.1, 0.0):
+                    stand_still(3.0)
+                    goal = harness.submit(pose(at), start=harness.at)
+                    assert not goal.outcomes
+                    outcome = await goal.end()
+                    assert outcome.end is End.SUCCEEDED, outcome
+                stand_still(3.0)
+                await more(harness, 1000)
+                assert harness.gate is None
+                assert harness.driver.state_link.statistics.connections == 1
+                assert harness.driver.robot.status is not None
+                ages = [s.time - s.measured for _, s in harness.events.samples[-1000:]]
+                assert max(ages) > 2.0  # what waited is as old as it is
+        finally:
+            await asyncio.to_thread(controller.end)
+
+    run(scenario(), real_time=True)
+
+
+@pytest.mark.invariant(5)
+@pytest.mark.parametrize('end', ['cancel', 'newer', 'fault'])
+def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
+    """docs/invariants.md, 5: between the goal and its start."""
+
+    async def scenario():
+        async with WaxController() as wax, Harness(wax.ports) as harness:
+            await harness.ready()
+            await harness.services.enable()
+            stand_still(2 * POSE_AGE)
+            goal = harness.submit(pose(0.1))
+            assert not goal.outcomes
+            if end == 'cancel':
+                harness.driver.goals.cancel(goal.ticket)
+                assert goal.outcome.text == 'canceled before it could start'
+            elif end == 'newer':
+                newer = harness.submit(pose(0.2))
+                assert goal.outcome.text == 'replaced by a newer goal before it could start'
+                await until(lambda: wax.received)
+                assert not newer.outcomes
+            else:
+                harness.driver.fault('somebody pulled the plug')
+                assert goal.outcome.text.startswith('somebody pulled the plug')
+            await more(harness, 50)
+            assert len(goal.outcomes) == 1
+            assert bool(wax.received) == (end == 'newer')
+
+    run(scenario())

@@ -1,0 +1,278 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`/diagnostics` says the same as the driver knows, with the level of its condition."""
+
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from support.driver_harness import JOINTS, Harness, WaxController, open_gate
+from support.event_loop import now, run, until
+
+from epson_driver.link import LinkState
+from epson_driver.node.diagnostics import Diagnostics
+from epson_driver.sim_controller.network.servers import Ports
+from epson_driver.simple_message import Status
+
+STAMP = Time(sec=5)
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
+
+
+@pytest.fixture
+def harness():
+    return Harness(Ports(1, 2, 0, 0))  # it never runs
+
+
+@pytest.fixture
+def diagnostics(harness):
+    return Diagnostics(harness.driver, 'cell_1/epson_driver')
+
+
+def rows(message):
+    return {status.name.rpartition(': ')[2]: status for status in message.status}
+
+
+def values(status):
+    return {value.key: value.value for value in status.values}
+
+
+def connect(harness):
+    for link in (harness.driver.state_link, harness.driver.motion_link):
+        link.state = LinkState.CONNECTED
+    harness.driver.robot.on_joints((0.0,) * 10, 99.995)
+    harness.driver.robot.on_joints((0.0,) * 10, 100.0)
+    harness.driver.robot.on_status(Status(1, 0, 0, 0, 0, 2, 1), 100.0)
+
+
+def test_names_and_hardware(diagnostics):
+    message = diagnostics.build(STAMP, 100.0)
+    assert message.header.stamp == STAMP
+    assert [(status.name, status.hardware_id) for status in message.status] == [
+        ('cell_1/epson_driver: state link', '127.0.0.1:2'),
+        ('cell_1/epson_driver: motion link', '127.0.0.1:1'),
+        ('cell_1/epson_driver: arm', '127.0.0.1'),
+    ]
+
+
+@pytest.mark.parametrize('state', LinkState)
+def test_a_link_is_an_error_unless_it_is_connected(harness, diagnostics, state):
+    harness.driver.motion_link.state = state
+    link = rows(diagnostics.build(STAMP, 100.0))['motion link']
+    assert link.level == (OK if state is LinkState.CONNECTED else ERROR)
+    assert link.message == state.value
+    assert values(link)['state'] == state.value
+
+
+def test_the_arm_without_state_is_stale(harness, diagnostics):
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (STALE, 'no joint state')
+    assert 'age of joint state [ms]' not in values(arm)
+
+
+def test_the_arm_that_is_not_enabled_is_a_warning_with_its_reason(harness, diagnostics):
+    connect(harness)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert arm.level == WARN
+    assert arm.message == 'not enabled: not enabled since the driver started'
+    assert values(arm)['arm gate'] == 'closed'
+    assert values(arm)['arm gate reason'] == 'not enabled since the driver started'
+
+
+def test_the_arm_that_is_enabled_is_fine(harness, diagnostics):
+    connect(harness)
+    open_gate(harness.driver.gate)
+    arm = rows(diagnostics.build(STAMP, 100.25))['arm']
+    assert (arm.level, arm.message) == (OK, 'enabled')
+    assert values(arm) == {
+        'arm gate': 'open',
+        'goal running': 'False',
+        'goals without a smooth motion': '0',
+        'age of joint state [ms]': '250.0',
+        'age of status [ms]': '250.0',
+        'velocities beyond what a joint can do': '0',
+        'error code': '0',
+    }
+
+
+def test_an_error_of_the_controller_is_an_error_with_its_number(harness, diagnostics):
+    connect(harness)
+    open_gate(harness.driver.gate)
+    harness.driver.robot.on_status(Status(1, 0, 4001, 1, 0, 2, 0), 100.0)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (
+        ERROR,
+        'error 4001 (the arm would leave its motion range; not confirmed)',
+    )
+    assert values(arm)['error code'] == '4001'
+    assert values(arm)['error'] == 'the arm would leave its motion range'
+    assert values(arm)['remedy'] == 'send points inside the limits'
+    assert values(arm)['error text confirmed'] == 'False'
+
+
+def test_a_number_that_nobody_has_listed_stands_alone(harness, diagnostics):
+    connect(harness)
+    harness.driver.robot.on_status(Status(1, 0, 1234, 1, 0, 2, 0), 100.0)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (ERROR, 'error 1234')
+    assert 'remedy' not in values(arm)
+
+
+@pytest.mark.parametrize(
+    ('status', 'text'),
+    [
+        (Status(1, 1, 0, 0, 0, 2, 0), 'the E-stop is pressed or not reset'),
+        (Status(1, 0, 0, 1, 0, 2, 0), 'the controller is in error 0'),
+    ],
+)
+def test_what_must_be_mended_is_an_error_even_without_a_number(harness, diagnostics, status, text):
+    connect(harness)
+    harness.driver.robot.on_status(status, 100.0)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (ERROR, text)
+
+
+def test_motors_that_are_off_are_a_warning_with_the_gates_reason(harness, diagnostics):
+    connect(harness)
+    open_gate(harness.driver.gate)
+    harness.driver.gate.close('the motors are off')
+    harness.driver.robot.on_status(Status(0, 0, 0, 0, 0, 2, 0), 100.0)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (WARN, 'not enabled: the motors are off')
+
+
+@pytest.mark.invariant(6)
+@pytest.mark.parametrize(
+    ('joints', 'status', 'level', 'text'),
+    [
+        (99.01, 99.01, OK, 'enabled'),
+        (98.9, 99.9, STALE, 'no joint state for 1.1 s'),
+        (99.9, 97.9, STALE, 'no STATUS for 2.1 s'),
+        (99.9, None, STALE, 'no STATUS'),
+    ],
+)
+def test_inv6_a_stale_state_is_stale_and_nothing_else(
+    harness, diagnostics, joints, status, level, text
+):
+    connect(harness)
+    robot = harness.driver.robot
+    open_gate(harness.driver.gate)
+    robot.on_joints((0.0,) * 10, joints)
+    fine = Status(1, 0, 0, 0, 0, 2, 1)
+    wrong = Status(1, 1, 4001, 1, 0, 2, 0)
+    if status is None:
+        robot.status = None
+    else:
+        robot.on_status(wrong if level == STALE else fine, status)
+    arm = rows(diagnostics.build(STAMP, 100.0))['arm']
+    assert (arm.level, arm.message) == (level, text)
+
+
+def test_the_rate_and_the_regularity_of_the_joint_states(harness, diagnostics):
+    robot = harness.driver.robot
+    robot.on_joints((0.0,) * 10, 99.99)
+    first = values(rows(diagnostics.build(STAMP, 100.0))['arm'])
+    assert 'joint state rate [Hz]' not in first  # there is no time yet to count over
+    for number in range(100):  # 8 ms and 12 ms in turn
+        robot.on_joints((0.0,) * 10, 100.001 + number * 0.01 + (number % 2) * 0.002)
+    second = values(rows(diagnostics.build(STAMP, 101.0))['arm'])
+    assert second['joint state rate [Hz]'] == '100.0'
+    assert float(second['joint state jitter [ms]']) == pytest.approx(2.0, abs=0.02)
+    assert second['joint state longest gap [ms]'] == '12.00'
+    third = values(rows(diagnostics.build(STAMP, 102.0))['arm'])
+    assert third['joint state rate [Hz]'] == '0.0'
+    assert 'joint state jitter [ms]' not in third
+
+
+def test_a_gap_counts_where_it_ends(harness, diagnostics):
+    robot = harness.driver.robot
+    for time in (99.8, 99.9):
+        robot.on_joints((0.0,) * 10, time)
+    diagnostics.build(STAMP, 100.0)
+    for time in (100.5, 100.6):
+        robot.on_joints((0.0,) * 10, time)
+    gap = values(rows(diagnostics.build(STAMP, 101.0))['arm'])['joint state longest gap [ms]']
+    assert gap == '600.00'
+
+
+def test_after_a_lost_link_the_regularity_is_that_of_the_new_one(harness, diagnostics):
+    robot = harness.driver.robot
+    robot.on_joints((0.0,) * 10, 50.0)
+    diagnostics.build(STAMP, 100.0)
+    robot.clear()
+    for time in (100.5, 100.6, 100.7):
+        robot.on_joints((0.0,) * 10, time)
+    arm = values(rows(diagnostics.build(STAMP, 101.0))['arm'])
+    assert arm['joint state longest gap [ms]'] == '100.00'
+    assert arm['joint state rate [Hz]'] == '3.0'
+
+
+def test_the_io_link_is_there_where_it_is_used_and_at_most_a_warning():
+    harness = Harness(Ports(1, 2, 0, 0), io_port=3)
+    diagnostics = Diagnostics(harness.driver, 'x')
+    io = rows(diagnostics.build(STAMP, 100.0))['io link']
+    assert (io.level, io.message, io.hardware_id) == (WARN, 'connecting', '127.0.0.1:3')
+    harness.driver.io.reason = ''
+    harness.driver.io.link.state = LinkState.CONNECTED
+    io = rows(diagnostics.build(STAMP, 101.0))['io link']
+    assert (io.level, io.message) == (OK, 'connected')
+    assert values(io)['frame rate [Hz]'] == '0.0'
+
+
+def test_uptime_is_that_of_the_present_connection(harness, diagnostics):
+    link = harness.driver.motion_link
+    assert 'uptime [s]' not in values(rows(diagnostics.build(STAMP, 100.0))['motion link'])
+    link.statistics.connected_since = 40.0
+    assert values(rows(diagnostics.build(STAMP, 100.0))['motion link'])['uptime [s]'] == '60.0'
+
+
+def test_counters_and_rates(harness, diagnostics):
+    link = harness.driver.state_link
+    link.statistics.frames_received = 1000
+    first = values(rows(diagnostics.build(STAMP, 100.0))['state link'])
+    assert first['frames received'] == '1000'
+    assert 'frame rate [Hz]' not in first  # there is no time yet to count over
+    link.statistics.frames_received = 1360
+    link.statistics.connections = 3
+    link.statistics.bad_frames['body'] = 2
+    link.statistics.bad_frames['length'] = 1
+    link.statistics.unsolicited_replies = 4
+    link.statistics.reply_latencies.extend([0.001, 0.002, 0.003])
+    second = values(rows(diagnostics.build(STAMP, 102.0))['state link'])
+    assert second['frame rate [Hz]'] == '180.0'
+    assert second['connections'] == '3'
+    assert second['reconnects'] == '2'
+    assert second['bad frames'] == '3'
+    assert second['bad frames: body'] == '2'
+    assert second['bad frames: length'] == '1'
+    assert second['replies nobody waited for'] == '4'
+    assert second['reply latency median [ms]'] == '2.00'
+    assert 2.0 <= float(second['reply latency p99 [ms]']) <= 3.0
+    third = values(rows(diagnostics.build(STAMP, 103.0))['state link'])
+    assert third['frame rate [Hz]'] == '0.0'
+
+
+def test_a_running_driver_without_a_controller():
+    async def scenario():
+        async with Harness(Ports(1, 1, 0, 0)) as harness:
+            message = Diagnostics(harness.driver, 'epson_driver').build(STAMP, now())
+            assert {row.level for row in message.status} == {ERROR, STALE}
+
+    run(scenario())
+
+
+def test_a_connection_has_its_time_until_it_is_lost():
+    async def scenario():
+        async with WaxController() as controller, Harness(controller.ports) as harness:
+            await harness.ready()
+            links = (harness.driver.state_link, harness.driver.motion_link)
+            assert all(0 < link.statistics.connected_since <= now() for link in links)
+            await controller.__aexit__()
+            await until(lambda: not any(link.connected for link in links))
+            assert [link.statistics.connected_since for link in links] == [None, None]
+
+    run(scenario())
+
+
+def test_the_arm_knows_its_joints(harness):
+    zeros = (0.0,) * 10
+    assert harness.driver.robot.on_joints(zeros, 1.0, zeros).positions.shape == (JOINTS,)

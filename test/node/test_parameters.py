@@ -1,0 +1,224 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node's parameters: described, typed, range-checked, and read-only where they must be."""
+
+import contextlib
+import re
+
+import pytest
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from epson_driver.cli.processes import free_ros_domain
+from epson_driver.inputs import InputError
+from epson_driver.node.parameters import JOINTS, TABLE, declare, joint_rows
+
+ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1'))}
+WITH_RANGE = [row for row in ROWS.values() if row.low is not None]
+READ_ONLY = [row for row in ROWS.values() if not row.now]
+CHANGEABLE = [row for row in ROWS.values() if row.now]
+WITH_CHOICES = [row for row in ROWS.values() if row.choices]
+
+
+@pytest.fixture(scope='module')
+def domain():
+    return free_ros_domain()
+
+
+@pytest.fixture
+def node(domain, monkeypatch):
+    """Return a function that makes a node with parameter overrides."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with contextlib.ExitStack() as stack:
+
+        def make(**overrides):
+            context = rclpy.Context()
+            arguments = ['--ros-args']
+            for name, value in overrides.items():
+                arguments += ['-p', f'{name.replace("__", ".")}:={value}']
+            rclpy.init(args=arguments, context=context, domain_id=domain)
+            stack.callback(context.try_shutdown)
+            made = Node('epson_driver', context=context, start_parameter_services=False)
+            stack.callback(made.destroy_node)
+            return made
+
+        yield make
+
+
+def dotted(name):
+    return name.replace('.', '__')
+
+
+def written(value):
+    return str(value).lower() if isinstance(value, bool) else value
+
+
+def test_defaults(node):
+    values = declare(node())
+    assert values['robot_ip'] == '127.0.0.1'
+    assert values['motion_port'] == 11000
+    assert values['state_port'] == 11002
+    assert values['io_port'] == 11003
+    assert values['remote_port'] == 0
+    assert values['joint_names'] == JOINTS == [f'joint_{number}' for number in range(1, 7)]
+    assert values['robot_model'] == 'c3_a601s'
+    assert values['interface'] == 'streaming'
+    assert values['point_message'] == 'joint_traj_pt'
+    assert values['byte_order'] == 'auto'
+    assert values['state_timeout'] == 1.0
+    assert values['constraints.stopped_velocity_tolerance'] == 0.01
+    assert values['constraints.goal_time'] == 0.0
+    for joint in JOINTS:
+        assert values[f'constraints.{joint}.goal'] == 0.01
+        assert values[f'constraints.{joint}.trajectory'] == 0.0
+
+
+def test_a_scara_has_four_joints_and_the_third_is_in_metres(node):
+    made = node(robot_model='gx4_c251s')
+    values = declare(made)
+    assert values['joint_names'] == JOINTS[:4]
+    assert 'constraints.joint_5.goal' not in values
+    assert [values[f'constraints.{joint}.goal'] for joint in JOINTS[:4]] == [
+        0.01,
+        0.01,
+        0.001,
+        0.01,
+    ]
+    for joint, unit in zip(JOINTS[:4], ('[rad]', '[rad]', '[m]', '[rad]'), strict=True):
+        for name in (f'constraints.{joint}.goal', f'constraints.{joint}.trajectory'):
+            assert made.describe_parameter(name).description.endswith(f'{unit}.')
+
+
+def test_names_of_ones_own_have_the_units_of_the_model(node):
+    values = declare(node(robot_model='gx4_c251s', joint_names='[a, b, lift, spin]'))
+    assert values['joint_names'] == ['a', 'b', 'lift', 'spin']
+    assert values['constraints.lift.goal'] == 0.001
+    assert values['constraints.spin.goal'] == 0.01
+
+
+def test_an_unknown_robot_model_is_answered_with_those_there_are(node):
+    with pytest.raises(
+        InputError, match=r'^parameter robot_model = .c9.: no c9\.yaml in .*c3_a601s, c4_a601s'
+    ):
+        declare(node(robot_model='c9'))
+
+
+def test_every_parameter_has_a_description_a_type_and_bounds(node):
+    made = node()
+    for name, value in declare(made).items():
+        descriptor = made.describe_parameter(name)
+        assert len(descriptor.description) > 10, name
+        assert descriptor.type == made.get_parameter(name).type_.value
+        if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
+            assert descriptor.floating_point_range or descriptor.integer_range, name
+        if isinstance(value, float):
+            assert re.search(r'\[(rad|m|s|Hz|MB|1)\b', descriptor.description), name
+
+
+@pytest.mark.parametrize('row', WITH_RANGE, ids=lambda row: row.name)
+def test_ranges_are_enforced_at_the_start_with_a_text_that_names_the_parameter(node, row):
+    beyond = row.high + 1 if isinstance(row.default, int) else row.high + 0.5
+    with pytest.raises(ParameterException) as caught:
+        declare(node(**{dotted(row.name): beyond}))
+    assert row.name in str(caught.value)
+    assert 'range' in str(caught.value)
+
+
+@pytest.mark.parametrize('row', WITH_RANGE, ids=lambda row: row.name)
+def test_ranges_are_enforced_downwards_and_their_ends_are_allowed(node, row):
+    below = row.low - 1 if isinstance(row.default, int) else row.low - 1.0
+    with pytest.raises(ParameterException, match=row.name):
+        declare(node(**{dotted(row.name): below}))
+    for end in (row.low, row.high):
+        end = int(end) if isinstance(row.default, int) else float(end)
+        assert declare(node(**{dotted(row.name): end}))[row.name] == end
+
+
+@pytest.mark.parametrize('row', WITH_CHOICES, ids=lambda row: row.name)
+def test_choices_are_refused_with_the_allowed_ones(node, row):
+    with pytest.raises(ValueError, match=rf"parameter {row.name} = 'nonsense'") as caught:
+        declare(node(**{row.name: 'nonsense'}))
+    assert str(caught.value).endswith(', '.join(row.choices))
+    for choice in row.choices:
+        assert declare(node(**{row.name: choice}))[row.name] == choice
+    made = node()
+    declare(made)
+    assert ', '.join(row.choices) in made.describe_parameter(row.name).additional_constraints
+
+
+@pytest.mark.parametrize('row', READ_ONLY, ids=lambda row: row.name)
+def test_read_only_rows_refuse_a_change(node, row):
+    made = node()
+    before = declare(made)[row.name]
+    result = made.set_parameters([Parameter(row.name, value=row.default)])[0]
+    assert not result.successful
+    assert result.reason
+    kept = made.get_parameter(row.name).value
+    assert (list(kept) if isinstance(before, list) else kept) == before
+
+
+@pytest.mark.parametrize('row', CHANGEABLE, ids=lambda row: row.name)
+def test_the_others_can_be_changed_at_any_time_within_their_range(node, row):
+    made = node()
+    declare(made)
+    good = row.high if row.high is not None else not row.default
+    if isinstance(row.default, str):
+        good = f'{row.default}x'
+    assert made.set_parameters([Parameter(row.name, value=good)])[0].successful
+    assert made.get_parameter(row.name).value == good
+    if row.high is not None:
+        result = made.set_parameters([Parameter(row.name, value=row.high + 1.0)])[0]
+        assert not result.successful
+        assert row.name in result.reason
+        kind = type(row.default)
+        assert f'Min: {kind(row.low)}, Max: {kind(row.high)}' in result.reason
+        assert made.get_parameter(row.name).value == good
+
+
+def test_what_the_connection_depends_on_is_read_only():
+    for name in ('robot_ip', 'motion_port', 'state_port', 'joint_names', 'robot_model'):
+        assert ROWS[name].descriptor.read_only
+
+
+def test_a_wrong_type_is_refused(node):
+    with pytest.raises(ParameterException, match='motion_port'):
+        declare(node(motion_port='eleven'))
+
+
+def test_joint_names_become_parameters_of_their_own(node):
+    values = declare(node(joint_names='[b, a]', constraints__b__goal=0.5))
+    assert values['joint_names'] == ['b', 'a']
+    assert values['constraints.b.goal'] == 0.5
+    assert values['constraints.a.goal'] == 0.01
+    assert not [name for name in values if 'joint_1' in name]
+
+
+@pytest.mark.parametrize('names', ['[a, a]', "[a, '']"])
+def test_joint_names_must_be_there_and_differ(node, names):
+    with pytest.raises(ValueError, match='joint_names'):
+        declare(node(joint_names=names))
+
+
+def test_the_controller_gives_defaults_and_what_is_set_counts_more(node):
+    values = declare(node(controller='motoman', state_port=5))
+    assert values['controller'] == 'motoman'
+    assert (values['motion_port'], values['io_port']) == (50240, 50242)
+    assert values['state_port'] == 5
+    assert values['point_message'] == 'joint_traj_pt_full'
+    assert values['byte_order'] == 'auto'
+    values = declare(node(controller='abb'))
+    assert values['interface'] == 'download'
+    assert declare(node(controller='abb', interface='streaming'))['interface'] == 'streaming'
+
+
+def test_a_controller_of_ones_own(node, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('{like: rc620, name: mine, description: x, ports: {motion: 7000}}')
+    assert declare(node(controller=str(path)))['motion_port'] == 7000
+
+
+def test_an_unknown_controller_lists_those_there_are(node):
+    with pytest.raises(InputError, match=r'^parameter controller = .rc1.: no rc1\.yaml .*rc620'):
+        declare(node(controller='rc1'))

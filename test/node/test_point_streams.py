@@ -1,0 +1,58 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A stream of single points: what the arm does, and that the log says why."""
+
+import asyncio
+
+import numpy as np
+from support.driver_harness import JOINTS, LIMITS, Submitted, cell, pose
+from support.event_loop import run, until
+
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.outcome import End
+from epson_driver.motion import Trajectory
+from epson_driver.node.point_streams import SENTENCE, STREAM_GAP, PointStreams
+
+PERIOD = 0.02
+
+
+def test_a_stream_of_single_points_is_noticed_once():
+    streams = PointStreams()
+    said = [streams.noticed(1, PERIOD * count) for count in range(100)]
+    assert [count for count, text in enumerate(said) if text] == [2]
+    assert said[2] == SENTENCE
+    again = [streams.noticed(1, 60.0 + PERIOD * count) for count in range(100)]
+    assert [count for count, text in enumerate(again) if text] == [2]
+
+
+def test_single_points_now_and_then_are_no_stream():
+    streams = PointStreams()
+    assert not any(streams.noticed(1, 1.5 * STREAM_GAP * count) for count in range(50))
+    assert not any(streams.noticed(10, PERIOD * count) for count in range(50))
+    assert not any(streams.noticed(1 + count % 2, PERIOD * count) for count in range(50))
+
+
+def test_a_stream_of_single_points_ends_every_goal_and_leaves_the_arm_at_rest():
+    async def check():
+        async with cell() as (harness, _):
+            goals = []
+            for count in range(1, 51):
+                target = pose(0.006 * count)  # 0.3 rad/s
+                single = Trajectory(LIMITS.names, np.array([PERIOD]), target[None])
+                goals.append(Submitted(Goal(single, np.full(JOINTS, 0.01), goal_time=0.0)))
+                harness.driver.goals.submit(goals[-1].ticket)
+                await asyncio.sleep(PERIOD)
+            await until(lambda: all(goal.outcomes for goal in goals))
+            for goal in goals[:-1]:
+                assert goal.outcome.end is End.ABORTED or goal.outcome.end is End.SUCCEEDED
+                assert goal.outcome.text
+            assert await harness.rests()
+            assert not harness.driver.goals.busy
+            assert harness.gate is None
+            assert 0.0 < harness.at[0] <= 0.3 + 1e-3
+            fastest = max(abs(sample.velocities).max() for _, sample in harness.events.samples)
+            assert fastest < LIMITS.velocity[0]
+            following = harness.submit(harness.at + pose(0.1))
+            assert (await following.end()).end is End.SUCCEEDED
+
+    run(check())

@@ -1,0 +1,230 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""docs/ros_interface.md is what a running node offers, no more and no less."""
+
+import asyncio
+import contextlib
+import re
+import runpy
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import get_action_server_names_and_types_by_node
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from support.driver_harness import Harness, pose, simulated
+from support.event_loop import now, until
+from support.event_loop import run as run_scenario
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from epson_driver.cli.processes import free_ros_domain
+from epson_driver.driver.goal.execution import Settings
+from epson_driver.driver.outcome import GoalRefusedError
+from epson_driver.node.diagnostics import Diagnostics
+from epson_driver.node.node import ClientNode
+from epson_driver.node.parameters import TABLE, joint_rows, refusal
+from epson_driver.simple_message import Status
+from epson_driver.trace.trace import MEGABYTE
+
+DOCS = Path(__file__).parents[2] / 'docs'
+PAGE = (DOCS / 'ros_interface.md').read_text(encoding='utf-8')
+NODE = '/epson_driver'
+OF_EVERY_NODE = ('/rosout', '/parameter_events', '/get_type_description')
+CHANGEABLE = [row.name for row in (*TABLE, *joint_rows('joint_1')) if row.now]
+
+
+def section(title):
+    """Return the text of one section of the page."""
+    return PAGE.split(f'\n## {title}\n')[1].split('\n## ')[0]
+
+
+def written(title):
+    """Return the name and the type of each row of a section's first table."""
+    rows = re.findall(r'^\| `([\w/~]+)` \| (\w+/\w+/\w+) \|', section(title), re.MULTILINE)
+    return {resolved(name): kind for name, kind in rows}
+
+
+def resolved(name):
+    return name.replace('~', NODE) if name.startswith('~') else f'/{name.lstrip("/")}'
+
+
+@dataclass
+class Made:
+    node: Any
+    client: ClientNode
+    settle: Callable[[], None]
+
+    def __post_init__(self):
+        self.defaults = {row.name: row.default for row in (*TABLE, *joint_rows('joint_1'))}
+
+    @property
+    def driver(self):
+        return self.client.driver
+
+
+@pytest.fixture(scope='module')
+def made():
+    """Return the ROS side of a driver that does not run; `settle` lets its loop catch up."""
+    with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as stack:
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=free_ros_domain())
+        stack.callback(context.try_shutdown)
+        node = Node('epson_driver', context=context)
+        stack.callback(node.destroy_node)
+
+        async def make():
+            return ClientNode(node)
+
+        runner = stack.enter_context(asyncio.Runner())
+        yield Made(node, runner.run(make()), lambda: runner.run(asyncio.sleep(0)))
+
+
+def offered(pairs):
+    """Return what a node offers beyond what every node has; a name has one type here."""
+    found = {}
+    for name, types in pairs:
+        if '/_action/' in name or '_parameter' in name or name.endswith(OF_EVERY_NODE):
+            continue
+        found[name] = types[0]
+    return found
+
+
+@pytest.mark.parametrize(
+    ('title', 'method'),
+    [
+        ('Published topics', Node.get_publisher_names_and_types_by_node),
+        ('Subscribed topics', Node.get_subscriber_names_and_types_by_node),
+        ('Services', Node.get_service_names_and_types_by_node),
+        ('Actions', get_action_server_names_and_types_by_node),
+    ],
+)
+def test_names_and_types_are_those_of_the_node(made, title, method):
+    assert offered(method(made.node, 'epson_driver', '/')) == written(title)
+
+
+def test_the_parameters_are_those_of_the_table():
+    make = runpy.run_path(str(DOCS / 'make_tables.py'))
+    assert make['page']('ros_interface.md') == PAGE, 'run `python docs/make_tables.py`'
+
+
+def test_every_parameter_that_is_declared_is_described(made):
+    described = set(re.findall(r'^\| `([\w.<>]+)` \|', section('Parameters'), re.MULTILINE))
+    joints = made.driver.configuration.limits.names
+    declared = set()
+    for name in made.node._parameters:
+        for joint in joints:
+            name = name.replace(f'.{joint}.', '.<joint>.')
+        declared.add(name)
+    of_every_node = {'use_sim_time', 'start_type_description_service'}
+    assert declared - of_every_node == described
+
+
+def test_every_key_of_the_diagnostics_is_described():
+    described = set()
+    for cell in re.findall(r'^\| (`.*?`) \| ', section('Diagnostics'), re.MULTILINE):
+        described |= set(re.findall(r'`([^`]+)`', cell))
+
+    async def scenario():
+        async with simulated() as (_, ports), Harness(ports) as harness:
+            await harness.ready()
+            await harness.services.stop()  # a reply, for the latency
+            diagnostics = Diagnostics(harness.driver, 'x')
+            harness.driver.state_link.statistics.bad_frames['body'] += 1
+            diagnostics.build(Time(), now())
+            seen = len(harness.events.samples)
+            await until(lambda: len(harness.events.samples) >= seen + 5)
+            harness.driver.robot.on_status(Status(1, 0, 4031, 1, 0, 2, 0), now())
+            message = diagnostics.build(Time(), now())
+            keys = {value.key for status in message.status for value in status.values}
+            keys = {re.sub(r'^bad frames: .*', 'bad frames: <cause>', key) for key in keys}
+            assert keys == described
+
+    run_scenario(scenario())
+
+
+def goal_of(made, last_velocity=0.0):
+    """Return what a goal that arrives now would have to keep."""
+    message = JointTrajectory(joint_names=list(made.driver.configuration.limits.names))
+    message.points = [
+        JointTrajectoryPoint(
+            positions=[0.0] * 6, velocities=[last_velocity] * 6, time_from_start=Duration(sec=1)
+        )
+    ]
+    return made.client._checked(FollowJointTrajectory.Goal(trajectory=message))
+
+
+def path_tolerance(made):
+    tolerance = goal_of(made).path_tolerance
+    return None if tolerance is None else tolerance.position[0]
+
+
+def may_end_moving(made):
+    try:
+        goal_of(made, last_velocity=0.1)
+    except GoalRefusedError:
+        return False
+    return True
+
+
+EFFECTS = {
+    'reply_timeout': (7.5, lambda made: made.driver.goals.settings.reply_timeout),
+    'start_tolerance': (0.4, lambda made: made.driver.goals.start_tolerance),
+    'constraints.stopped_velocity_tolerance': (
+        0.5,
+        lambda made: made.driver.goals.settings.stopped_velocity,
+    ),
+    'constraints.joint_1.trajectory': (0.2, path_tolerance),
+    'trace_size': (7.0, lambda made: made.driver.trace.largest / MEGABYTE),
+    'io_timeout': (9.0, lambda made: made.driver.io.timeout),
+    'allow_nonzero_velocity_at_trajectory_end': (True, may_end_moving),
+    'constraints.goal_time': (12.0, lambda made: goal_of(made).goal_time),
+    'constraints.joint_1.goal': (0.3, lambda made: goal_of(made).goal_tolerance[0]),
+}
+"""What a change of a parameter changes. What cannot be looked at so easily has its own test."""
+
+
+@pytest.mark.parametrize('name', EFFECTS)
+def test_a_change_takes_effect_at_once(made, name):
+    value, look = EFFECTS[name]
+    before = look(made)
+    assert before != value
+    assert made.node.set_parameters([Parameter(name, value=value)])[0].successful
+    made.settle()
+    assert look(made) == value
+    first = made.defaults[name]
+    assert made.node.set_parameters([Parameter(name, value=first)])[0].successful
+    made.settle()
+    assert look(made) == before
+
+
+def test_a_change_holds_for_the_goal_that_runs_too():
+    async def scenario():
+        async with simulated() as (_, ports), Harness(ports) as harness:
+            await harness.ready()
+            await harness.services.enable()
+            goal = harness.submit(pose(0.3))
+            changed = harness.driver.goals.settings = Settings(reply_timeout=123.0)
+            assert goal.ticket.execution.settings is changed
+            harness.driver.goals.cancel(goal.ticket)
+            await goal.end()
+
+    run_scenario(scenario())
+
+
+def test_a_choice_that_may_change_is_refused_with_the_others():
+    assert refusal([Parameter('timing', value='as_planned')]) == ''
+    assert refusal([Parameter('start_tolerance', value=0.1)]) == ''
+    why = refusal([Parameter('start_tolerance', value=0.1), Parameter('timing', value='soon')])
+    assert why == "parameter timing = 'soon': must be one of as_planned, time_optimal"
+
+
+def test_every_parameter_that_may_change_has_a_test_of_its_effect():
+    tested_elsewhere = {'trace_file', 'action_monitor_rate'}
+    assert set(CHANGEABLE) == set(EFFECTS) | tested_elsewhere

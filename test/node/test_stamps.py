@@ -1,0 +1,84 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Stamps of moments that have passed: right, and increasing (invariants 6 and 8)."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from epson_driver.node.stamps import Stamps
+
+pytestmark = pytest.mark.invariant(6, 8)
+
+BEGIN = 1_700_000_000_000_000_000
+
+
+class Clocks:
+    """A monotonic clock in s and a ROS clock in ns that is `ahead` of it."""
+
+    def __init__(self):
+        self.time = 5000.0
+        self.ahead = BEGIN
+        self.reading_takes = 2e-6
+
+    def monotonic(self):
+        return self.time
+
+    def now(self):
+        self.time += self.reading_takes
+        return SimpleNamespace(nanoseconds=round(self.time * 1e9) + self.ahead)
+
+
+@pytest.fixture
+def clocks():
+    return Clocks()
+
+
+@pytest.fixture
+def stamps(clocks):
+    return Stamps(clocks, clocks.monotonic)
+
+
+def since(clocks, stamp, moment):
+    """Return by how much a stamp is off, s."""
+    return (stamp.sec * 10**9 + stamp.nanosec - clocks.ahead - round(moment * 1e9)) * 1e-9
+
+
+def test_inv6_a_moment_of_long_ago_has_the_stamp_of_long_ago(clocks, stamps):
+    """docs/invariants.md, 6."""
+    assert since(clocks, stamps.of(clocks.time - 3.0), clocks.time - 3.0) == pytest.approx(
+        0.0, abs=1e-5
+    )
+
+
+def test_an_interruption_between_the_clocks_moves_no_stamp(clocks, stamps):
+    stamps.of(clocks.time)
+    for count in range(100):
+        clocks.reading_takes = 0.05 if count % 3 else 2e-6
+        moment = clocks.time
+        assert abs(since(clocks, stamps.of(moment), moment)) < 1e-5
+
+
+def test_a_drift_is_followed(clocks, stamps):
+    for _ in range(20000):
+        clocks.time += 0.005
+        clocks.ahead += 500  # ns: 100 ppm
+        moment = clocks.time
+        off = since(clocks, stamps.of(moment), moment)
+    assert abs(off) < 2e-4
+
+
+@pytest.mark.parametrize('seconds', [3600, -3600])
+def test_a_clock_that_is_set_is_followed_at_once(clocks, stamps, seconds):
+    stamps.of(clocks.time)
+    clocks.ahead += seconds * 10**9
+    clocks.time += 0.005
+    assert abs(since(clocks, stamps.of(clocks.time), clocks.time)) < 1e-4
+
+
+def test_stamps_increase(clocks, stamps):
+    last = -1
+    for moment in (10.0, 10.0, 10.0, 9.99, 10.000001, 10.02, 10.02):
+        stamp = stamps.of(5000.0 + moment)
+        assert stamp.sec * 10**9 + stamp.nanosec > last
+        last = stamp.sec * 10**9 + stamp.nanosec

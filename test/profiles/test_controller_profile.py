@@ -1,0 +1,290 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+import dataclasses
+import re
+import typing
+from pathlib import Path
+
+import pytest
+import yaml
+
+from epson_driver.inputs import InputError
+from epson_driver.profiles.profile import (
+    ControllerProfile,
+    load_controller_profile,
+)
+from epson_driver.profiles.profile_rules import RULES
+from epson_driver.share import share_file
+from epson_driver.simple_message import ByteOrder, Mode
+
+FOLDER = share_file('config', 'controllers', 'rc620.yaml').parent
+NAMES = sorted(path.stem for path in FOLDER.glob('*.yaml'))
+
+
+def keys_of(section, place=''):
+    """Yield the keys of a profile's dataclass, with their sections."""
+    hints = typing.get_type_hints(section)
+    for field in dataclasses.fields(section):
+        inner = hints[field.name]
+        if dataclasses.is_dataclass(inner) and field.name != 'io':
+            yield from keys_of(inner, f'{place}{field.name}.')
+        else:
+            yield place + field.name
+
+
+def test_every_key_has_a_rule_and_every_rule_a_key():
+    assert sorted(keys_of(ControllerProfile)) == sorted(RULES)
+
+
+def test_there_are_the_profiles_that_are_promised():
+    assert NAMES == ['abb', 'fanuc', 'generic', 'motoman', 'rc620', 'rc700a', 'thesis']
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_each_profile_loads_and_calls_itself_by_its_file(name):
+    profile = load_controller_profile(name)
+    assert profile.name == name
+    assert profile.description
+    assert all(sentence.endswith('.') for sentence in profile.approximate)
+    if name != 'rc620':  # these rest on less
+        assert profile.approximate
+
+
+def test_the_rc620_is_as_the_thesis_measured_it():
+    profile = load_controller_profile('rc620')
+    assert profile.byte_order is ByteOrder.LITTLE
+    assert profile.mode is Mode.AUTO
+    assert profile.cycle_period == 0.004
+    assert dataclasses.astuple(profile.ports) == (11000, 11002, 11003, 0)
+    motion, program, state = profile.motion, profile.program, profile.state
+    assert (motion.speed, motion.accel, motion.power) == (0.5, 0.5, 'high')
+    assert (motion.low_power, motion.low_power_tool_speed) == (0.05, 0.25)
+    assert (motion.cp, motion.statement_overhead) == (False, 0.012)
+    assert (motion.look_ahead, motion.look_ahead_points) == (1.0, 1000)
+    assert motion.pending_limit == 1000
+    assert (state.period, state.joint_positions_per_status) == (0.005, 10)
+    assert (state.message, state.in_motion, state.motion_possible) == (
+        'joint_position',
+        True,
+        True,
+    )
+    assert (program.kind, program.reply, program.uses) == ('points', 'sequence', 'both')
+    assert dataclasses.astuple(program.download) == (1000, 'refuse', 0.0115)
+    assert (profile.remote.session_timeout, profile.remote.password) == (60.0, '')
+    assert (profile.servo.lag, profile.servo.encoder) == (0.008, True)
+    assert profile.io.digital_inputs == 24
+
+
+def test_the_thesis_profile_has_the_defects_of_its_program():
+    thesis, healthy = load_controller_profile('thesis'), load_controller_profile('rc620')
+    defects = {
+        'reply': 'zero',
+        'acknowledge': 'done',
+        'failure_replies': False,
+        'check_sequence': False,
+        'check_limits': False,
+        'negative_is_stop': True,
+        'stop_works': False,
+        'uses': 'nothing',
+        'corrupt': 'quit',
+    }
+    assert thesis.program == dataclasses.replace(healthy.program, **defects)
+    assert (thesis.motion.power, thesis.motion.speed) == ('low', 0.5)
+    assert (thesis.state.in_motion, thesis.state.motion_possible) == (False, False)
+    server = thesis.server
+    assert (server.reconnect, server.byte_by_byte, server.aborted) == (False, True, 'silent')
+    assert thesis.state.period == healthy.state.period
+
+
+def test_the_others_differ_where_it_is_known():
+    rc700a, fanuc, abb, motoman = map(
+        load_controller_profile, ('rc700a', 'fanuc', 'abb', 'motoman')
+    )
+    assert rc700a.ports.remote == 5000
+    assert fanuc.byte_order is ByteOrder.BIG
+    assert 1.0 / fanuc.state.period == pytest.approx(42.0, abs=0.1)
+    assert fanuc.state.joint_positions_per_status + 1 == 11
+    assert (fanuc.program.acknowledge, fanuc.program.late_failure) == ('taken', True)
+    assert (fanuc.motion.speed, fanuc.motion.look_ahead_points) == (0.2, 1)
+    assert (abb.program.reply, abb.program.uses) == ('header', 'duration')
+    assert dataclasses.astuple(abb.program.download) == (100, 'drop', 0.0)
+    assert (abb.state.period, abb.state.joint_positions_per_status) == (0.05, 1)
+    assert (motoman.program.kind, motoman.state.message) == ('motoman', 'joint_feedback')
+    assert dataclasses.astuple(motoman.ports)[:3] == (50240, 50241, 50242)
+    server = motoman.server
+    assert (server.state_clients, server.io_clients) == (4, 1)
+    assert motoman.motion.pending_limit == 200
+
+
+def test_an_unknown_profile_lists_the_ones_there_are():
+    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*rc620'):
+        load_controller_profile('rc1')
+
+
+WRONG = [
+    ('name', 5, 'must be a text'),
+    ('approximate', 'all of it', 'must be a list of sentences'),
+    ('approximate', [1], 'must be a list of sentences'),
+    ('byte_order', 'middle', "byte_order = 'middle': must be little or big"),
+    ('byte_order', [], 'must be little or big'),
+    ('mode', 'test', 'must be auto or manual'),
+    ('cycle_period', 0, 'must be a number from 0.0005'),
+    ('ports.motion', 0, 'must be a whole number from 1 to 65535'),
+    ('ports.remote', 65536, 'must be a whole number from 0 to 65535'),
+    ('motion.speed', 0, 'must be a number from 0.01 to 1'),
+    ('motion.speed', 50, 'must be a number from 0.01 to 1'),
+    ('motion.speed', 'fast', 'must be a number'),
+    ('motion.speed', 10**400, 'must be a number'),
+    ('motion.accel', float('nan'), 'must be a number'),
+    ('motion.accel', None, 'must be a number'),
+    ('motion.power', 'medium', 'must be high or low'),
+    ('motion.cp', 1, 'must be true or false'),
+    ('motion.pending_limit', 2.5, 'must be a whole number from 1'),
+    ('motion.pending_limit', True, 'must be a whole number'),
+    ('motion.look_ahead', 0, 'must be a number from 0.01 to 60'),
+    ('motion.look_ahead', 61, 'must be a number from 0.01 to 60'),
+    ('motion.look_ahead_points', 0, 'must be a whole number from 1 to 100000'),
+    ('motion.speed_percent', 50, 'is not a key'),
+    ('servo.lag', -0.1, 'must be a number from 0 to 1'),
+    ('program.reply', 'nothing', 'must be sequence or zero or header'),
+    ('program.download', 5, 'is not a key'),
+    ('program.download.buffer', 0, 'must be a whole number from 1'),
+    ('program.download.overflow', 'wrap', 'must be refuse or drop'),
+    ('program.download.size', 5, 'is not a key'),
+    ('state.period', -1, 'must be a number'),
+    ('state.joint_positions_per_status', 0, 'must be a whole number from 1'),
+    ('state.speed', 1, 'is not a key'),
+    ('state', 7, 'state is not a key'),
+    ('server.aborted', 'dance', 'must be refuse or silent or close'),
+    ('io', [], 'must be a mapping'),
+    ('io.digital_inputs', -1, 'must be a whole number'),
+    ('io.lamps', 1, 'is not a key'),
+    ('remote.password', 1234, 'must be a text'),
+]
+
+
+def written(tmp_path, data, name='mine.yaml'):
+    path = tmp_path / name
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+@pytest.mark.parametrize(('key', 'value', 'text'), WRONG)
+@pytest.mark.parametrize('like', [False, True])
+def test_a_wrong_value_is_named_with_file_key_and_rule(tmp_path, key, value, text, like):
+    if like:
+        data = {'like': 'rc620', 'name': 'mine', 'description': 'my own'}
+    else:
+        data = yaml.safe_load((FOLDER / 'rc620.yaml').read_text())
+    inner, *sections = data, *key.split('.')
+    *sections, last = sections
+    for section in sections:
+        inner = inner.setdefault(section, {})
+    inner[last] = value
+    path = written(tmp_path, data)
+    with pytest.raises(InputError) as caught:
+        load_controller_profile(str(path))
+    assert str(path) in str(caught.value)
+    assert key in str(caught.value)
+    assert text in str(caught.value)
+
+
+@pytest.mark.parametrize('key', sorted(RULES))
+def test_a_missing_key_is_named(tmp_path, key):
+    data = yaml.safe_load((FOLDER / 'rc620.yaml').read_text())
+    inner = data
+    *sections, last = key.split('.')
+    for section in sections:
+        inner = inner[section]
+    del inner[last]
+    with pytest.raises(InputError, match=re.escape(f'{key} is missing')):
+        load_controller_profile(str(written(tmp_path, data)))
+
+
+@pytest.mark.parametrize('text', ['', 'rc620', '[1, 2]', '{', 'name: rc620', '\0', '- like'])
+def test_a_file_that_is_no_profile(tmp_path, text):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(text)
+    with pytest.raises(InputError, match=r'mine\.yaml: '):
+        load_controller_profile(str(path))
+
+
+# ---- like
+
+
+def test_a_profile_of_ones_own_holds_only_what_differs(tmp_path):
+    path = written(
+        tmp_path,
+        {
+            'like': 'thesis',
+            'name': 'mine',
+            'description': 'my own',
+            'motion': {'speed': 0.3},
+            'program': {'download': {'buffer': 7}},
+            'io': {'safe': {'DO1': 1}},
+        },
+    )
+    mine, thesis = load_controller_profile(str(path)), load_controller_profile('thesis')
+    assert mine.motion == dataclasses.replace(thesis.motion, speed=0.3)
+    download = dataclasses.replace(thesis.program.download, buffer=7)
+    assert mine.program == dataclasses.replace(thesis.program, download=download)
+    assert mine.io.digital_inputs == thesis.io.digital_inputs
+    assert list(mine.io.safe.values()) == [1]
+    assert mine.approximate == thesis.approximate
+    assert (mine.name, mine.description) == ('mine', 'my own')
+
+
+def test_like_a_file_beside_it(tmp_path):
+    base = {'like': 'rc620', 'name': 'base', 'description': '', 'cycle_period': 0.01}
+    written(tmp_path, base, 'base.yaml')
+    path = written(tmp_path, {'like': 'base.yaml', 'name': 'mine', 'description': ''})
+    assert load_controller_profile(str(path)).cycle_period == 0.01
+
+
+@pytest.mark.parametrize('key', ['name', 'description'])
+def test_a_profile_like_another_has_its_own_name(tmp_path, key):
+    data = {'like': 'rc620', 'name': 'mine', 'description': 'my own'}
+    del data[key]
+    with pytest.raises(InputError, match=f'{key} is missing'):
+        load_controller_profile(str(written(tmp_path, data)))
+
+
+def test_like_a_profile_that_is_not_there(tmp_path):
+    data = {'like': 'rc1', 'name': 'mine', 'description': 'my own'}
+    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*rc620'):
+        load_controller_profile(str(written(tmp_path, data)))
+
+
+@pytest.mark.parametrize('like', [5, ['rc620'], {}])
+def test_like_something_that_is_no_name(tmp_path, like):
+    data = {'like': like, 'name': 'mine', 'description': 'my own'}
+    with pytest.raises(InputError, match=r'like = .*must be the name of a profile'):
+        load_controller_profile(str(written(tmp_path, data)))
+
+
+def test_profiles_that_are_like_each_other(tmp_path):
+    own = {'name': 'x', 'description': 'x'}
+    written(tmp_path, {'like': 'b.yaml', **own}, 'a.yaml')
+    path = written(tmp_path, {'like': 'a.yaml', **own}, 'b.yaml')
+    with pytest.raises(InputError, match='that one is like this one'):
+        load_controller_profile(str(path))
+
+
+# ---- the page
+
+
+PAGE = (Path(__file__).parents[2] / 'docs' / 'controllers.md').read_text(encoding='utf-8')
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_the_page_says_of_each_profile_what_is_approximate(name):
+    section = PAGE.split(f'### {name}\n')[1].split('\n#')[0]
+    listed = re.findall(r'^\* (.*)$', section, re.MULTILINE)
+    assert tuple(listed) == load_controller_profile(name).approximate
+
+
+def test_the_page_lists_every_key_with_its_rule():
+    rows = re.findall(r'^\| `([\w.]+)` \| (.*?) \| (.+) \|$', PAGE, re.MULTILINE)
+    assert [(key, 'must be ' + value) for key, value, _ in rows] == [
+        (key, rule.text) for key, rule in RULES.items()
+    ]

@@ -1,0 +1,61 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever the remote port answers is an error with a name, none that nobody expects."""
+
+import asyncio
+
+import pytest
+from support.event_loop import PATIENCE, run
+
+from epson_driver.remote_ethernet.client import RemoteError, execute
+
+
+def ask(answer: bytes) -> None:
+    """Give `SetMotorsOn,1` to a server that takes the login and then answers this."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        writer.write(b'#Login,0\r\n')
+        await reader.readline()
+        writer.write(answer)
+        await reader.read()
+        writer.close()
+
+    async def scenario() -> None:
+        async with await asyncio.start_server(serve, '127.0.0.1', 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            await execute('127.0.0.1', port, ['SetMotorsOn,1'], PATIENCE)
+
+    run(scenario())
+
+
+def test_a_refusal_has_its_number():
+    with pytest.raises(RemoteError, match='error 16'):
+        ask(b'!SetMotorsOn,16\r\n')
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize(
+    'answer',
+    [
+        b'!SetMotorsOn,' + b'9' * 5000 + b'\r\n',
+        b'!SetMotorsOn,1234567890\r\n',
+        b'!SetMotorsOn,\r\n',
+        b'!SetMotorsOn,-1\r\n',
+        '!SetMotorsOn,²\r\n'.encode(),
+        b'\xff\x00' * 1000 + b'\r\n',
+        b'\r\n',
+    ],
+    ids=['5,000 digits', '10 digits', 'none', 'negative', 'no decimal', 'bytes', 'nothing'],
+)
+def test_an_answer_that_makes_no_sense_is_a_connection_error(answer):
+    """Invariant 9: `int` raises ValueError for more than 4,300 digits, which ended the driver."""
+    with pytest.raises(ConnectionError, match='is no answer to SetMotorsOn') as error:
+        ask(answer)
+    assert len(str(error.value)) < 600
+
+
+@pytest.mark.parametrize('host', ['a..b', 'a' * 70, 'nul\0'])
+def test_a_host_that_is_no_name_is_a_connection_error(host):
+    with pytest.raises(ConnectionError):
+        run(execute(host, 5000, [], PATIENCE))

@@ -1,0 +1,41 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+import pytest
+
+from epson_driver.sim_controller.arm.planning_latency import (
+    FIRST,
+    HIGHEST,
+    LOWEST,
+    REMEMBERED,
+    PlanningLatency,
+)
+
+
+def test_it_begins_with_a_guess_and_follows_the_longest_of_the_recent_plans():
+    latency = PlanningLatency()
+    assert latency.value == FIRST
+    latency.took(0.02)
+    assert latency.value == FIRST
+    latency.took(0.05)
+    assert latency.value == pytest.approx(0.065)
+    for _ in range(REMEMBERED - 1):
+        latency.took(0.02)
+    assert latency.value == pytest.approx(0.065)
+    latency.took(0.02)
+    assert latency.value == pytest.approx(0.026)
+
+
+def test_a_late_plan_raises_it():
+    latency = PlanningLatency()
+    latency.took(0.041, late=True)
+    assert latency.value == pytest.approx(0.06)
+    latency.took(0.1, late=True)
+    assert latency.value == pytest.approx(0.13)
+
+
+@pytest.mark.parametrize(('seconds', 'value'), [(0.0, LOWEST), (5.0, HIGHEST)])
+def test_it_stays_within_bounds(seconds, value):
+    latency = PlanningLatency()
+    for _ in range(REMEMBERED):
+        latency.took(seconds, late=seconds > 0.0)
+    assert latency.value == value

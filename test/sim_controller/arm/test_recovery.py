@@ -1,0 +1,325 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Door, pause and push: the arm goes on where it was interrupted, and only when it is told to."""
+
+import numpy as np
+import pytest
+from support.controller_harness import (
+    FAILURE,
+    LIMITS,
+    MODEL,
+    PROFILE,
+    RC620,
+    STOP,
+    SUCCESS,
+    Harness,
+    InlinePlanner,
+    point,
+)
+
+from epson_driver.sim_controller.core import SMALL_PUSH
+from epson_driver.sim_controller.states import Motors, RefusedError, Tasks
+
+DT = 0.004
+POINTS = [(0.1 * i, -0.08 * i, 0.05 * i, 0.0, 0.1 * i, 0.0) for i in range(1, 9)]
+LAST = np.array(POINTS[-1], dtype=np.float32)
+LOW = PROFILE.motion.low_power
+
+both = pytest.mark.parametrize('smooth', [False, True], ids=['ptp', 'smooth'])
+
+
+def on_its_way(smooth):
+    harness = Harness(planner=InlinePlanner() if smooth else None)
+    harness.send(*(point(i, joints, 0.0, 0.2) for i, joints in enumerate(POINTS)))
+    harness.step(0.6)
+    assert harness.controller.in_motion
+    return harness
+
+
+def speeds(harness, seconds):
+    """Step; return the largest share of its speed that any joint had, cycle by cycle."""
+    path = [harness.joints]
+    for _ in range(round(seconds / DT)):
+        harness.step(DT)
+        path.append(harness.joints)
+    return np.max(np.abs(np.diff(path, axis=0)) / DT / LIMITS.velocity, axis=1)
+
+
+def assert_arrives(harness):
+    harness.rest()
+    codes = harness.codes()
+    assert codes == [(i, SUCCESS) for i in range(len(POINTS))][-len(codes) :]
+    assert codes or harness.planner
+    assert np.allclose(harness.joints, LAST, atol=1e-6)
+
+
+@both
+@pytest.mark.parametrize('push', [0.0, 0.2])
+def test_the_door_interrupts_and_continue_goes_on_slowly_at_first(smooth, push):
+    harness = on_its_way(smooth)
+    harness.do('door open')
+    assert harness.controller.status().motion_possible == 0
+    harness.rest()
+    assert harness.condition.motors is Motors.HELD
+    assert harness.controller.status().drives_powered == 0
+    interrupted = harness.joints
+    assert not np.allclose(interrupted, LAST, atol=0.05)
+    if push:
+        harness.controller.disturb(1, -push)
+        assert np.allclose(interrupted - harness.joints, [0, push, 0, 0, 0, 0])
+    stood = harness.joints
+    assert np.all(speeds(harness, 1.0) == 0.0)
+    with pytest.raises(RefusedError, match='close it'):
+        harness.do('continue')
+    harness.do('door close')
+    assert np.all(speeds(harness, 1.0) == 0.0), 'a closed door alone moves nothing'
+    assert np.array_equal(harness.joints, stood)
+    harness.do('continue')
+    if push:
+        assert harness.condition.tasks is Tasks.RECOVERING
+        while harness.condition.tasks is Tasks.RECOVERING:
+            assert speeds(harness, DT).max() <= LOW * (1.0 + 1e-6)
+        assert np.allclose(harness.joints, interrupted, atol=1e-6)
+    assert_arrives(harness)
+    assert harness.condition.tasks is Tasks.RUNNING
+
+
+@both
+def test_pause_and_continue(smooth):
+    harness = on_its_way(smooth)
+    harness.do('pause')
+    harness.rest()
+    status = harness.controller.status()
+    assert (status.drives_powered, status.in_motion, status.motion_possible) == (1, 0, 0)
+    assert np.all(speeds(harness, 1.0) == 0.0)
+    harness.do('continue')
+    assert_arrives(harness)
+
+
+@both
+@pytest.mark.parametrize('event', ['pause', 'door open'])
+def test_a_stop_is_obeyed_in_a_pause_and_continue_moves_nothing_then(smooth, event):
+    harness = on_its_way(smooth)
+    harness.do(event)
+    harness.rest()
+    harness.codes()
+    harness.send(point(STOP))
+    assert harness.codes()[-1] == (STOP, SUCCESS)
+    assert not harness.controller.moving
+    if event == 'door open':
+        harness.do('door close')
+    harness.do('continue')
+    assert np.all(speeds(harness, 1.0) == 0.0)
+    assert harness.condition.tasks is Tasks.RUNNING
+    harness.send(point(0, POINTS[0]))
+    harness.rest()
+    assert np.allclose(harness.joints, np.float32(POINTS[0]), atol=1e-6)
+
+
+@both
+@pytest.mark.parametrize('event', ['E-stop press', 'stop', 'motors off', 'error'])
+def test_what_ends_an_interrupted_motion_ends_it_for_good(smooth, event):
+    harness = on_its_way(smooth)
+    harness.do('door open')
+    harness.rest()
+    harness.controller.disturb(0, 0.1)
+    harness.do(event)
+    assert not harness.controller.moving
+    harness.do('E-stop release', 'door close')
+    for way_back in ('reset', 'start', 'continue', 'motors on'):
+        try:
+            harness.do(way_back)
+        except RefusedError:
+            continue
+        assert np.all(speeds(harness, 0.3) == 0.0), way_back
+    assert harness.condition.motors is Motors.ON
+    harness.codes()
+    harness.send(point(3, POINTS[3]))  # nothing of the old trajectory
+    assert harness.codes() == [(3, FAILURE)]
+    harness.send(point(0, POINTS[0]))  # from where it was pushed to
+    assert speeds(harness, 0.5).max() < 1.0
+    harness.rest()
+    assert np.allclose(harness.joints, np.float32(POINTS[0]), atol=1e-6)
+
+
+@both
+def test_the_door_opens_again_on_the_way_back(smooth):
+    harness = on_its_way(smooth)
+    harness.do('door open')
+    harness.rest()
+    harness.controller.disturb(0, 0.3)
+    harness.do('door close', 'continue')
+    harness.step(0.4)
+    assert harness.condition.tasks is Tasks.RECOVERING
+    harness.do('door open')
+    assert harness.controller.in_motion  # it brakes
+    harness.rest()
+    assert harness.condition.motors is Motors.HELD
+    harness.controller.disturb(0, -0.05)
+    harness.do('door close', 'continue')
+    assert_arrives(harness)
+
+
+def jumps(harness, seconds):
+    """Step; return the longest way that any joint went in one cycle, as a share of what it may."""
+    return speeds(harness, seconds).max()
+
+
+def waiting_to_continue(smooth, push=0.3):
+    harness = on_its_way(smooth)
+    harness.do('door open')
+    harness.rest()
+    harness.controller.disturb(0, push)
+    harness.do('door close')
+    harness.codes()
+    return harness
+
+
+@pytest.mark.invariant(2)
+@both
+@pytest.mark.parametrize('end', ['STOP', 'bad point'])
+def test_invariant_2_no_jump_when_the_motion_was_ended_while_it_waited(smooth, end):
+    harness = waiting_to_continue(smooth)
+    harness.send(point(STOP) if end == 'STOP' else point(3, (9.0,)))
+    harness.do('continue')
+    assert jumps(harness, 0.1) == 0.0
+    harness.send(point(0, POINTS[0]))
+    assert jumps(harness, 2.0) <= 1.0
+    assert np.allclose(harness.joints, np.float32(POINTS[0]), atol=1e-6)
+
+
+@pytest.mark.invariant(2)
+@both
+@pytest.mark.parametrize('end', ['motors off', 'motion client lost', 'mode manual', 'stop'])
+def test_invariant_2_no_jump_after_a_way_back_that_was_ended(smooth, end):
+    harness = waiting_to_continue(smooth)
+    harness.do('continue')
+    harness.step(0.3)
+    assert harness.condition.tasks is Tasks.RECOVERING
+    harness.do(end)
+    assert jumps(harness, 1.0) <= LOW * (1.0 + 1e-6)
+    assert harness.condition.tasks in (Tasks.RUNNING, Tasks.STOPPED)
+    harness.do('mode auto', 'start', 'motors on')
+    harness.send(point(0, POINTS[0]))
+    assert jumps(harness, 2.0) <= 1.0
+    assert np.allclose(harness.joints, np.float32(POINTS[0]), atol=1e-6)
+
+
+@pytest.mark.invariant(3)
+@both
+def test_invariant_3_a_stop_ends_the_way_back(smooth):
+    harness = waiting_to_continue(smooth)
+    harness.do('continue')
+    harness.step(0.4)
+    harness.send(point(STOP))
+    before = harness.joints
+    harness.step(0.2)
+    assert not harness.controller.in_motion
+    assert np.abs(harness.joints - before).max() < 0.05
+    assert harness.condition.tasks is Tasks.RUNNING
+
+
+@both
+def test_a_way_back_that_ends_before_it_began_leaves_nothing_stuck(smooth):
+    harness = waiting_to_continue(smooth, push=0.0)
+    harness.do('continue')
+    harness.disconnect()
+    harness.step(1.0)
+    assert harness.condition.tasks is Tasks.RUNNING
+    harness.connect()
+    harness.do('motors on')
+    harness.send(point(0, POINTS[0]))
+    harness.rest()
+    assert np.allclose(harness.joints, np.float32(POINTS[0]), atol=1e-6)
+
+
+def test_the_way_back_keeps_the_tool_speed_of_low_power():
+    harness = waiting_to_continue(smooth=False, push=-1.0)
+    harness.do('continue')
+    path = [harness.joints]
+    while harness.condition.tasks is Tasks.RECOVERING:
+        harness.step(DT)
+        path.append(harness.joints)
+    tool = np.abs(np.diff(path, axis=0)) / DT @ MODEL.reach
+    assert 0.2 < tool.max() <= PROFILE.motion.low_power_tool_speed * (1.0 + 1e-6)
+
+
+@both
+def test_power_low_slows_an_arm_that_moves(smooth):
+    harness = on_its_way(smooth)
+    assert speeds(harness, 0.1).max() > LOW
+    harness.do('power low')
+    braking = speeds(harness, 0.4)
+    assert np.all(np.diff(braking) < 0.02), 'it brakes'
+    assert speeds(harness, 2.0).max() <= LOW * (1.0 + 1e-6)
+    assert harness.controller.in_motion
+    assert_arrives(harness)
+
+
+@both
+@pytest.mark.parametrize('event', ['pause', 'STOP'])
+def test_power_low_and_then_something_else(smooth, event):
+    harness = on_its_way(smooth)
+    harness.do('power low')
+    harness.step(0.02)
+    if event == 'pause':
+        harness.do('pause')
+        harness.rest()
+        assert np.all(speeds(harness, 1.0) == 0.0)
+        harness.do('continue')
+        assert_arrives(harness)
+    else:
+        harness.send(point(STOP))
+        harness.rest()
+        harness.send(point(0, POINTS[0]))
+        assert speeds(harness, 0.5).max() <= LOW * (1.0 + 1e-6)
+
+
+def test_points_that_come_in_a_pause_wait_for_continue():
+    harness = Harness()
+    harness.do('pause')
+    harness.send(point(0, POINTS[0]), point(1, POINTS[1]))
+    assert np.all(speeds(harness, 1.0) == 0.0)
+    assert harness.codes() == []
+    harness.do('continue')
+    harness.rest()
+    assert harness.codes() == [(0, SUCCESS), (1, SUCCESS)]
+
+
+def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
+    harness = Harness(profile=RC620)
+    harness.controller.disturb(2, 0.9 * SMALL_PUSH['rad'])
+    assert harness.controller.in_motion
+    assert harness.joints[2] == pytest.approx(0.9 * SMALL_PUSH['rad'], abs=1e-6)
+    harness.rest()
+    assert harness.joints[2] == 0.0
+    assert harness.error == 0
+    harness.controller.disturb(2, 1.1 * SMALL_PUSH['rad'])
+    assert harness.error == 5042
+    assert harness.condition.motors is Motors.OFF
+
+
+def test_pushes_with_power_add_up_to_an_error():
+    harness = Harness(profile=RC620)
+    for _ in range(2):
+        harness.controller.disturb(2, 0.9 * SMALL_PUSH['rad'])
+    assert harness.error == 5042
+
+
+def test_a_push_beside_a_frozen_encoder_moves_only_the_joint_that_is_pushed():
+    harness = Harness(start=(0.5, 0.0, 0.0, 0.0, 0.0, 0.0), motors=False)
+    harness.controller.freeze(0)
+    harness.do('motors on')
+    harness.send(point(0, (0.8,)))
+    harness.rest()
+    harness.do('motors off')
+    harness.controller.disturb(1, 0.01)
+    assert harness.joints[0] == 0.5
+    assert harness.controller.servo.actual[0] == pytest.approx(0.8)
+
+
+def test_a_push_beyond_the_limits_is_refused_with_joint_value_and_limits():
+    harness = Harness(motors=False)
+    with pytest.raises(RefusedError, match=r'joint_2 = 3 rad is outside the limits -2\.79'):
+        harness.controller.disturb(1, 3.0)
+    assert np.all(harness.joints == 0.0)

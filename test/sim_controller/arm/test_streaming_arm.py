@@ -1,0 +1,370 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The smoothly moving arm alone: power, what counts of a point, when it is answered, settling."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from support.streaming_harness import (
+    HOME,
+    LIMITS,
+    StreamingHarness,
+    assert_passes,
+    assert_within_limits,
+    way,
+)
+
+from epson_driver.motion.smoother import plan
+from epson_driver.sim_controller.arm.low_power import LowPower
+from epson_driver.sim_controller.arm.streaming import ATTEMPTS
+
+REACH = np.array([0.8, 0.7, 0.5, 0.35, 0.33, 0.1])
+FRACTION, TOOL_SPEED = 0.05, 0.25
+LOW = LowPower(FRACTION, TOOL_SPEED, REACH).limits(LIMITS)
+FAST = way(40, 0.8)
+
+
+def fastest(velocities):
+    """Return the largest velocity, as a share of the limits, and the tool's bound, m/s."""
+    speeds = np.abs(velocities)
+    return float(np.max(speeds / LIMITS.velocity)), float(np.max(speeds @ REACH))
+
+
+# ---- low power
+
+
+def low_harness(low=True, **values):
+    harness = StreamingHarness(low_power_limits=LOW, **values)
+    harness.arm.low_power = low
+    return harness
+
+
+@pytest.mark.parametrize('period', [0.0, 0.02])
+def test_low_power_caps_every_joint_and_the_tool(period):
+    harness = low_harness()
+    points = way(25, 0.2)
+    harness.send(points, period)
+    harness.rest()
+    share, tool = fastest(harness.velocities)
+    assert share <= FRACTION
+    assert tool <= TOOL_SPEED
+    assert tool > 0.5 * TOOL_SPEED
+    assert_within_limits(harness, LOW)
+    assert_passes(harness, points)
+    assert all(limits is LOW for limits in harness.planner.limits)
+
+
+def test_power_changes_from_one_trajectory_to_the_next():
+    harness = low_harness()
+    points = way(15, 0.1)
+    shares = []
+    for low, way_there in ((True, points), (False, points[::-1]), (True, points)):
+        harness.arm.low_power = low
+        since = len(harness.positions)
+        harness.send(way_there)
+        harness.rest()
+        assert_within_limits(harness, LOW if low else LIMITS, since)
+        assert_passes(harness, way_there)
+        shares.append(fastest(harness.velocities[since:])[0])
+    assert shares[0] == pytest.approx(shares[2], rel=0.01)
+    assert shares[1] > 2.0 * FRACTION
+    assert not harness.failures
+
+
+@pytest.mark.parametrize('low', [False, True])
+def test_a_change_of_power_in_motion_counts_from_the_next_rest_on(low):
+    harness = low_harness(not low)
+    points = way(15, 0.1)
+    harness.send(points)
+    harness.run(0.2)
+    assert harness.arm.velocity.any()
+    harness.arm.low_power = low
+    harness.rest()
+    before = len(harness.positions)
+    assert_within_limits(harness, LIMITS if low else LOW)
+    assert (fastest(harness.velocities)[0] > FRACTION) is low
+    harness.send(points[::-1])
+    harness.rest()
+    assert_within_limits(harness, LOW if low else LIMITS, before)
+    assert (fastest(harness.velocities[before:])[0] > FRACTION) is not low
+
+
+def test_a_stop_at_low_power_keeps_to_its_caps():
+    harness = low_harness()
+    harness.send(way(15, 0.1))
+    harness.run(0.5)
+    assert harness.arm.velocity.any()
+    harness.arm.low_power = False
+    harness.waiting.clear()
+    harness.arm.stop()
+    harness.until_still()
+    assert_within_limits(harness, LOW)
+
+
+@pytest.mark.parametrize('low', [False, True])
+def test_power_that_changes_in_a_hold_counts_when_the_arm_goes_on(low):
+    harness = low_harness(not low)
+    points = way(15, 0.1)
+    harness.send(points)
+    harness.run(0.2 if low else 1.0)
+    harness.arm.hold()
+    harness.until_still()
+    before = len(harness.positions)
+    assert_within_limits(harness, LIMITS if low else LOW)
+    harness.arm.low_power = low
+    harness.run(0.2)
+    harness.arm.resume()
+    harness.rest()
+    assert_within_limits(harness, LOW if low else LIMITS, before)
+    assert (fastest(harness.velocities[before:])[0] > FRACTION) is not low
+    assert_passes(harness, points)
+
+
+def test_power_that_changes_while_the_first_plan_is_made():
+    harness = low_harness(False, delay=0.05)
+    points = way(15, 0.1)
+    harness.send(points)
+    harness.run(0.07)
+    assert not harness.arm.velocity.any()
+    harness.arm.low_power = True
+    harness.rest()
+    assert_within_limits(harness, LOW)
+    assert_passes(harness, points)
+    assert harness.timing.late_plans == 0
+
+
+def test_without_low_power_limits_low_power_is_no_less():
+    times = []
+    for low in (False, True):
+        harness = StreamingHarness()
+        harness.arm.low_power = low
+        harness.send(FAST)
+        times.append(harness.rest())
+    assert times[0] == times[1]
+
+
+# ---- when a point is answered
+
+
+def test_done_means_at_rest_at_each_point():
+    harness = StreamingHarness(acknowledge='done')
+    points = way(8, 0.5)
+    harness.send(points, 0.2)
+    visited = []
+    while harness.arm.moving or harness.waiting:
+        assert harness.arm.done is not harness.arm.moving
+        assert harness.arm.has_room is not harness.arm.moving
+        harness.run(0.001)
+        if not harness.arm.velocity.any():
+            visited.append(harness.arm.position.tolist())
+    for point in points:
+        assert point.tolist() in visited
+    assert harness.arm.done
+    assert_within_limits(harness)
+    assert len(harness.positions) * 0.001 < 7 * (0.2 + 0.2)  # none waits for another one
+
+
+def test_done_at_once_where_the_arm_stands():
+    harness = StreamingHarness(acknowledge='done')
+    harness.send([HOME])
+    assert harness.arm.done
+    assert not harness.arm.moving
+
+
+def test_a_point_that_is_not_answered_yet_is_not_lost_by_a_stop():
+    harness = StreamingHarness(acknowledge='done')
+    harness.send([HOME, FAST[-1]], 1.0)
+    harness.run(0.5)
+    assert harness.arm.moving
+    assert not harness.arm.stop()
+    harness.until_still()
+    assert_within_limits(harness)
+
+
+def test_a_hold_on_the_way_to_a_point_that_is_done_when_the_arm_is_there():
+    harness = StreamingHarness(acknowledge='done')
+    harness.send([HOME, FAST[-1]], 1.0)
+    harness.run(0.5)
+    harness.arm.hold()
+    harness.until_still()
+    assert not harness.arm.done
+    harness.arm.resume()
+    harness.rest()
+    assert harness.arm.done
+    assert harness.arm.position.tolist() == FAST[-1].tolist()
+
+
+def test_taken_points_are_done():
+    harness = StreamingHarness()
+    harness.send(FAST)
+    assert harness.arm.done
+    assert harness.arm.moving
+
+
+# ---- what counts of a point
+
+
+@pytest.mark.parametrize(
+    ('uses', 'velocity', 'duration', 'least', 'most'),
+    [
+        ('both', 0.1, 2.0, 2.0, 2.4),
+        ('both', 0.1, 0.0, 1.27, 1.6),  # 1 rad at a tenth of 7.85 rad/s
+        ('both', 0.0, 0.0, 0.2, 0.7),  # as fast as the limits allow
+        ('duration', 0.1, 2.0, 2.0, 2.4),
+        ('duration', 0.1, 0.0, 0.2, 0.7),
+        ('velocity', 0.1, 2.0, 1.27, 1.6),
+        ('velocity', 0.0, 2.0, 0.2, 0.7),
+        ('nothing', 0.1, 2.0, 0.63, 1.0),  # `speed`: a fifth
+        ('nothing', 0.0, 0.0, 0.63, 1.0),
+    ],
+)
+def test_the_fields_that_count(uses, velocity, duration, least, most):
+    harness = StreamingHarness(uses=uses, speed=0.2)
+    harness.send([HOME])
+    harness.send([np.eye(6)[0]], duration, velocity, first=1)
+    assert least <= harness.rest() <= most
+
+
+def test_speed_can_be_changed():
+    harness = StreamingHarness(uses='nothing')
+    times = []
+    for index, speed in enumerate((1.0, 0.1)):
+        harness.arm.speed = speed
+        harness.send([HOME if index else np.eye(6)[0]], first=1)
+        times.append(harness.rest())
+    assert times[0] < 0.7
+    assert 1.27 < times[1] < 1.6
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'uses': 'all'}, "uses = 'all': must be one of"),
+        ({'acknowledge': 'default'}, "acknowledge = 'default': must be one of"),
+        ({'start': np.full(6, 9.0)}, 'the start, joint_1: position 9 is outside the limits'),
+    ],
+)
+def test_what_it_cannot_work_with_is_refused(values, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        StreamingHarness(**values)
+
+
+# ---- settling
+
+
+ELSEWHERE = np.array([0.3, -0.2, 0.1, 0.0, 0.5, -1.0])
+
+
+def test_an_arm_that_was_moved_goes_on_from_there():
+    harness = StreamingHarness()
+    harness.send(FAST)
+    harness.run(0.3)
+    harness.waiting.clear()
+    harness.arm.stop()
+    harness.until_still()
+    harness.arm.settle(ELSEWHERE)
+    assert harness.arm.position.tolist() == ELSEWHERE.tolist()
+    assert not harness.arm.velocity.any()
+    assert harness.arm.still
+    harness.run(0.5)  # a plan that was on its way does not count
+    assert harness.arm.position.tolist() == ELSEWHERE.tolist()
+    since = len(harness.positions)
+    harness.send([ELSEWHERE, HOME], 0.5)
+    assert 0.5 < harness.rest() < 0.8
+    assert_within_limits(harness, since=since)
+    assert harness.arm.position.tolist() == HOME.tolist()
+
+
+def test_only_an_arm_without_points_can_be_moved():
+    harness = StreamingHarness()
+    harness.send(FAST)
+    with pytest.raises(RuntimeError, match='has points to go to'):
+        harness.arm.settle(ELSEWHERE)
+    harness.run(0.4)
+    harness.arm.hold()
+    harness.until_still()
+    with pytest.raises(RuntimeError, match='has points to go to'):
+        harness.arm.settle(ELSEWHERE)
+    harness.arm.resume()
+    harness.rest()
+    assert_passes(harness, FAST)
+
+
+def test_an_arm_that_was_moved_out_of_its_limits_stays_where_it_was():
+    harness = StreamingHarness()
+    with pytest.raises(ValueError, match='joint_2: position 2 is outside the limits'):
+        harness.arm.settle(np.full(6, 2.0) * np.eye(6)[1])
+    assert harness.arm.position.tolist() == HOME.tolist()
+    harness.send(FAST)
+    harness.rest()
+    assert_passes(harness, FAST)
+
+
+def test_settling_does_not_end_a_hold():
+    harness = StreamingHarness()
+    harness.arm.hold()
+    harness.arm.settle(ELSEWHERE)
+    harness.send([HOME], 0.5, first=1)
+    assert harness.taken == 0
+    harness.arm.resume()
+    harness.rest()
+    assert harness.arm.position.tolist() == HOME.tolist()
+
+
+# ---- the planner
+
+
+def test_plans_on_their_way_when_the_arm_is_stopped_and_moved_do_not_count():
+    harness = StreamingHarness(delay=0.2)
+    harness.send(FAST)
+    harness.run(0.1)
+    harness.waiting.clear()
+    harness.arm.stop()
+    since = len(harness.positions)
+    harness.arm.settle(ELSEWHERE)
+    harness.send([ELSEWHERE, HOME], 0.5)
+    harness.rest()
+    assert_within_limits(harness, since=since)
+    assert harness.arm.position.tolist() == HOME.tolist()
+    assert harness.timing.late_plans == 0
+
+
+def test_a_planner_that_finds_nothing_is_a_failure_after_some_attempts():
+    harness = StreamingHarness()
+    harness.planner.plan = lambda request, limits: None
+    harness.send(FAST)
+    while not harness.failures:
+        harness.run(0.001)
+    assert len(harness.planner.limits) == ATTEMPTS
+    assert harness.arm.position.tolist() == HOME.tolist()
+
+
+@pytest.mark.invariant(2, 9)
+def test_a_plan_that_would_break_a_limit_is_braked_told_and_counted():
+    """Invariants 2 and 9: the arm trusts no planner."""
+    harness = StreamingHarness()
+    faster = dataclasses.replace(
+        LIMITS,
+        velocity=5.0 * LIMITS.velocity,
+        acceleration=5.0 * LIMITS.acceleration,
+        jerk=5.0 * LIMITS.jerk,
+    )
+    harness.planner.plan = lambda request, limits: plan(request, faster)
+    harness.send(FAST, period=0.0)
+    harness.waiting.clear()
+    while not harness.failures:
+        harness.run(0.001)
+    assert harness.timing.violations == 1
+    (failure,) = harness.failures
+    assert failure.startswith('the arm brakes: joint_')
+    assert 'is beyond the limit' in failure
+    assert harness.arm.still or not harness.arm.has_room  # no point is taken by an arm that brakes
+    harness.rest()
+    assert_within_limits(harness)
+    # and it goes on from where it stands
+    harness.planner.plan = plan
+    harness.send(harness.arm.position + way(40), first=0)
+    harness.rest()
+    assert harness.timing.violations == 1
+    assert_within_limits(harness)

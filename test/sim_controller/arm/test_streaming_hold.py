@@ -1,0 +1,323 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pauses of smooth motion: on the path, inside every limit, and on to the same points."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from support.examples import examples
+from support.streaming_harness import (
+    DT,
+    HOME,
+    LIMITS,
+    StreamingHarness,
+    assert_passes,
+    assert_within_limits,
+    way,
+)
+
+FAST = way(60, 1.0)
+"""Points for which PERIOD is too short: the arm is as fast as its limits allow."""
+
+
+def free_run(points, **values):
+    harness = StreamingHarness()
+    harness.send(points, **values)
+    return harness, harness.rest()
+
+
+def held_harness(seconds, points=FAST, **values):
+    """Return a harness whose arm has been held in mid-motion, and stands."""
+    harness = StreamingHarness(**values)
+    harness.send(points)
+    harness.run(seconds)
+    assert harness.velocities[-1].any()
+    harness.arm.hold()
+    harness.until_still()
+    return harness
+
+
+def farthest(trace, others):
+    """Return how far the trace goes from the samples of another one, rad."""
+    return max(np.min(np.max(np.abs(others - each), axis=1)) for each in trace)
+
+
+@pytest.mark.invariant(2, 3)
+@pytest.mark.parametrize('delay', [0.0, 0.012, 0.1])
+@pytest.mark.parametrize('seconds', [0.25, 0.35, 0.5, 0.8, 1.1])
+def test_invariant_2_and_3_a_hold_brakes_on_the_path_and_keeps_all_points(seconds, delay):
+    free, _ = free_run(FAST)
+    harness = StreamingHarness(delay)
+    harness.send(FAST)
+    harness.run(seconds)
+    assert np.max(np.abs(harness.arm.velocity) / LIMITS.velocity) > 0.05
+    since = len(harness.positions)
+    harness.arm.hold()
+    assert not harness.arm.still
+    assert harness.until_still() < 0.25  # at once, however slow the planner is
+    assert harness.arm.moving
+    assert not harness.arm.velocity.any()
+    stands = harness.arm.position.tolist()
+    assert farthest(harness.trace[since::10], free.trace) < 0.01  # a step's way between samples
+    harness.run(1.0)
+    assert harness.arm.position.tolist() == stands
+    assert harness.arm.still
+    harness.arm.resume()
+    assert not harness.arm.still
+    harness.rest()
+    assert_within_limits(harness)
+    assert_passes(harness, FAST)
+    assert not harness.failures
+
+
+@pytest.mark.parametrize('seconds', [0.1, 0.2, 0.3, 0.4, 0.5])
+def test_a_hold_of_a_motion_that_uses_its_limits_to_the_full(seconds):
+    """It cannot always brake at once without leaving the path, but soon."""
+    points = way(120, 1.5)
+    free, time = free_run(points, period=0.0)
+    harness = StreamingHarness()
+    harness.send(points, 0.0)
+    harness.run(seconds)
+    since = len(harness.positions)
+    harness.arm.hold()
+    assert harness.until_still() < 0.5
+    assert farthest(harness.trace[since::10], free.trace) < 0.03  # a step's way between samples
+    harness.arm.resume()
+    harness.rest()
+    assert len(harness.positions) * DT < time + 0.6
+    assert_within_limits(harness)
+    assert_passes(harness, points)
+    assert not harness.failures
+
+
+def test_no_point_is_taken_while_it_is_held():
+    harness = StreamingHarness(look_ahead=0.3)
+    harness.send(way(80))
+    harness.run(0.4)
+    harness.arm.hold()
+    assert not harness.arm.has_room
+    taken = harness.taken
+    harness.run(1.0)
+    assert harness.taken == taken < 80
+    harness.arm.resume()
+    harness.run(0.2)
+    assert harness.taken > taken
+    harness.rest()
+    assert_passes(harness, way(80))
+
+
+@pytest.mark.parametrize('held', [0.5, 60.0])
+def test_the_time_of_a_hold_is_not_made_up_for(held):
+    points = way(80)
+    free, time = free_run(points)
+    harness = held_harness(0.7, points)
+    braked, since = len(harness.positions) * DT, len(harness.positions)
+    harness.arm.step(held)
+    harness.arm.resume()
+    total = braked + harness.rest()
+    assert time - 0.05 < total < time + 0.15  # two more ramps
+    speeds = np.max(np.abs(free.velocities)), np.max(np.abs(harness.velocities[since:]))
+    assert speeds[1] < 1.3 * speeds[0]
+    assert_within_limits(harness)
+
+
+def test_a_hold_twice_and_a_resume_twice_are_no_more_than_one():
+    harness = held_harness(0.5)
+    stands = harness.arm.position.tolist()
+    harness.arm.hold()
+    harness.run(0.3)
+    assert harness.arm.position.tolist() == stands
+    harness.arm.resume()
+    harness.arm.resume()
+    harness.rest()
+    assert_passes(harness, FAST)
+
+
+def test_a_resume_without_a_hold_changes_nothing():
+    traces = []
+    for resumes in (False, True):
+        harness = StreamingHarness()
+        harness.send(FAST)
+        harness.run(0.4)
+        if resumes:
+            harness.arm.resume()
+        harness.rest()
+        traces.append(harness.trace)
+    assert np.array_equal(*traces)
+
+
+@pytest.mark.parametrize('begins', [False, True])
+@pytest.mark.parametrize('seconds', [0.0, 0.01, 0.019, 0.02])
+def test_an_arm_that_stands_when_it_is_held_does_not_begin(seconds, begins):
+    """Whether the first plan is not asked for, is on its way, is there, or begins just now."""
+    harness = StreamingHarness(0.02)
+    harness.send(FAST)
+    harness.run(seconds)
+    if begins:
+        harness.arm.step(0.0)
+    assert not harness.arm.velocity.any()
+    assert not harness.arm.still
+    harness.arm.hold()
+    assert harness.arm.still
+    assert harness.arm.moving
+    harness.run(0.5)
+    assert harness.arm.position.tolist() == HOME.tolist()
+    harness.arm.resume()
+    harness.rest()
+    assert_passes(harness, FAST)
+    assert harness.timing.late_plans == 0
+
+
+def test_an_arm_held_without_points_takes_them_after_the_hold():
+    harness = StreamingHarness()
+    harness.arm.hold()
+    assert harness.arm.still
+    assert not harness.arm.moving
+    assert not harness.arm.has_room
+    harness.run(0.5)
+    harness.send(FAST)
+    assert harness.taken == 0
+    harness.arm.resume()
+    assert harness.arm.has_room
+    harness.rest()
+    assert_passes(harness, FAST)
+
+
+@pytest.mark.parametrize('brakes', [0.0, 0.02, 0.1])
+def test_a_stop_ends_a_hold(brakes):
+    harness = StreamingHarness()
+    harness.send(FAST)
+    harness.run(0.5)
+    harness.waiting.clear()
+    harness.arm.hold()
+    harness.run(brakes)
+    assert harness.arm.stop()
+    harness.run(0.5)
+    assert harness.arm.still
+    assert not harness.arm.moving
+    assert harness.arm.has_room
+    assert np.max(np.abs(harness.arm.position - FAST[-1])) > 0.1
+    back = np.array([harness.arm.position, HOME])
+    harness.send(back, 0.5)
+    harness.rest()
+    assert_within_limits(harness)
+    assert harness.arm.position.tolist() == HOME.tolist()
+
+
+def test_a_hold_while_the_arm_brakes_for_a_stop_changes_nothing_of_that():
+    ends = []
+    for holds in (False, True):
+        harness = StreamingHarness()
+        harness.send(FAST)
+        harness.run(0.5)
+        harness.waiting.clear()
+        harness.arm.stop()
+        harness.run(0.02)
+        if holds:
+            harness.arm.hold()
+        harness.until_still()
+        assert not harness.arm.moving
+        assert harness.arm.has_room is not holds
+        ends.append(harness.trace)
+    assert np.array_equal(*ends)
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize('answers', [False, True])
+def test_invariant_3_a_planner_that_dies_in_a_hold(answers):
+    """The arm stays, or brakes on; nothing of it needs a plan."""
+    harness = StreamingHarness(0.03)
+    harness.send(FAST)
+    harness.run(0.5)
+    harness.waiting.clear()
+    harness.arm.hold()
+    if answers:
+        harness.run(0.04)
+    harness.planner.die()
+    harness.until_still(0.25)
+    assert harness.arm.moving
+    assert harness.arm.stop()  # as the controller does
+    assert not harness.arm.moving
+    stands = harness.arm.position.tolist()
+    harness.planner.ready = True
+    harness.run(0.5)
+    assert harness.arm.position.tolist() == stands
+    harness.send([harness.arm.position, HOME], 0.5)
+    harness.rest()
+    assert_within_limits(harness)
+    assert harness.arm.position.tolist() == HOME.tolist()
+
+
+def test_without_a_planner_after_a_hold_the_arm_stays():
+    harness = held_harness(0.5)
+    stands = harness.arm.position.tolist()
+    harness.planner.ready = False
+    harness.arm.resume()
+    harness.run(1.0)
+    assert harness.arm.position.tolist() == stands
+    harness.planner.ready = True
+    harness.rest()
+    assert_passes(harness, FAST)
+
+
+def test_a_hold_in_a_commanded_rest():
+    points = way(30)
+    harness = StreamingHarness()
+    harness.send(points[:15])
+    harness.send([points[14]], 0.8, first=15)
+    harness.send(points[15:], first=16)
+    while np.any(harness.arm.position != points[14]):
+        harness.run(DT)
+    harness.run(0.1)
+    assert not harness.arm.still
+    harness.arm.hold()
+    assert harness.arm.still
+    harness.run(2.0)
+    assert harness.arm.position.tolist() == points[14].tolist()
+    harness.arm.resume()
+    harness.rest()
+    assert_passes(harness, points)
+
+
+holds = st.lists(
+    st.tuples(st.integers(0, 600), st.sampled_from((0, 1, 20, 100, 400, 600))),
+    min_size=1,
+    max_size=5,
+)  # ms until each hold, and how long it lasts
+
+
+@pytest.mark.invariant(2)
+@settings(
+    max_examples=examples(30),
+)
+@given(
+    holds=holds,
+    delay=st.sampled_from([0.0, 0.012, 0.06]),
+    period=st.sampled_from([0.0, 0.02, 0.05]),
+    look_ahead=st.sampled_from([0.2, 1.0]),
+    sparse=st.booleans(),
+)
+@example(
+    holds=[(300, 0), (0, 0), (0, 1), (1, 0)],
+    delay=0.012,
+    period=0.02,
+    look_ahead=1.0,
+    sparse=False,
+)
+def test_invariant_2_holds_at_any_time(holds, delay, period, look_ahead, sparse):
+    points = way(7, 1.5) if sparse else way(50, 0.8)
+    harness = StreamingHarness(delay, look_ahead=look_ahead)
+    harness.send(points, period * (5.0 if sparse else 1.0))
+    for wait, length in holds:
+        harness.run(wait * DT)
+        harness.arm.hold()
+        harness.run(length * DT)
+        if length == 600:
+            assert harness.arm.still
+            assert not harness.arm.velocity.any()
+        harness.arm.resume()
+    harness.rest()
+    assert_within_limits(harness)
+    assert_passes(harness, points)
+    assert not harness.failures

@@ -1,0 +1,412 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The table of faults, their text, when they begin and end, and those of the controller itself."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.fault_harness import JOINTS, FaultHarness, answer
+
+from epson_driver.sim_controller.faults.fault_kinds import DATA_PORTS, FAULTS, REMOTE, FaultError
+from epson_driver.sim_controller.faults.fault_text import describe, parameter_texts, parse, write
+from epson_driver.sim_controller.faults.faults import ANSWER_TIME, MAX_ACTIVE
+
+HERE = Path(__file__)
+PAGE = HERE.parents[3] / 'docs' / 'faults.md'
+
+
+@pytest.fixture
+def harness():
+    return FaultHarness()
+
+
+def calls(harness):
+    """Return what the controller was told since the last time, without the times."""
+    told, harness.told.calls = [call[1:] for call in harness.told.calls], []
+    return told
+
+
+# Faults of the controller itself; those of connections are tested in test_wire.py.
+
+
+def test_frozen_encoder_of_one_joint_for_a_time(harness):
+    harness.start('frozen_encoder:joint=3,for=2')
+    assert harness.told.frozen == {2}
+    harness.wait(1.9)
+    assert harness.told.frozen == {2}
+    harness.wait(0.2)
+    assert harness.told.frozen == set()
+    assert harness.faults.active() == []
+
+
+def test_frozen_encoder_of_several_and_of_all_joints(harness):
+    harness.start('frozen_encoder 1')
+    harness.start('frozen_encoder 6 after=1')
+    assert harness.told.frozen == {0}
+    harness.wait(1.0)
+    assert harness.told.frozen == {0, 5}
+    harness.start('frozen_encoder for=1')
+    assert harness.told.frozen == set(range(JOINTS))
+    harness.wait(1.0)
+    assert harness.told.frozen == {0, 5}
+    assert harness.clear('frozen_encoder') == 2
+    assert harness.told.frozen == set()
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('servo_error', ('servo_error', 0, False)),
+        ('servo_error:6', ('servo_error', 5, False)),
+        ('servo_error joint=2 critical=yes', ('servo_error', 1, True)),
+    ],
+)
+def test_servo_error_happens_once(harness, text, expected):
+    harness.start(text)
+    assert calls(harness) == [expected]
+    assert harness.faults.active() == []
+    harness.clear()
+    harness.wait(100.0)
+    assert calls(harness) == []
+
+
+def test_servo_error_later(harness):
+    harness.start('servo_error:after=3')
+    assert harness.faults.active() == ['servo_error joint=1 after=3 (begins in 3.0 s)']
+    harness.wait(5.0)
+    assert harness.told.calls == [(3.0, 'servo_error', 0, False)]
+    harness.start('servo_error:after=3')
+    harness.clear('servo_error')
+    harness.wait(5.0)
+    assert len(harness.told.calls) == 1
+
+
+def test_estop_at_point_counts_the_points_since_it_began(harness):
+    harness.faults.point_begun()
+    harness.start('estop_at_point 3 after=1')
+    harness.faults.point_begun()
+    harness.wait(1.0)
+    for _ in range(2):
+        harness.faults.point_begun()
+        harness.wait(1.0)
+    assert harness.faults.active() == ['estop_at_point point=3 after=1 (1 points to go)']
+    assert calls(harness) == []
+    harness.faults.point_begun()
+    assert calls(harness) == []  # the core is in the middle of giving the point to the arm
+    harness.wait(0.0)
+    assert calls(harness) == [('press_estop',)]
+    assert harness.faults.active() == []
+    for _ in range(10):
+        harness.faults.point_begun()
+        harness.wait(1.0)
+    assert calls(harness) == []
+
+
+def test_estop_at_point_cleared_before(harness):
+    harness.start('estop_at_point 2')
+    harness.faults.point_begun()
+    harness.clear('estop_at_point')
+    harness.faults.point_begun()
+    harness.wait(1.0)
+    assert calls(harness) == []
+
+
+def test_reboot_begins_when_its_command_is_answered_and_ends_by_itself(harness):
+    harness.start('reboot:for=4')
+    assert calls(harness) == []
+    harness.wait(ANSWER_TIME)
+    assert calls(harness) == [('reboot', 4.0)]
+    with pytest.raises(FaultError, match='reboot: it cannot be cleared'):
+        harness.clear('reboot')
+    harness.start('delay')
+    assert harness.clear() == 1
+    assert harness.faults.active() == ['reboot for=4 (4.0 s left)']
+    harness.wait(4.0)
+    assert harness.faults.active() == []
+    assert calls(harness) == []
+
+
+def test_reboot_that_has_not_begun_can_be_cleared(harness):
+    harness.start('reboot:after=10')
+    assert harness.clear('reboot') == 1
+    harness.wait(100.0)
+    assert calls(harness) == []
+
+
+# The table.
+
+
+def test_every_fault_has_a_test_of_its_name():
+    written = HERE.read_text('utf-8') + HERE.with_name('test_wire.py').read_text('utf-8')
+    for name in FAULTS:
+        assert f'def test_{name}_' in written, name
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_every_fault_is_described_and_can_be_started_without_parameters(name, harness):
+    kind = FAULTS[name]
+    assert kind.text.endswith('.')
+    assert kind.parameters
+    assert set(kind.default_ports) <= set(kind.ports) <= {*DATA_PORTS, REMOTE}
+    assert REMOTE not in kind.default_ports
+    for parameter in kind.parameters:
+        if parameter.default is not None:
+            assert parameter.read(parameter.write(parameter.default)) == parameter.default
+    harness.start(name)
+    assert name in describe([name])
+    assert name in describe()
+
+
+# Text.
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'delay:seconds=0.2,port=state+motion,for=3',
+        'delay seconds=0.2 port=motion+state for=3',
+        'delay,seconds=0.2,port=motion+state,for=3',
+        '  DELAY: 0.2, for=3.0  port=motion+state ',
+        'delay 0.2 for=3 port=motion+state',
+    ],
+)
+def test_one_parser_reads_every_form(text):
+    fault = parse(text)
+    assert fault.name == 'delay'
+    assert fault.values == {'seconds': 0.2, 'for': 3.0, 'after': 0.0}
+    assert fault.ports == ('motion', 'state')
+    assert write(fault) == 'delay seconds=0.2 for=3 port=motion+state'
+
+
+@pytest.mark.parametrize(
+    ('text', 'ports'),
+    [
+        ('cut', ('motion', 'state', 'io')),
+        ('cut port=all', ('motion', 'state', 'io')),
+        ('cut port=remote', ('remote',)),
+        ('cut port=remote+io+motion+io', ('motion', 'io', 'remote')),
+        ('bit_errors', ('state',)),
+        ('lost_reply port=all', ('motion', 'state', 'io')),
+        ('reboot', ()),
+    ],
+)
+def test_ports(text, ports):
+    assert parse(text).ports == ports
+
+
+@pytest.mark.parametrize(
+    ('text', 'parts'),
+    [
+        ('', ["'' is no fault", 'cut, half_open, delay']),
+        ('x' * 9999, [f"'{'x' * 40}…' is no fault"]),
+        ('quake', ["'quake' is no fault: must be one of cut,", 'reboot']),
+        ('delay:seconds', ["delay: seconds = 'seconds'", 'a number from 0 to 60 s']),
+        ('delay:1,2', ["delay: '2' must be key=value"]),
+        ('delay:seconds=', ["delay: 'seconds=' must be key=value"]),
+        ('delay:seconds=61', ["delay: seconds = '61': must be a number from 0 to 60 s"]),
+        ('delay:seconds=-1', ["seconds = '-1': must be"]),
+        ('delay:seconds=nan', ["seconds = 'nan': must be"]),
+        ('delay:seconds=inf', ["seconds = 'inf': must be"]),
+        ('delay:1,seconds=2', ['delay: seconds is given twice']),
+        ('delay:for=3601', ["for = '3601': must be a number from 0 to 3600 s"]),
+        ('delay:colour=3', ["'colour' is no parameter: must be one of seconds, for, after, port"]),
+        ('delay:count=3', ["'count' is no parameter"]),
+        ('delay:port=usb', ["port = 'usb': must be motion, state, io, remote, several", 'all']),
+        ('bit_errors:port=remote', ["port = 'remote': must be motion, state, io, several"]),
+        ('half_open:port=remote', ['port = remote needs for =', 'nobody could clear it']),
+        ('reboot:port=motion', ["'port' is no parameter: must be one of for, after"]),
+        ('reboot 0', ["for = '0': must be a number from 0.1 to 3600 s"]),
+        ('estop_at_point 0', ["point = '0': must be a whole number from 1 to 1000000"]),
+        ('estop_at_point 1.5', ["point = '1.5': must be a whole number"]),
+        ('estop_at_point 1' + '0' * 5000, ["point = '1000", '…', 'whole number']),
+        ('servo_error 0', ["joint = '0': must be a whole number from 1 to 10"]),
+        ('servo_error critical=maybe', ["critical = 'maybe': must be no or yes"]),
+        ('bit_errors rate=1.01', ["rate = '1.01': must be a number from 0 to 1"]),
+        ('wrong_length value=3000000000', ['from -2147483648 to 2147483647']),
+    ],
+)
+def test_an_error_names_what_is_wrong_and_what_is_allowed(text, parts):
+    with pytest.raises(FaultError) as caught:
+        parse(text)
+    for part in parts:
+        assert part in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+@given(st.text(max_size=200))
+def test_any_text_is_a_fault_or_an_error(text):
+    for candidate in (text, f'delay {text}', f'wrong_length:value={text}', f'cut:port={text}'):
+        try:
+            fault = parse(candidate)
+        except FaultError:
+            continue
+        assert parse(write(fault)) == fault
+
+
+@st.composite
+def fault_texts(draw):
+    name = draw(st.sampled_from(sorted(FAULTS)))
+    kind = FAULTS[name]
+    parts = []
+    for parameter in draw(st.lists(st.sampled_from(kind.parameters), unique_by=lambda p: p.name)):
+        low, high = parameter.low, parameter.high
+        if parameter.choices:
+            value = draw(st.sampled_from(parameter.choices))
+        elif parameter.whole:
+            value = draw(st.integers(int(low), int(high)))
+        else:
+            value = draw(st.floats(low, high))
+        parts.append(f'{parameter.name}={value}')
+    return f'{name}:{",".join(parts)}'
+
+
+@given(fault_texts())
+def test_what_is_written_is_read_again(text):
+    fault = parse(text)
+    assert parse(write(fault)) == fault
+
+
+# Which are active.
+
+
+def test_active_says_what_there_is_in_lines_without_commas(harness):
+    client = harness.client('motion')
+    harness.start('cut:for=3')
+    harness.start('lost_reply:count=3')
+    harness.start('wrong_byte_order:port=io')
+    harness.start('jitter:after=2.5,seed=4')
+    harness.wait(1.0)
+    client = harness.client('motion')
+    client.send(answer(1))
+    assert harness.faults.active() == [
+        'cut for=3 port=motion+state+io (2.0 s left)',
+        'lost_reply count=3 port=motion (2 to strike)',
+        'wrong_byte_order port=io',
+        'jitter seconds=0.05 seed=4 after=2.5 port=motion+state+io (begins in 1.5 s)',
+    ]
+
+
+def test_clear_takes_one_name_or_all(harness):
+    for text in ('delay', 'delay after=5', 'jitter', 'cut for=0'):
+        harness.start(text)
+    assert harness.clear('delay') == 2
+    assert [text.split()[0] for text in harness.faults.active()] == ['jitter', 'cut']
+    assert harness.clear() == 2
+    assert harness.clear() == 0
+    with pytest.raises(FaultError, match='delay: it is not active'):
+        harness.clear('delay')
+    with pytest.raises(FaultError, match="'quake' is no fault: must be one of cut"):
+        harness.clear('quake')
+    harness.wait(10.0)
+    assert harness.faults.active() == []
+
+
+def test_so_many_faults_at_a_time(harness):
+    for _ in range(MAX_ACTIVE):
+        harness.start('delay:after=100')
+    with pytest.raises(FaultError, match=f'delay: {MAX_ACTIVE} faults are active: clear some'):
+        harness.start('delay')
+    harness.clear()
+    harness.start('delay')
+
+
+@pytest.mark.parametrize('name', ['frozen_encoder', 'servo_error'])
+def test_a_joint_that_the_robot_has_not(harness, name):
+    with pytest.raises(FaultError, match=f'{name}: joint = 7: the robot has 6 joints'):
+        harness.start(f'{name} {JOINTS + 1}')
+    assert harness.faults.active() == []
+    assert calls(harness) == []
+
+
+def test_a_fault_of_the_remote_port_lets_its_command_be_answered_first(harness):
+    remote, state = harness.client('remote'), harness.client('state')
+    harness.start('half_open:port=remote+state,for=1')
+    harness.start('cut:port=remote,for=1')
+    remote.send(b'#Sim,0\r\n')
+    assert remote.taken() == [b'#Sim,0\r\n']
+    harness.wait(ANSWER_TIME)
+    assert (remote.hung_up, state.hung_up) == (1, 0)
+    assert harness.faults.refuses('remote')
+    harness.wait(1.0)
+    assert not harness.faults.refuses('remote')
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_the_remote_port_is_left_alone_unless_it_is_named(harness, name):
+    remote = harness.client('remote')
+    harness.start(name)
+    for port in ('all',) if FAULTS[name].ports else ():
+        harness.start(f'{name} port={port}')
+    remote.send(b'#GetStatus,0\r\n')
+    assert remote.taken() == [b'#GetStatus,0\r\n']
+    assert remote.wire.receive(b'$Reset\r\n') == b'$Reset\r\n'
+    assert remote.hung_up == 0
+    assert not harness.faults.refuses('remote')
+
+
+def test_faults_that_come_and_go_leave_no_memory(harness):
+    for _ in range(50):
+        for name in FAULTS:
+            harness.start(f'{name}:after=0.01')
+        harness.client('motion').wire.close()
+        harness.wait(0.1)
+        harness.clear()
+        harness.wait(10.0)
+    assert harness.faults.active() == []
+    assert not harness.faults._wires
+    assert harness.clock.next_due is None
+
+
+# The page.
+
+
+COMMON = ('port', 'count', 'skip', 'for', 'after', 'seed')
+"""Parameters that mean the same wherever they are: the page explains them once."""
+
+
+def page_tables():
+    """Return the tables that docs/faults.md must hold."""
+    lines = ['| fault | what happens | parameters of its own (allowed; default) | others |']
+    lines.append('|---|---|---|---|')
+    common = {}
+    for name, kind in FAULTS.items():
+        texts = parameter_texts(kind)
+        own = [f'`{key}`: {text}' for key, text in texts.items() if key not in COMMON]
+        defaults = [f'`{default_text(name, key)}`' for key in COMMON if key in texts]
+        cells = (f'`{name}`', kind.text, '<br>'.join(own) or '–', ' '.join(defaults))
+        lines.append(f'| {" | ".join(cells)} |')
+        common |= {each.name: each for each in kind.parameters if each.name not in common}
+    lines += ['', '| parameter of several | meaning | allowed |', '|---|---|---|']
+    ports = ('which ports', f'{", ".join((*DATA_PORTS, REMOTE))}; several with +; all')
+    rows = {key: (common[key].text, common[key].range) for key in COMMON if key in common}
+    for key, (text, allowed) in {'port': ports, **rows}.items():
+        lines.append(f'| `{key}` | {text} | {allowed} |')
+    return '\n'.join(lines)
+
+
+def default_text(name, key):
+    """Return `key=value` as it is without being said."""
+    fault = parse(name)
+    if key == 'port':
+        return f'port={"+".join(fault.ports)}'
+    value = fault.values[key]
+    (parameter,) = (each for each in fault.kind.parameters if each.name == key)
+    return f'{key}={"none" if value is None else parameter.write(value)}'
+
+
+def test_the_page_shows_the_table():
+    assert page_tables() in PAGE.read_text('utf-8'), page_tables()
+
+
+def test_the_examples_of_the_page_are_faults(harness):
+    text = PAGE.read_text('utf-8')
+    told = re.findall(r'^pendant fault (?!clear)(\w.*?)(?: +#.*)?$', text, re.MULTILINE)
+    started = re.findall(r'--fault (\S+)', text)
+    assert len(told) > 8
+    assert len(started) > 2
+    for example in told + started:
+        harness.start(example)
+        harness.clear()

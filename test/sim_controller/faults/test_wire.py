@@ -1,0 +1,516 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every fault of connections, at one wire: what comes out, when, and that it ends."""
+
+import struct
+from itertools import pairwise
+
+import pytest
+from support.fault_harness import FaultHarness, answer, ask, state
+
+from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, byte_order, is_reply
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS
+from epson_driver.sim_controller.faults.wire import MAX_HELD
+from epson_driver.simple_message import BIG_ENDIAN, ByteOrder, FrameError, Framer
+
+LINK_FAULTS = [name for name, kind in FAULTS.items() if kind.ports]
+LINE = b'#GetStatus,00100000001,0000\r\n'
+
+
+@pytest.fixture
+def harness():
+    return FaultHarness()
+
+
+def assert_normal(harness, client):
+    """What is sent passes at once and unchanged, and what the client sends too."""
+    client.taken()
+    assert harness.faults.active() == []
+    sent = [state(900), answer(901), state(902)]
+    client.send(*sent)
+    assert client.taken() == sent
+    assert client.wire.receive(ask(3)) == ask(3)
+    assert client.wire.held == 0
+    assert client.hung_up == 0
+
+
+def bits_changed(before, after):
+    assert len(before) == len(after)
+    return sum((a ^ b).bit_count() for a, b in zip(before, after, strict=True))
+
+
+def test_without_a_fault_everything_passes_at_once(harness):
+    client = harness.client()
+    client.send(state(1), answer(2), b'', LINE)
+    assert client.taken() == [state(1), answer(2), b'', LINE]
+    assert client.wire.receive(b'any') == b'any'
+    assert harness.clock.next_due is None
+
+
+def test_byte_by_byte_needs_no_fault(harness):
+    client = harness.client(byte_by_byte=True)
+    client.send(state(1))
+    assert client.taken() == [bytes([byte]) for byte in state(1)]
+    harness.start('delay:seconds=0.2')
+    client.send(state(2))
+    assert client.taken() == []
+    harness.wait(0.2)
+    assert client.taken() == [bytes([byte]) for byte in state(2)]
+
+
+def test_cut_closes_the_ports_connections_at_once_and_refuses_new_ones(harness):
+    clients = {port: harness.client(port) for port in ('motion', 'state', 'io', 'remote')}
+    harness.start('cut:for=2,port=motion+io')
+    assert {port: each.hung_up for port, each in clients.items()} == {
+        'motion': 1,
+        'state': 0,
+        'io': 1,
+        'remote': 0,
+    }
+    clients['motion'].send(state(1))
+    assert clients['motion'].taken() == []
+    assert clients['motion'].wire.receive(ask(1)) == b''
+    assert harness.faults.refuses('motion')
+    assert not harness.faults.refuses('state')
+    harness.wait(1.999)
+    assert harness.faults.refuses('io')
+    harness.wait(0.001)
+    assert not harness.faults.refuses('motion')
+    assert not harness.faults.refuses('io')
+    assert_normal(harness, harness.client('motion'))
+    assert clients['motion'].hung_up == 1
+
+
+def test_cut_until_cleared(harness):
+    harness.start('cut:for=0')
+    harness.wait(3600.0)
+    assert harness.faults.refuses('state')
+    assert not harness.faults.refuses('remote')
+    harness.clear('cut')
+    assert not harness.faults.refuses('state')
+
+
+def test_half_open_is_silent_in_both_directions_and_stays_connected(harness):
+    client = harness.client('state')
+    harness.start('half_open:for=3')
+    harness.stream(client, 100)
+    assert client.taken() == []
+    harness.wait(3.0)
+    assert client.taken() == []  # lost, not late
+    assert_normal(harness, client)
+
+
+def test_half_open_hangs_up_afterwards_where_bytes_of_the_client_were_lost(harness):
+    heard, unheard = harness.client('motion'), harness.client('motion')
+    harness.start('half_open')
+    assert heard.wire.receive(ask(1)) == b''
+    assert heard.wire.receive(ask(2)[:10]) == b''
+    harness.wait(100.0)
+    assert (heard.hung_up, unheard.hung_up) == (0, 0)
+    harness.clear('half_open')
+    assert (heard.hung_up, unheard.hung_up) == (1, 0)
+    assert heard.wire.receive(ask(2)[10:]) == b''
+    assert_normal(harness, unheard)
+
+
+def test_half_open_loses_what_was_held(harness):
+    client = harness.client()
+    harness.start('delay:seconds=1')
+    client.send(state(1))
+    harness.start('half_open')
+    harness.clear()
+    harness.wait(2.0)
+    assert client.taken() == []
+    assert_normal(harness, client)
+
+
+def test_delay_is_the_same_for_all_and_ends(harness):
+    client = harness.client()
+    harness.start('delay:seconds=0.02,for=0.01')
+    messages = harness.stream(client, 5)
+    harness.wait(1.0)
+    assert client.times() == [20, 25, 25, 25, 25]  # two are late, the others do not overtake
+    assert_normal(harness, client)
+    harness.stream(client, 1)
+    assert client.taken() == messages[:1]
+
+
+def test_delay_cleared_sends_what_was_held_at_once(harness):
+    client = harness.client()
+    harness.start('delay 5')
+    messages = harness.stream(client, 10)
+    assert client.taken() == []
+    assert client.wire.held == sum(map(len, messages))
+    harness.clear('delay')
+    assert client.taken() == messages
+    assert_normal(harness, client)
+    harness.wait(10.0)
+    assert client.taken() == []
+
+
+def test_jitter_is_random_bounded_and_in_order(harness):
+    client = harness.client()
+    harness.start('jitter:seconds=0.03')
+    messages = harness.stream(client, 200)
+    harness.wait(0.03)
+    late = [
+        time - 0.005 * number
+        for number, (time, data) in enumerate(client.segments)
+        if data == messages[number]
+    ]
+    assert len(late) == 200
+    assert all(0.0 <= each <= 0.03 + 1e-9 for each in late)
+    assert len({round(each, 6) for each in late}) > 20
+    harness.clear('jitter')
+    assert_normal(harness, client)
+
+
+def test_coalesce_makes_one_piece_of_what_is_sent_in_a_time(harness):
+    client = harness.client()
+    harness.start('coalesce:seconds=0.017')
+    messages = harness.stream(client, 8)
+    assert [data for _, data in client.segments] == [
+        b''.join(messages[:4]),
+        b''.join(messages[4:]),
+    ]
+    assert client.times() == [17, 37]
+    harness.clear('coalesce')
+    assert_normal(harness, client)
+
+
+def test_one_byte_per_segment(harness):
+    client = harness.client()
+    harness.start('one_byte:for=1')
+    client.send(state(1), state(2))
+    assert client.taken() == [bytes([byte]) for byte in state(1) + state(2)]
+    harness.wait(1.0)
+    assert_normal(harness, client)
+
+
+def test_bit_errors_flip_as_many_bits_as_asked_for_in_their_share_of_the_messages(harness):
+    client = harness.client()
+    harness.start('bit_errors:rate=0.25,bits=3')
+    messages = harness.stream(client, 1000)
+    changed = [bits_changed(*pair) for pair in zip(messages, client.taken(), strict=True)]
+    assert set(changed) == {0, 3}
+    assert 200 < changed.count(3) < 300
+    harness.clear('bit_errors')
+    assert_normal(harness, client)
+
+
+def test_bit_errors_reach_every_part_of_a_message(harness):
+    client = harness.client()
+    harness.start('bit_errors:rate=1,bits=1')
+    hit = set()
+    for number, message in enumerate(harness.stream(client, 3000)):
+        flipped = client.segments[number][1]
+        hit |= {index for index in range(60) if flipped[index] != message[index]}
+    assert hit == set(range(60))
+
+
+def test_wrong_length_strikes_one_message(harness):
+    client = harness.client()
+    harness.start('wrong_length:skip=2')
+    messages = harness.stream(client, 4)
+    taken = client.taken()
+    assert taken[2] == struct.pack('<i', 60) + messages[2][4:]
+    assert [taken[0], taken[1], taken[3]] == [messages[0], messages[1], messages[3]]
+    assert_normal(harness, client)
+
+
+@pytest.mark.parametrize('dialect_order', ByteOrder)
+@pytest.mark.parametrize('value', [-1, 0, 11, 70_000, 2**31 - 1])
+def test_wrong_length_of_any_value_is_refused_by_a_framer(harness, value, dialect_order):
+    client = harness.client()
+    harness.start(f'wrong_length:value={value}')
+    message = state(1, BIG_ENDIAN) if dialect_order is ByteOrder.BIG else state(1)
+    client.send(message)
+    (data,) = client.taken()
+    assert data == struct.pack(dialect_order.value + 'i', value) + message[4:]
+    framer = Framer(dialect_order)
+    framer.receive_data(data)
+    with pytest.raises(FrameError, match='length'):
+        framer.next_frame()
+
+
+def test_lost_reply_strikes_replies_only_and_as_many_as_asked_for(harness):
+    client = harness.client('motion')
+    harness.start('lost_reply:count=2,skip=1')
+    client.send(*(answer(0), state(0), answer(1), state(1), answer(2), answer(3)))
+    assert client.taken() == [answer(0), state(0), state(1), answer(3)]
+    assert client.wire.receive(ask(1)) == ask(1)
+    assert_normal(harness, client)
+
+
+def test_lost_reply_in_the_other_byte_order(harness):
+    client = harness.client('motion')
+    harness.start('lost_reply')
+    client.send(state(0, BIG_ENDIAN), answer(0, BIG_ENDIAN), answer(1, BIG_ENDIAN))
+    assert client.taken() == [state(0, BIG_ENDIAN), answer(1, BIG_ENDIAN)]
+
+
+def test_late_reply_comes_late_once_and_nothing_overtakes_it(harness):
+    client = harness.client('motion')
+    harness.start('late_reply:seconds=0.5')
+    client.send(state(0), answer(0), answer(1))
+    assert client.taken() == [state(0)]
+    assert harness.faults.active() == []
+    harness.wait(0.4)
+    client.send(answer(2))
+    assert client.taken() == []
+    harness.wait(0.1)
+    assert client.taken() == [answer(0), answer(1), answer(2)]
+    assert_normal(harness, client)
+
+
+def test_late_reply_cleared_is_sent_at_once(harness):
+    client = harness.client('motion')
+    harness.start('late_reply:seconds=5,count=0')
+    client.send(answer(0), state(1))
+    harness.clear()
+    assert client.taken() == [answer(0), state(1)]
+    assert_normal(harness, client)
+
+
+def test_wrong_byte_order_is_what_a_controller_of_the_other_order_sends(harness):
+    client = harness.client()
+    harness.start('wrong_byte_order')
+    client.send(state(7), answer(8), state(9, BIG_ENDIAN), b'12345')
+    expected = [state(7, BIG_ENDIAN), answer(8, BIG_ENDIAN), state(9), b'43215']
+    assert client.taken() == expected
+    framer = Framer(ByteOrder.LITTLE)
+    framer.receive_data(expected[0])
+    with pytest.raises(FrameError, match='byte order'):
+        framer.next_frame()
+    harness.clear('wrong_byte_order')
+    assert_normal(harness, client)
+
+
+def test_reboot_and_the_controllers_own_faults_leave_wires_alone(harness):
+    client = harness.client()
+    for name in set(FAULTS) - set(LINK_FAULTS):
+        harness.start(name)
+    harness.wait(10.0)
+    harness.clear()
+    assert_normal(harness, client)
+
+
+@pytest.mark.parametrize('name', LINK_FAULTS)
+def test_a_port_that_is_not_meant_is_not_disturbed(harness, name):
+    untouched = harness.client('io')
+    harness.start(f'{name}:port=state')
+    sent = [answer(number) for number in range(20)]
+    untouched.send(*sent)
+    assert untouched.taken() == sent
+    assert untouched.wire.receive(ask(1)) == ask(1)
+    assert untouched.hung_up == 0
+
+
+@pytest.mark.parametrize('name', LINK_FAULTS)
+def test_what_a_client_sends_is_never_changed(harness, name):
+    """No fault can make a motion: a session receives what was sent, or nothing."""
+    client = harness.client('motion')
+    harness.start(f'{name}:port=motion')
+    for number in range(20):
+        client.send(answer(number))
+        assert client.wire.receive(ask(number)) in (ask(number), b'')
+        harness.wait(0.01)
+
+
+@pytest.mark.parametrize('name', LINK_FAULTS)
+def test_cleared_faults_leave_nothing_behind(harness, name):
+    client = harness.client('motion')
+    harness.start(f'{name}:port=motion')
+    harness.wait(0.5)
+    client.send(state(1), answer(2), state(3))
+    harness.clear()
+    again = harness.client('motion') if client.hung_up else client
+    assert_normal(harness, again)
+    harness.wait(100.0)
+    assert again.taken() == []
+    assert harness.clock.next_due is None
+
+
+@pytest.mark.parametrize('name', [name for name in LINK_FAULTS if name != 'cut'])
+def test_a_fault_begins_after_its_time_and_ends_after_it_has_lasted(harness, name):
+    client = harness.client('motion')
+    counts = any(parameter.name == 'count' for parameter in FAULTS[name].parameters)
+    unlimited = ',count=0' if counts else ''
+    harness.start(f'{name}:port=motion,after=2,for=1{unlimited}')
+    for when, disturbed in ((0.0, False), (1.9, False), (2.1, True), (2.9, True), (3.1, False)):
+        harness.wait(when - harness.clock.now)
+        client.taken()
+        sent = [answer(number) for number in range(30)]
+        client.send(*sent)
+        assert (client.taken() != sent) is disturbed, when
+        if disturbed:
+            harness.wait(0.06)
+        if name == 'late_reply':
+            client.wire._release(1e9)  # the rest of the test is about what comes next
+    assert harness.faults.active() == []
+
+
+def test_faults_add_up_in_the_order_they_were_started(harness):
+    client = harness.client()
+    for text in ('delay:seconds=0.1', 'delay:seconds=0.2', 'one_byte', 'wrong_length:add=1'):
+        harness.start(text)
+    client.send(state(1))
+    harness.wait(0.299)
+    assert client.taken() == []
+    harness.wait(0.002)
+    assert client.taken() == [bytes([byte]) for byte in struct.pack('<i', 57) + state(1)[4:]]
+    harness.start('coalesce:seconds=0.1')
+    client.send(state(1), state(2))
+    harness.wait(0.301)
+    assert client.taken() == []
+    harness.wait(0.1)
+    assert b''.join(client.taken()) == state(1) + state(2)
+
+
+@pytest.mark.parametrize(
+    'text', ['jitter:seconds=0.2', 'jitter coalesce', 'coalesce late_reply', 'jitter late_reply']
+)
+def test_the_order_is_kept_and_nothing_is_sent_twice(harness, text):
+    client = harness.client('motion')
+    for fault in text.split():
+        harness.start(fault)
+    sent = []
+    for number in range(400):
+        message = answer(number) if number % 7 == 0 else state(number)
+        sent.append(message)
+        client.send(message)
+        harness.wait(0.004)
+        if number == 200:
+            harness.clear()
+            assert client.wire.held == 0
+            harness.start(text.split()[0])
+    harness.wait(5.0)
+    times = [time for time, _ in client.segments]
+    assert all(before <= after for before, after in pairwise(times))
+    assert b''.join(client.taken()) == b''.join(sent)
+
+
+@pytest.mark.parametrize('text', ['delay:seconds=60', 'coalesce:seconds=10', 'late_reply 60'])
+def test_what_is_held_is_bounded(harness, text):
+    client = harness.client('motion')
+    harness.start(text)
+    most = 0
+    for number in range(10_000):
+        client.send(answer(number))
+        most = max(most, client.wire.held)
+    assert MAX_HELD - 100 < most <= MAX_HELD
+    assert client.hung_up == 1
+    assert client.wire.held == 0
+    harness.wait(100.0)
+    assert client.taken() == []
+
+
+def outcome(seed, *texts, before=()):
+    """Return what two state clients get through these faults."""
+    harness = FaultHarness(seed)
+    for port in before:
+        harness.client(port)
+    clients = [harness.client('state'), harness.client('state')]
+    for text in texts:
+        harness.start(text)
+    for number in range(300):
+        for client in clients:
+            client.send(state(number))
+        harness.wait(0.005)
+    harness.wait(5.0)
+    return [client.segments for client in clients]
+
+
+RANDOM = ('jitter:port=state', 'bit_errors:rate=0.5,bits=4')
+
+
+def test_the_same_seed_gives_the_same_bytes_at_the_same_times():
+    assert outcome(5, *RANDOM) == outcome(5, *RANDOM)
+
+
+def test_other_seeds_other_connections_and_other_faults_give_other_bytes():
+    first, second = outcome(5, *RANDOM)
+    assert first != second
+    assert first not in outcome(6, *RANDOM)
+    assert first not in outcome(5, *reversed(RANDOM))
+
+
+def test_connections_of_other_ports_do_not_change_what_is_random():
+    assert outcome(5, *RANDOM, before=('remote', 'motion', 'remote')) == outcome(5, *RANDOM)
+
+
+def test_a_fault_that_comes_or_goes_does_not_begin_the_others_anew():
+    def flipped(*texts):
+        harness = FaultHarness()
+        client = harness.client()
+        harness.start('bit_errors:rate=1,bits=8')
+        for text in texts:
+            client.send(state(1))
+            if text:
+                harness.start(text)
+                harness.clear(text)
+        client.send(state(1))
+        return client.taken()
+
+    assert flipped('frozen_encoder', 'one_byte', 'delay') == flipped('', '', '')
+    assert len(set(flipped('delay', 'delay'))) == 3
+
+
+def test_a_fault_with_a_seed_of_its_own_does_not_depend_on_the_others():
+    alone = outcome(5, 'jitter:seed=3')
+    assert outcome(6, 'jitter:seed=3') == alone
+    assert outcome(6, 'bit_errors:rate=0', 'jitter:seed=3') == alone
+    assert outcome(5, 'jitter:seed=4') != alone
+
+
+def test_what_is_random_is_the_same_on_every_machine():
+    harness = FaultHarness(1)
+    client = harness.client()
+    harness.start('bit_errors:rate=1,bits=2')
+    client.send(bytes(16))
+    assert client.taken() == [bytes.fromhex('00000000000100000000000040000000')]
+
+
+def test_a_closed_wire_sends_nothing_and_is_closed_only_once(harness):
+    client = harness.client()
+    harness.start('delay:seconds=1')
+    client.send(state(1))
+    client.wire.close()
+    client.wire.close()
+    assert harness.clock.next_due is None
+    client.send(state(2))
+    harness.start('cut')
+    harness.wait(5.0)
+    assert client.taken() == []
+    assert client.hung_up == 0
+    assert client.wire.receive(b'x') == b''
+    assert client.wire.held == 0
+
+
+def test_a_wire_opened_while_a_fault_is_active_is_disturbed(harness):
+    harness.start('half_open')
+    client = harness.client()
+    client.send(state(1))
+    assert client.taken() == []
+
+
+@pytest.mark.parametrize(
+    ('message', 'order', 'reply'),
+    [
+        (state(1), ByteOrder.LITTLE, False),
+        (answer(1), ByteOrder.LITTLE, True),
+        (answer(1, BIG_ENDIAN), ByteOrder.BIG, True),
+        (ask(1), ByteOrder.LITTLE, False),
+        (answer(1)[:-1], None, False),
+        (LINE, None, False),
+        (b'', None, False),
+        (struct.pack('<ii', 4, 3), ByteOrder.LITTLE, False),
+    ],
+)
+def test_messages_are_told_apart(message, order, reply):
+    assert byte_order(message) is order
+    assert is_reply(message) is reply
+
+
+def test_every_disturbance_is_a_fault_with_a_port():
+    assert set(DISTURBANCES) | {'cut'} == set(LINK_FAULTS)

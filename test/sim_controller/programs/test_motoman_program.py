@@ -1,0 +1,734 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motoman's program with an arm of its own; the client's bytes are made with struct alone."""
+
+import math
+import struct
+from collections import deque
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.examples import examples
+
+from epson_driver.motion import JointLimits
+from epson_driver.sim_controller.errors import ErrorNumber, ErrorRegister, Refusal
+from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
+from epson_driver.sim_controller.states import Condition, Event, Motors, RefusedError, Tasks, after
+from epson_driver.simple_message import LITTLE_ENDIAN, Framer, encode
+
+NAN, INF = math.nan, math.inf
+LIMITS = JointLimits(
+    ('joint_1', 'joint_2'),
+    np.array([-2.0, -1.0]),
+    np.array([2.0, 1.0]),
+    np.array([3.3, 1.0]),
+    np.array([10.0, 10.0]),
+    np.array([100.0, 100.0]),
+)
+READY, COUNT, STOP = 200101, 200102, 200111
+SERVO_ON, SERVO_OFF, RESET = 200112, 200113, 200114
+START, END, DISCONNECT = 200121, 200122, 200130
+SUCCESS, BUSY, FAILURE, INVALID, NOT_READY = 0, 1, 2, 3, 5
+
+
+class Arm:
+    """An arm that goes to each point in its duration, and has room for `room` points."""
+
+    limits = LIMITS
+    low_power = False
+    done = True
+
+    def __init__(self, room=1):
+        self.position = np.zeros(2)
+        self.room = room
+        self.taken = []
+        self.ahead = deque()
+        self.left = 0.0
+        self.braking = self.held = False
+
+    @property
+    def velocity(self):
+        return np.zeros(2)
+
+    @property
+    def moving(self):
+        return bool(self.ahead) or self.braking
+
+    @property
+    def still(self):
+        return self.held or not self.moving
+
+    @property
+    def has_room(self):
+        return len(self.ahead) < self.room and not self.braking
+
+    def take(self, point):
+        assert self.has_room
+        assert not self.held
+        self.taken.append(point)
+        self.ahead.append(point)
+        if len(self.ahead) == 1:
+            self.left = point.duration
+
+    def stop(self):
+        lost = bool(self.ahead)
+        self.braking = self.braking or lost
+        self.ahead.clear()
+        self.held = False
+        return lost
+
+    def hold(self):
+        self.held = True
+
+    def resume(self):
+        self.held = False
+
+    def settle(self, position):
+        self.position = position
+
+    def step(self, dt):
+        if self.braking:  # it takes one step
+            self.braking = False
+            return dt
+        if not self.ahead or self.held:
+            return None
+        self.left -= dt
+        if self.left > 1e-9:
+            return None
+        self.position = self.ahead.popleft().target
+        rest = max(-self.left, 0.0)
+        self.left = self.ahead[0].duration if self.ahead else 0.0
+        return rest
+
+
+class Harness:
+    """The program, an arm, and a condition that obeys the controller's tables."""
+
+    def __init__(self, room=1, pending_limit=1, start=True):
+        self.condition = Condition()
+        self.errors = ErrorRegister()
+        self.arm = Arm(room)
+        self.planner_ready = True
+        self.begun = self.hung_up = 0
+        self.sent = bytearray()
+        self.program = MotomanProgram(
+            self.arm,
+            pending_limit,
+            self.errors,
+            self._blocked,
+            lambda packet: self.sent.extend(encode(packet, LITTLE_ENDIAN)),
+            self._began,
+            self,
+            self._hang_up,
+        )
+        if start:
+            assert self.command(START) == (SUCCESS, 0)
+
+    def apply(self, event):
+        before = self.condition
+        self.condition = after(before, event)
+        if self.condition.motors in (Motors.OFF, Motors.BRAKING) and before.motors is Motors.ON:
+            self.program.abort()
+        if self.condition.paused:
+            self.program.pause()
+            self.arm.hold()
+        elif before.paused:
+            self.arm.resume()
+            self.program.resume()
+
+    def _blocked(self):
+        if not self.planner_ready:
+            return Refusal(ErrorNumber.PLANNER_FAILED, 'no planner')
+        if self.condition.motors is not Motors.ON or self.condition.estopped:
+            return Refusal(ErrorNumber.MOTORS_OFF, 'motors off')
+        return None
+
+    def _began(self):
+        self.begun += 1
+
+    def _hang_up(self):
+        self.hung_up += 1
+
+    def send(self, data):
+        framer = Framer()
+        framer.receive_data(data)
+        while (frame := framer.next_frame()) is not None:
+            self.program.receive(frame)
+
+    def replies(self):
+        """Return robot_id, sequence, command, result, subcode of each MOTION_REPLY sent."""
+        data, self.sent[:] = bytes(self.sent), b''
+        result = []
+        while data:
+            length, *header = struct.unpack_from('<4i', data)
+            assert (length, *header) == (72, 2002, 3, 1)  # the header always says SUCCESS
+            assert data[36:76] == bytes(40)
+            result.append(struct.unpack_from('<5i', data, 16))
+            data = data[76:]
+        return result
+
+    def command(self, code, robot_id=0, sequence=7):
+        self.send(command(code, robot_id, sequence))
+        ((*echo, result, subcode),) = self.replies()
+        assert echo == [robot_id, sequence, code]
+        return result, subcode
+
+    def point(self, sequence, *args, **kwargs):
+        self.send(point(sequence, *args, **kwargs))
+        ((_, echo, what, result, subcode),) = self.replies()
+        assert (echo, what) == (sequence, 14)
+        return result, subcode
+
+    def run(self, seconds, dt=0.01):
+        for _ in range(round(seconds / dt)):
+            self.program.step(dt)
+
+    @property
+    def targets(self):
+        return [point.target.tolist() for point in self.arm.taken]
+
+
+def frame(msg_type, comm_type, reply_code, body=b''):
+    return struct.pack('<4i', 12 + len(body), msg_type, comm_type, reply_code) + body
+
+
+def command(code, robot_id=0, sequence=7, comm_type=2):
+    return frame(2001, comm_type, 0, struct.pack('<3i10f', robot_id, sequence, code, *[0.0] * 10))
+
+
+def ten(values):
+    return [*values, *[0.0] * (10 - len(values))]
+
+
+def point(sequence, at=(), time=0.0, velocity=(), robot_id=0, fields=7, acc=(), comm_type=2):
+    body = struct.pack('<3if', robot_id, sequence, fields, time)
+    body += struct.pack('<30f', *ten(at), *ten(velocity), *ten(acc))
+    return frame(14, comm_type, 0, body)
+
+
+def exact(*angles):
+    return [float(np.float32(angle)) for angle in angles]
+
+
+# ---- points
+
+
+def test_a_trajectory_is_gone_through_in_its_times():
+    harness = Harness(room=5)
+    assert harness.point(0) == (SUCCESS, 0)
+    assert (harness.begun, harness.arm.taken) == (1, [])  # point 0 moves nothing
+    assert harness.point(1, (0.5, 0.25), 0.5, (1.0, 0.5)) == (SUCCESS, 0)
+    assert harness.point(2, (1.0, 0.5), 0.75) == (SUCCESS, 0)
+    assert harness.targets == [[0.5, 0.25], [1.0, 0.5]]
+    assert [(taken.sequence, taken.velocity, taken.duration) for taken in harness.arm.taken] == [
+        (1, 0.0, 0.5),
+        (2, 0.0, 0.25),
+    ]
+    harness.run(0.5)
+    assert harness.arm.position.tolist() == [0.5, 0.25]
+    harness.run(0.25)
+    assert harness.arm.position.tolist() == [1.0, 0.5]
+    assert harness.begun == 1
+    assert len(harness.arm.taken) == 2
+    assert harness.errors.number == 0
+
+
+def test_the_time_of_point_0_is_only_where_the_times_begin():
+    harness = Harness()
+    assert harness.point(0, time=5.0) == (SUCCESS, 0)
+    assert harness.point(1, (0.5,), 5.5) == (SUCCESS, 0)
+    assert harness.arm.taken[0].duration == 0.5
+
+
+def test_busy_changes_nothing_and_the_same_point_is_taken_later():
+    harness = Harness(room=1, pending_limit=1)
+    harness.point(0)
+    assert harness.point(1, (0.1,), 0.125) == (SUCCESS, 0)  # the arm has it
+    assert harness.point(2, (0.2,), 0.25) == (SUCCESS, 0)  # it waits
+    assert harness.command(COUNT) == (SUCCESS, 2)
+    assert len(harness.arm.taken) == 1  # what waits is not begun
+    for _ in range(3):
+        assert harness.point(3, (0.3,), 0.375) == (BUSY, 0)
+    assert harness.point(4, (0.4,), 0.5) == (INVALID, 3005)
+    harness.run(0.13)
+    assert harness.point(3, (0.3,), 0.375) == (SUCCESS, 0)
+    harness.run(0.3)
+    assert len(harness.arm.taken) == 3
+    assert harness.targets == [exact(0.1, 0.0), exact(0.2, 0.0), exact(0.3, 0.0)]
+    assert harness.command(COUNT) == (SUCCESS, 0)
+
+
+@pytest.mark.parametrize('off', [0.0, 4.9e-4, -4.9e-4])
+def test_point_0_may_be_as_far_off_as_encoders_are(off):
+    harness = Harness()
+    harness.arm.position = np.array([0.7, 0.3])
+    assert harness.point(0, (0.7 + off, 0.3)) == (SUCCESS, 0)
+    assert not harness.arm.moving
+
+
+@pytest.mark.parametrize(
+    ('at', 'words'),
+    [
+        ((0.7006, 0.3), 'joint_1 = 0.7006 rad, but it stands at 0.7 rad, more than 0.0005 rad'),
+        ((0.7, 0.2994), 'joint_2 = 0.2994 rad, but it stands at 0.3 rad'),
+        ((), 'joint_1 = 0 rad, but it stands at 0.7 rad'),
+    ],
+)
+def test_point_0_somewhere_else_is_invalid(at, words, caplog):
+    harness = Harness()
+    harness.arm.position = np.array([0.7, 0.3])
+    assert harness.point(0, at) == (INVALID, 3011)
+    assert words in caplog.text
+    assert harness.point(1, (0.7, 0.3), 1.0) == (INVALID, 3005)
+    assert (harness.begun, harness.arm.taken) == (0, [])
+
+
+def test_point_0_while_the_arm_moves_is_invalid():
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    assert harness.point(0) == (INVALID, 3011)
+    assert harness.point(2, (0.5,), 2.0) == (SUCCESS, 0)  # the trajectory goes on
+
+
+FLOAT32_ABOVE = float(np.nextafter(np.float32(3.3), np.float32(4.0)))
+
+WRONG = {
+    'group': ({'robot_id': 1}, 3004, 'robot_id = 1: there is only group 0'),
+    'group of all': ({'robot_id': -1}, 3004, 'robot_id = -1'),
+    'no fields': ({'fields': 0}, 3015, 'valid_fields = 0: without time, position, velocity'),
+    'no time': ({'fields': 6}, 3015, 'valid_fields = 6: without time'),
+    'no position': ({'fields': 5}, 3015, 'valid_fields = 5: without position'),
+    'no velocity': ({'fields': 3 | 8}, 3015, 'valid_fields = 11: without velocity'),
+    'time nan': ({'time': NAN}, 3016, 'time = nan s: must be from 0 to below 14400 s'),
+    'time inf': ({'time': INF}, 3016, 'time = inf s'),
+    'time negative': ({'time': -0.5}, 3016, 'time = -0.5 s'),
+    'time too long': ({'time': 14400.0}, 3016, 'time = 14400 s'),
+    'time again': ({'time': 1.0}, 3016, 'time = 1 s: must be after 1 s, the point before'),
+    'time back': ({'time': 0.5}, 3016, 'time = 0.5 s: must be after 1 s'),
+    'position nan': ({'at': (NAN,)}, 3012, 'positions[0] = nan is not finite'),
+    'unused position nan': ({'at': (0,) * 9 + (NAN,)}, 3012, 'positions[9] = nan'),
+    'position inf': ({'at': (0, -INF)}, 3012, 'positions[1] = -inf'),
+    'above a limit': (
+        {'at': (0, 1.01)},
+        3012,
+        'joint_2 = 1.01 rad is outside the limits -1 … 1 rad',
+    ),
+    'below a limit': ({'at': (-2.01,)}, 3012, 'joint_1 = -2.01 rad is outside the limits'),
+    'velocity nan': ({'velocity': (NAN,)}, 3013, 'velocities[0] = nan is not finite'),
+    'velocity inf': ({'velocity': (INF,)}, 3013, 'velocities[0] = inf is not finite'),
+    'too fast': (
+        {'velocity': (0, 1.01)},
+        3013,
+        'joint_2: 1.01 rad/s is above the limit, 1 rad/s',
+    ),
+    'too fast backwards': ({'velocity': (0, -1.01)}, 3013, 'joint_2: -1.01 rad/s is above'),
+    'too fast by a digit': ({'velocity': (FLOAT32_ABOVE,)}, 3013, 'joint_1: 3.3'),
+    'acceleration nan': ({'fields': 15, 'acc': (NAN,)}, 3014, 'accelerations[0] = nan'),
+}
+
+
+@pytest.mark.parametrize(('change', 'subcode', 'words'), WRONG.values(), ids=WRONG)
+def test_a_wrong_point_is_invalid_and_the_right_one_can_follow(change, subcode, words, caplog):
+    harness = Harness(room=5)
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    assert harness.point(2, **{'at': (0.1,), 'time': 2.0, **change}) == (INVALID, subcode)
+    assert words in caplog.text
+    assert harness.errors.number == 0
+    assert len(harness.arm.taken) == 1
+    assert harness.arm.moving  # INVALID does not stop the points before it
+    assert harness.point(2, (0.1,), 2.0) == (SUCCESS, 0)
+
+
+@pytest.mark.parametrize('name', [name for name in WRONG if 'limit' not in name])
+def test_a_wrong_point_0_is_invalid(name):
+    change, subcode, _ = WRONG[name]
+    harness = Harness()
+    if name in ('time again', 'time back'):
+        return  # no point is before it
+    assert harness.point(0, **change) == (INVALID, subcode)
+    assert harness.begun == 0
+
+
+def test_values_at_the_limits_are_taken_as_float32():
+    harness = Harness()
+    harness.point(0)
+    assert harness.point(1, (2.0, -1.0), 1.0, (3.3, 1.0)) == (SUCCESS, 0)
+    assert harness.targets == [[2.0, -1.0]]
+
+
+def test_an_acceleration_that_is_not_valid_does_not_count():
+    harness = Harness()
+    assert harness.point(0, acc=(NAN,)) == (SUCCESS, 0)
+
+
+@pytest.mark.parametrize('sequence', [-4, -1, 0, 1, 2, 4, 5])
+def test_out_of_sequence_is_invalid(sequence):
+    harness = Harness(room=5)
+    for number in range(3):
+        assert harness.point(number, (0.1 * number,), number) == (SUCCESS, 0)
+    subcode = 3011 if sequence == 0 else 3005
+    assert harness.point(sequence, (0.5,), 9.0) == (INVALID, subcode)
+    assert len(harness.arm.taken) == 2
+
+
+def test_the_first_point_is_point_0():
+    harness = Harness()
+    assert harness.point(1, (0.5,), 1.0) == (INVALID, 3005)
+    assert harness.point(-2) == (INVALID, 3005)
+    assert harness.arm.taken == []
+
+
+# ---- trajectory mode
+
+
+def test_without_trajectory_mode_nothing_moves():
+    harness = Harness(start=False)
+    harness.apply(Event.MOTORS_ON)
+    assert harness.point(0) == (NOT_READY, 5008)
+    assert harness.command(READY) == (FAILURE, 5008)
+    assert harness.command(START) == (SUCCESS, 0)
+    assert harness.command(READY) == (SUCCESS, 0)
+    assert harness.point(0) == (SUCCESS, 0)
+
+
+def test_start_traj_mode_switches_the_servos_on():
+    harness = Harness(start=False)
+    assert harness.point(0) == (NOT_READY, 5006)
+    assert harness.command(START) == (SUCCESS, 0)
+    assert harness.condition.motors is Motors.ON
+
+
+def test_start_traj_mode_resets_an_alarm():
+    harness = Harness(start=False)
+    harness.apply(Event.ERROR)
+    harness.errors.enter(Refusal(ErrorNumber.PLANNER_FAILED, 'x'))
+    assert harness.command(READY) == (FAILURE, 5001)
+    assert harness.command(START) == (SUCCESS, 0)
+    assert harness.condition == Condition(motors=Motors.ON)
+    assert harness.errors.number == 0
+
+
+STATES = {
+    'estop': ((Event.ESTOP_PRESS,), 5003),
+    'estop released': ((Event.ESTOP_PRESS, Event.ESTOP_RELEASE), 5003),
+    'estop and error': ((Event.ERROR, Event.ESTOP_PRESS), 5001),
+    'critical error': ((Event.CRITICAL_ERROR,), 5001),
+    'manual': ((Event.MODE_MANUAL,), 5004),
+    'pause': ((Event.MOTORS_ON, Event.PAUSE), 5007),
+    'door': ((Event.DOOR_OPEN,), 5006),
+    'door in motion': ((Event.MOTORS_ON, Event.DOOR_OPEN), 5007),
+    'door in motion, at rest': ((Event.MOTORS_ON, Event.DOOR_OPEN, Event.STANDSTILL), 5006),
+    'stopped': ((Event.MOTORS_ON, Event.STOP), 5008),
+    'stopped without power': ((Event.STOP,), 5006),
+}
+
+
+@pytest.mark.parametrize('mode', [False, True], ids=['before', 'in the mode'])
+@pytest.mark.parametrize(('events', 'subcode'), STATES.values(), ids=STATES)
+def test_what_wants_a_person_is_told_and_start_traj_mode_changes_nothing(events, subcode, mode):
+    harness = Harness(start=mode)
+    if mode and Event.MOTORS_ON not in events:
+        harness.apply(Event.MOTORS_OFF)
+        harness.apply(Event.STANDSTILL)
+    for event in events:
+        harness.apply(event)
+    before = harness.condition
+    assert harness.command(READY) == (FAILURE, subcode)
+    assert harness.command(START) == (NOT_READY, subcode)
+    assert harness.point(0) == (NOT_READY, subcode)
+    assert harness.condition == before
+    assert (harness.begun, harness.arm.taken) == (0, [])
+
+
+def test_without_a_planner_it_is_not_ready_and_does_not_say_why():
+    harness = Harness(start=False)
+    harness.planner_ready = False
+    assert harness.command(START) == (NOT_READY, 5000)
+    harness.planner_ready = True
+    assert harness.point(0) == (NOT_READY, 5008)  # the mode has not begun
+
+
+def test_an_error_of_the_program_is_told_until_start_traj_mode():
+    harness = Harness()
+    harness.program.restart()
+    harness.errors.enter(Refusal(ErrorNumber.PLANNER_FAILED, 'x'))
+    assert harness.point(0) == (NOT_READY, 5002)
+    assert harness.command(START) == (SUCCESS, 0)
+
+
+@pytest.mark.parametrize('end', ['abort', 'restart'])
+def test_after_an_abort_the_arm_waits_for_start_traj_mode(end):
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    harness.point(2, (0.6,), 2.0)
+    getattr(harness.program, end)()
+    assert harness.replies() == []  # all points are answered already
+    assert harness.arm.braking
+    assert harness.point(3, (0.7,), 3.0) == (NOT_READY, 5008)
+    harness.run(1.0)
+    assert len(harness.arm.taken) == 1
+    assert harness.command(START) == (SUCCESS, 0)
+    assert harness.point(3, (0.7,), 3.0) == (INVALID, 3005)
+    assert harness.point(0) == (SUCCESS, 0)
+
+
+@pytest.mark.invariant(4)
+def test_invariant_4_after_an_estop_nothing_moves_before_start_traj_mode():
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    harness.apply(Event.ESTOP_PRESS)
+    assert harness.point(2, (0.6,), 2.0) == (NOT_READY, 5003)
+    for event in (Event.ESTOP_RELEASE, Event.RESET):
+        harness.apply(event)
+        harness.run(1.0)
+    assert harness.point(0) == (NOT_READY, 5006)
+    harness.apply(Event.MOTORS_ON)
+    assert harness.point(0) == (NOT_READY, 5008)
+    assert len(harness.arm.taken) == 1
+
+
+def test_stop_traj_mode_wants_an_empty_queue():
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    assert harness.command(END) == (FAILURE, 0)
+    assert harness.command(READY) == (SUCCESS, 0)
+    harness.run(1.0)
+    assert harness.command(END) == (SUCCESS, 0)
+    assert harness.command(READY) == (FAILURE, 5008)
+    assert harness.condition.motors is Motors.ON
+
+
+# ---- commands
+
+
+def test_stop_motion_brakes_and_forgets_everything():
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    harness.point(2, (0.6,), 2.0)
+    assert harness.command(STOP) == (SUCCESS, 0)
+    assert harness.arm.braking
+    assert harness.point(3, (0.7,), 3.0) == (INVALID, 3005)
+    assert harness.point(0) == (INVALID, 3011)  # it still brakes
+    harness.run(0.1)
+    assert len(harness.arm.taken) == 1
+    assert harness.command(COUNT) == (SUCCESS, 0)
+    assert harness.point(0) == (SUCCESS, 0)  # the mode stays
+
+
+@pytest.mark.parametrize(
+    'events', [(), (Event.ESTOP_PRESS,), (Event.MODE_MANUAL,), (Event.PAUSE,), (Event.STOP,)]
+)
+@pytest.mark.parametrize('robot_id', [0, -1, 3])
+def test_stop_motion_works_in_every_condition_for_every_group(events, robot_id):
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    for event in events:
+        harness.apply(event)
+    assert harness.command(STOP, robot_id) == (SUCCESS, 0)
+    assert not harness.arm.ahead
+
+
+def test_servos_on_and_off():
+    harness = Harness(start=False)
+    assert harness.command(SERVO_ON) == (SUCCESS, 0)
+    assert harness.condition.motors is Motors.ON
+    assert harness.command(START) == (SUCCESS, 0)
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    assert harness.command(SERVO_OFF) == (SUCCESS, 0)
+    assert harness.arm.braking
+    assert harness.condition.motors is Motors.BRAKING
+    assert harness.point(2, (0.5,), 2.0) == (NOT_READY, 5006)
+    harness.apply(Event.STANDSTILL)
+    assert harness.command(SERVO_OFF) == (SUCCESS, 0)  # they are off
+    harness.apply(Event.ESTOP_PRESS)
+    assert harness.command(SERVO_ON) == (FAILURE, 0)
+    assert harness.condition.motors is Motors.OFF
+
+
+def test_reset_alarm():
+    harness = Harness(start=False)
+    harness.errors.enter(Refusal(ErrorNumber.CORRUPT_MESSAGE, 'x'))
+    assert harness.command(RESET) == (SUCCESS, 0)
+    assert harness.errors.number == 0
+    harness.apply(Event.ERROR)
+    assert harness.command(RESET) == (SUCCESS, 0)
+    assert harness.condition == Condition()
+    harness.apply(Event.ESTOP_PRESS)
+    assert harness.command(RESET) == (FAILURE, 0)
+    harness.apply(Event.ESTOP_RELEASE)
+    assert harness.command(RESET) == (SUCCESS, 0)
+    assert harness.condition == Condition()
+
+
+def test_reset_alarm_without_an_alarm_resets_nothing():
+    class Untouchable(Harness):
+        def apply(self, event):
+            raise AssertionError(event)
+
+    assert Untouchable(start=False).command(RESET) == (SUCCESS, 0)
+
+
+def test_disconnect_is_answered_by_hanging_up_once_the_queue_is_empty():
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    assert harness.command(DISCONNECT) == (FAILURE, 0)
+    assert harness.hung_up == 0
+    harness.run(1.0)
+    harness.send(command(DISCONNECT))
+    assert (harness.replies(), harness.hung_up) == ([], 1)
+    assert harness.command(READY) == (FAILURE, 5008)
+
+
+def test_an_unknown_command_is_invalid():
+    assert Harness().command(200199) == (INVALID, 3006)
+
+
+def test_the_queue_of_another_group_is_not_known():
+    assert Harness().command(COUNT, robot_id=1) == (FAILURE, -1)
+
+
+# ---- pause
+
+
+def test_in_a_pause_the_points_wait_and_new_ones_are_refused():
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    harness.point(2, (0.6,), 2.0)
+    harness.run(0.5)
+    harness.apply(Event.PAUSE)
+    assert harness.program.paused
+    harness.run(5.0)
+    assert harness.point(3, (0.7,), 3.0) == (NOT_READY, 5007)
+    assert harness.arm.position.tolist() == [0.0, 0.0]
+    harness.apply(Event.CONTINUE)
+    assert not harness.program.paused
+    harness.run(1.5)
+    assert harness.arm.position.tolist() == exact(0.6, 0.0)
+    assert harness.point(3, (0.7,), 3.0) == (SUCCESS, 0)
+
+
+def test_a_paused_program_gives_the_arm_nothing_even_when_it_has_room():
+    harness = Harness()
+    harness.point(0)
+    harness.point(1, (0.5,), 1.0)
+    harness.point(2, (0.6,), 2.0)
+    harness.program.pause()
+    harness.run(2.0)  # nobody holds the arm: it ends the point that it has
+    assert len(harness.arm.taken) == 1
+    harness.program.resume()
+    assert len(harness.arm.taken) == 2
+
+
+# ---- other messages
+
+STATUS = frame(13, 2, 0, bytes(28))
+OTHERS = {
+    'a point of the generic kind': (frame(11, 2, 0, bytes(52)), (-1, -1, 11, INVALID, 3003)),
+    'a status request': (STATUS, (-1, -1, 13, INVALID, 3003)),
+    'a type that nobody knows': (frame(60000, 2, 0, b'x'), (-1, -1, 60000, INVALID, 3003)),
+    'type 0': (frame(0, 2, 0), (-1, -1, 0, INVALID, 3003)),
+    'a negative type': (frame(-14, 2, 0, bytes(136)), (-1, -1, -14, INVALID, 3003)),
+    'a point that is too short': (frame(14, 2, 0, bytes(135)), (-1, -1, 14, INVALID, 3001)),
+    'a point without body': (frame(14, 2, 0), (-1, -1, 14, INVALID, 3001)),
+    'a command that is too long': (frame(2001, 2, 0, bytes(56)), (-1, -1, 2001, INVALID, 3001)),
+    'a point with a reply code': (frame(14, 2, 1, bytes(136)), (-1, -1, 14, INVALID, 3002)),
+    'a point with comm type 0': (frame(14, 0, 0, bytes(136)), (-1, -1, 14, INVALID, 3002)),
+    'a point as a topic': (point(0, comm_type=1), (0, 0, 14, INVALID, 3002)),
+    'a command as a topic': (command(START, 0, 7, 1), (0, 7, START, INVALID, 3002)),
+    'a point with float64': (
+        frame(14, 2, 0, struct.pack('<3i31d', 0, 0, 7, *[0.0] * 31)),
+        (0, 0, 14, INVALID, 3001),
+    ),
+}
+
+
+@pytest.mark.parametrize(('data', 'expected'), OTHERS.values(), ids=OTHERS)
+def test_other_messages_are_invalid(data, expected):
+    harness = Harness()
+    harness.send(data)
+    assert harness.replies() == [expected]
+    assert (harness.begun, harness.arm.taken) == (0, [])
+
+
+@pytest.mark.parametrize('reply_code', [0, 1, 2, 9])
+@pytest.mark.parametrize('msg_type', [0, 11, 14, 2001, 2002])
+def test_a_reply_wants_no_reply(msg_type, reply_code):
+    harness = Harness()
+    harness.send(frame(msg_type, 3, reply_code, point(0)[16:] if msg_type == 14 else b''))
+    assert harness.sent == b''
+    assert harness.begun == 0
+
+
+def test_ping_and_version_have_their_own_replies():
+    harness = Harness()
+    harness.send(frame(1, 2, 0))
+    assert bytes(harness.sent) == frame(1, 3, 1)
+    harness.sent.clear()
+    harness.send(frame(2, 2, 0))
+    assert struct.unpack_from('<4i', harness.sent) == (24, 2, 3, 1)
+
+
+def test_the_first_replies_byte_by_byte():
+    harness = Harness(start=False)
+    harness.send(command(START, sequence=3))
+    harness.send(point(0))
+    assert bytes(harness.sent) == (
+        bytes.fromhex('48000000 d2070000 03000000 01000000')
+        + bytes.fromhex('00000000 03000000 b90d0300 00000000 00000000')
+        + bytes(40)
+        + bytes.fromhex('48000000 d2070000 03000000 01000000')
+        + bytes.fromhex('00000000 00000000 0e000000 00000000 00000000')
+        + bytes(40)
+    )
+
+
+REALS = st.floats(width=32) | st.floats(-3.0, 3.0, width=32)
+TEN = st.lists(REALS, min_size=10, max_size=10)
+COMMANDS = st.sampled_from([READY, COUNT, STOP, SERVO_ON, SERVO_OFF, RESET, START, END])
+MESSAGES = st.one_of(
+    st.builds(point, st.integers(-1, 4), TEN, REALS, TEN, st.sampled_from([0, 0, 0, 1])),
+    st.builds(point, st.integers(0, 4), st.just(()), st.floats(0.0, 9.0, width=32)),
+    st.builds(command, COMMANDS),
+    st.builds(frame, st.sampled_from([11, 14, 2001]), st.integers(0, 3), st.integers(0, 2)),
+    st.sampled_from(list(Event)),
+)
+
+
+@pytest.mark.invariant(2, 7)
+@settings(max_examples=examples(200))
+@given(script=st.lists(MESSAGES, max_size=30))
+def test_invariants_2_and_7_whatever_comes_targets_are_within_limits_and_all_is_answered(script):
+    harness = Harness(room=2, start=False)
+    harness.send(command(START))
+    harness.replies()
+    for item in script:
+        if isinstance(item, Event):
+            try:
+                harness.apply(item)
+            except RefusedError:
+                continue
+        else:
+            before = harness.arm.taken[-1:]
+            harness.send(item)
+            possible = harness.condition.motors is Motors.ON
+            assert possible or harness.arm.taken[-1:] == before
+            is_reply = struct.unpack_from('<i', item, 8)[0] == 3
+            assert len(harness.replies()) == (0 if is_reply else 1)
+        if harness.condition.tasks is Tasks.RUNNING:
+            harness.program.step(0.05)
+    for taken in harness.arm.taken:
+        assert np.all(taken.target >= LIMITS.position_min)
+        assert np.all(taken.target <= LIMITS.position_max)
+        assert 0.0 < taken.duration < 14400.0

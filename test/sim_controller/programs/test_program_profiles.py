@@ -1,0 +1,454 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a controller's profile changes in the motion program: replies, checks, STOP, pauses."""
+
+import math
+
+import numpy as np
+import pytest
+from support.program_harness import (
+    FAILURE,
+    HOME,
+    LIMITS,
+    OUTSIDE,
+    SUCCESS,
+    THERE,
+    TOPIC,
+    ProgramHarness,
+    frame,
+    point,
+    rounded,
+)
+
+from epson_driver.sim_controller.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.programs.program import ProgramQuit
+
+STOP = -4
+NAN = math.nan
+
+
+# ---- the form of replies
+
+
+@pytest.mark.parametrize(
+    ('form', 'expected'),
+    [
+        ('sequence', '38000000 0a000000 03000000 01000000 01000000' + '00' * 40),
+        ('zero', '38000000 0a000000 03000000 01000000 00000000' + '00' * 40),
+        ('header', '0c000000 0b000000 03000000 01000000'),
+    ],
+)
+def test_the_form_of_a_reply_byte_by_byte(form, expected):
+    harness = ProgramHarness(reply=form)
+    harness.send(point(0))
+    harness.take_sent()
+    harness.send(point(1))
+    assert harness.take_sent() == bytes.fromhex(expected)
+
+
+@pytest.mark.parametrize(('form', 'length'), [('sequence', 60), ('zero', 60), ('header', 16)])
+def test_a_stop_and_a_refusal_are_answered_in_the_same_form(form, length):
+    harness = ProgramHarness(reply=form)
+    harness.send(point(STOP))
+    assert len(harness.take_sent()) == length
+    harness.send(point(7))
+    data = harness.take_sent()
+    assert (len(data), data[12]) == (length, FAILURE)
+
+
+def test_without_failure_replies_everything_is_answered_with_success():
+    harness = ProgramHarness(failure_replies=False)
+    for bad in (point(0, OUTSIDE), point(5), point(0, (NAN,)), frame(11), point(-9)):
+        harness.send(bad)
+        assert [code for _, code in harness.codes()] == [SUCCESS]
+        assert harness.error in (4001, 8000)
+        assert not harness.arm.moving
+    harness.send(frame(999))
+    assert harness.take_sent() == frame(999, 3, SUCCESS)
+    harness.send(point(0, THERE), point(1, HOME))
+    harness.step(0.1)
+    harness.program.abort()
+    assert harness.codes() == [(0, SUCCESS), (1, SUCCESS)]
+    harness.rest()
+    assert harness.joints != rounded(THERE)
+
+
+# ---- when a point is answered
+
+
+@pytest.mark.parametrize(
+    ('acknowledge', 'at_once'), [('default', False), ('done', False), ('taken', True)]
+)
+def test_a_point_is_answered_when_the_profile_says(acknowledge, at_once):
+    harness = ProgramHarness(acknowledge=acknowledge)
+    harness.send(point(0, THERE))
+    assert harness.arm.moving
+    assert harness.codes() == ([(0, SUCCESS)] if at_once else [])
+    harness.rest()
+    assert harness.codes() == ([] if at_once else [(0, SUCCESS)])
+
+
+def test_points_answered_early_and_lost_by_a_stop_are_not_skipped():
+    harness = ProgramHarness(acknowledge='taken')
+    harness.send(point(0, THERE), point(1, HOME))
+    harness.step(0.1)
+    harness.codes()
+    harness.send(point(9))  # refused: the motion ends
+    harness.codes()
+    harness.rest()
+    harness.send(point(2, THERE))
+    assert harness.codes() == [(2, FAILURE)]
+    harness.send(point(0, THERE))
+    assert harness.codes() == [(0, SUCCESS)]
+
+
+# ---- the sequence
+
+
+def test_without_a_check_every_sequence_that_is_not_negative_is_taken():
+    harness = ProgramHarness(check_sequence=False)
+    harness.send(*(point(sequence) for sequence in (5, 5, 0, 2**31 - 1, 3)))
+    assert harness.codes() == [(s, SUCCESS) for s in (5, 5, 0, 2**31 - 1, 3)]
+    harness.send(point(-9))
+    assert harness.codes() == [(-9, FAILURE)]
+
+
+def test_start_streaming_is_the_first_point_of_a_trajectory():
+    harness = ProgramHarness()
+    harness.send(point(-2, THERE), point(1, HOME))
+    harness.rest()
+    assert harness.codes() == [(-2, SUCCESS), (1, SUCCESS)]
+    assert harness.events == ['began', 0, 1]
+
+
+def test_start_streaming_is_a_request_and_is_checked():
+    harness = ProgramHarness()
+    harness.send(point(-2, THERE, TOPIC), point(-2, OUTSIDE))
+    assert harness.codes() == [(-2, FAILURE), (-2, FAILURE)]
+    assert not harness.arm.moving
+
+
+def test_the_beginning_of_each_trajectory_is_told_before_its_first_point_is_taken():
+    harness = ProgramHarness()
+    harness.send(point(0, THERE), point(1, HOME), point(0, THERE))
+    assert harness.events == ['began', 0]
+    harness.rest()
+    assert harness.events == ['began', 0, 1, 'began', 0]
+
+
+def test_a_trajectory_that_begins_with_any_sequence_is_told_too():
+    harness = ProgramHarness(check_sequence=False)
+    harness.send(point(5), point(5))
+    assert harness.events == ['began', 5, 5]
+
+
+def test_a_program_that_is_restarted_by_the_beginning_takes_no_point():
+    harness = ProgramHarness()
+    harness.program._queue._began = harness.program.restart
+    harness.send(point(0, THERE))
+    assert harness.codes() == [(0, FAILURE)]
+    assert not harness.arm.moving
+
+
+def test_what_is_left_of_a_step_goes_to_the_next_point():
+    harness = ProgramHarness()
+    harness.send(point(0, THERE), point(1, HOME), point(2, THERE))
+    harness.program.step(60.0)
+    assert harness.codes() == [(0, SUCCESS), (1, SUCCESS), (2, SUCCESS)]
+
+
+def test_a_refused_first_point_begins_nothing():
+    harness = ProgramHarness()
+    harness.blocked = Refusal(ErrorNumber.MOTORS_OFF, 'the motors are off')
+    harness.send(point(0, THERE))
+    assert harness.codes() == [(0, FAILURE)]
+    assert harness.events == []
+
+
+def test_a_program_that_is_restarted_by_the_point_it_gives_to_the_arm():
+    harness = ProgramHarness()
+    taken = []
+    take = harness.arm.take
+
+    def restart_at_1(point):
+        taken.append(point.sequence)
+        take(point)
+        if point.sequence == 1:
+            harness.program.restart()
+
+    harness.arm.take = restart_at_1
+    harness.send(point(0), point(1, THERE), point(2, HOME))
+    harness.rest()
+    assert taken == [0, 1]
+    assert harness.codes() == [(0, SUCCESS), (1, FAILURE), (2, FAILURE)]
+
+
+# ---- negative sequences and STOP
+
+
+@pytest.mark.parametrize('sequence', [-1, -2, -3, -4, -77, -(2**31)])
+def test_every_negative_sequence_is_a_stop(sequence):
+    harness = ProgramHarness(negative_is_stop=True)
+    harness.send(point(0, THERE))
+    harness.step(0.1)
+    harness.send(point(sequence, THERE))
+    assert harness.codes() == [(0, FAILURE), (sequence, SUCCESS)]
+    harness.rest()
+    assert harness.joints[0] < 0.5
+
+
+def test_a_stop_that_does_not_work_is_answered_in_its_turn_and_changes_nothing():
+    harness = ProgramHarness(stop_works=False)
+    harness.send(point(0, THERE))
+    harness.step(0.1)
+    harness.send(point(STOP), point(1, HOME))
+    assert harness.codes() == []
+    harness.rest()
+    assert harness.codes() == [(0, SUCCESS), (STOP, SUCCESS), (1, SUCCESS)]
+    assert harness.joints == list(HOME)
+
+
+def test_stops_that_do_not_work_take_no_more_memory_than_points():
+    harness = ProgramHarness(stop_works=False, pending_limit=5)
+    harness.send(point(0, THERE), *[point(STOP)] * 6)
+    assert harness.codes() == [(0, FAILURE)] + [(STOP, FAILURE)] * 6
+    harness.rest()
+    assert harness.error == 8000
+
+
+# ---- limits
+
+
+@pytest.mark.invariant(2)
+def test_invariant_2_a_point_outside_the_limits_ends_the_motion_when_its_turn_comes():
+    harness = ProgramHarness(check_limits=False)
+    harness.send(point(0, THERE), point(1, OUTSIDE), point(2, HOME))
+    assert harness.error == 0
+    furthest = 0.0
+    while harness.arm.moving:
+        harness.step(0.004)
+        furthest = max(furthest, harness.joints[0])
+    assert furthest == pytest.approx(0.5)
+    assert harness.joints == rounded(THERE)
+    assert harness.error == 4001
+    assert harness.codes() == [(0, SUCCESS), (1, FAILURE), (2, FAILURE)]
+    harness.send(point(1, HOME))  # the refused one again, inside
+    harness.rest()
+    assert harness.codes() == [(1, SUCCESS)]
+    assert harness.error == 0
+
+
+@pytest.mark.invariant(2)
+def test_invariant_2_without_failure_replies_it_is_not_executed_either():
+    harness = ProgramHarness('thesis')
+    harness.send(point(0, OUTSIDE))
+    assert harness.take_sent() == frame(10, 3, SUCCESS, bytes(44))
+    assert harness.error == 4001
+    harness.step(1.0)
+    assert harness.joints == list(HOME)
+
+
+def test_a_late_failure_follows_the_success_for_the_same_point():
+    harness = ProgramHarness(acknowledge='taken', late_failure=True)
+    harness.send(point(0, THERE))
+    harness.rest()
+    harness.codes()
+    harness.send(point(1, OUTSIDE))
+    assert harness.codes() == [(1, SUCCESS), (1, FAILURE)]
+    assert harness.error == 4001
+    harness.step(1.0)
+    assert harness.joints == rounded(THERE)
+
+
+def test_a_late_failure_comes_when_the_arm_is_at_the_point_before():
+    harness = ProgramHarness(acknowledge='taken', late_failure=True)
+    harness.send(point(0, THERE), point(1, OUTSIDE))
+    assert harness.codes() == [(0, SUCCESS), (1, SUCCESS)]
+    assert harness.error == 0
+    harness.step(0.1)
+    harness.send(point(2, HOME))
+    assert harness.codes() == []
+    harness.rest()
+    assert harness.codes() == [(1, FAILURE), (2, FAILURE)]
+    assert harness.error == 4001
+    assert harness.joints == rounded(THERE)
+
+
+def test_a_point_that_is_no_number_is_refused_at_once_in_every_profile():
+    for name in ('rc620', 'thesis', 'fanuc', 'abb', 'generic'):
+        harness = ProgramHarness(name)
+        harness.send(point(0, (0.0, NAN)))
+        assert harness.error == 8000
+        assert not harness.arm.moving
+
+
+# ---- velocity and duration
+
+
+@pytest.mark.parametrize(
+    ('uses', 'slower'),
+    [('both', True), ('velocity', True), ('duration', False), ('nothing', False)],
+)
+def test_only_the_fields_that_count_change_the_motion(uses, slower):
+    fast, slow = ProgramHarness(uses=uses), ProgramHarness(uses=uses)
+    fast.send(point(0, THERE))
+    slow.send(point(0, THERE, velocity=0.1))
+    assert (slow.rest() > 2.0 * fast.rest()) is slower
+
+
+@pytest.mark.parametrize(
+    ('uses', 'velocity', 'duration'),
+    [
+        ('both', FAILURE, FAILURE),
+        ('velocity', FAILURE, SUCCESS),
+        ('duration', SUCCESS, FAILURE),
+        ('nothing', SUCCESS, SUCCESS),
+    ],
+)
+def test_only_the_fields_that_count_are_checked(uses, velocity, duration):
+    for value in (NAN, -1.0, math.inf):
+        harness = ProgramHarness(uses=uses)
+        harness.send(point(0, velocity=value))
+        assert harness.codes() == [(0, velocity)]
+        harness.send(point(0, duration=value))
+        assert harness.codes() == [(0, duration)]
+
+
+# ---- corrupt messages
+
+
+@pytest.mark.parametrize(
+    ('bad', 'words'),
+    [
+        (frame(11, 2, 0, bytes(53)), 'length = 65: must be 64'),
+        (frame(11), 'length = 12: must be 64'),
+        (frame(1), 'length = 12: must be 64'),
+        (frame(10, 2, 0, bytes(52)), 'msg_type = 10: must be 11'),
+        (frame(11, 1, 0, bytes(52)), 'comm_type = 1: must be 2'),
+        (frame(11, 2, 1, bytes(52)), 'reply_code = 1: must be 0'),
+    ],
+)
+def test_a_corrupt_message_ends_the_program_where_the_profile_says_so(bad, words):
+    harness = ProgramHarness(corrupt='quit')
+    harness.send(point(0, THERE))
+    harness.step(0.1)
+    with pytest.raises(ProgramQuit, match=words):
+        harness.send(bad)
+    assert harness.error == 8000
+    harness.rest()
+    assert 0.0 < harness.joints[0] < 0.5  # it brakes
+
+    other = ProgramHarness(corrupt='refuse')
+    other.send(bad)  # does not raise
+
+
+# ---- the pause
+
+
+def test_in_a_pause_nothing_is_taken_or_answered_and_afterwards_everything():
+    harness = ProgramHarness()
+    harness.send(point(0, THERE))
+    harness.step(0.1)
+    harness.pause()
+    harness.send(point(1, HOME), point(2, THERE))
+    harness.step(5.0)
+    assert harness.codes() == []
+    assert 0.0 < harness.joints[0] < 0.5
+    assert harness.program.paused
+    harness.resume()
+    assert not harness.program.paused
+    harness.rest()
+    assert harness.codes() == [(0, SUCCESS), (1, SUCCESS), (2, SUCCESS)]
+    assert harness.joints == rounded(THERE)
+
+
+def test_a_point_that_comes_in_a_pause_moves_nothing_until_it_ends():
+    harness = ProgramHarness()
+    harness.pause()
+    harness.pause()
+    harness.send(point(0, THERE))
+    harness.step(1.0)
+    assert (harness.joints, harness.codes(), harness.events) == (list(HOME), [], [])
+    harness.resume()
+    harness.rest()
+    assert harness.codes() == [(0, SUCCESS)]
+
+
+@pytest.mark.invariant(3)
+def test_invariant_3_stop_works_in_a_pause():
+    harness = ProgramHarness()
+    harness.send(point(0, THERE))
+    harness.step(0.1)
+    harness.pause()
+    harness.send(point(1, HOME), point(STOP))
+    assert harness.codes() == [(0, FAILURE), (1, FAILURE), (STOP, SUCCESS)]
+    harness.resume()
+    harness.step(2.0)
+    assert 0.0 < harness.joints[0] < 0.5
+    assert harness.codes() == []
+
+
+@pytest.mark.invariant(7)
+def test_invariant_7_points_in_a_pause_are_limited():
+    harness = ProgramHarness(pending_limit=3)
+    harness.pause()
+    harness.send(*(point(i, THERE) for i in range(4)))
+    assert harness.codes() == [(i, FAILURE) for i in range(4)]
+    assert harness.error == 8000
+    harness.resume()
+    assert not harness.arm.moving
+
+
+# ---- whole profiles
+
+
+def test_the_thesis_answers_zero_success_whatever_comes_and_goes_on():
+    harness = ProgramHarness('thesis')
+    harness.send(point(3, THERE), point(STOP), point(-1), point(0, HOME))
+    harness.rest()
+    assert harness.take_sent() == frame(10, 3, SUCCESS, bytes(44)) * 4
+    assert harness.joints == list(HOME)
+
+
+def test_fanuc_acknowledges_before_it_moves():
+    harness = ProgramHarness('fanuc')
+    harness.send(point(0, THERE))
+    assert harness.codes() == [(0, SUCCESS)]
+    assert np.abs(harness.joints).max() == 0.0
+
+
+# ---- anything at all
+
+
+@pytest.mark.invariant(2, 7)
+@pytest.mark.parametrize('name', ['rc620', 'thesis', 'fanuc', 'abb', 'generic'])
+def test_invariants_2_and_7_whatever_comes_in_whatever_order(name):
+    random = np.random.default_rng(7)
+    harness = ProgramHarness(name, pending_limit=20)
+    sequences = [-5, -4, -3, -2, -1, 0, 1, 2, 3]
+    for _ in range(1500):
+        joints = random.uniform(-1.0, 1.0, 6) * random.choice([0.1, 1.0, 4.0], p=[0.6, 0.35, 0.05])
+        data = point(int(random.choice(sequences)), joints, int(random.choice([1, 2, 2, 3])))
+        if random.random() < 0.02:
+            data = frame(*(int(word) for word in random.integers(0, 15, 3)), bytes(52))
+        action = random.random()
+        if action < 0.02:
+            (harness.resume if harness.program.paused else harness.pause)()
+        elif action < 0.03:
+            harness.program.abort()
+        try:
+            harness.send(data)
+        except ProgramQuit:
+            assert name == 'thesis'
+        harness.step(float(random.choice([0.0, 0.004, 0.3])), 0.02)
+        assert (harness.arm.position >= LIMITS.position_min).all()
+        assert (harness.arm.position <= LIMITS.position_max).all()
+        assert len(harness.program._queue) <= max(20, harness.profile.download.buffer) + 1
+    harness.resume()
+    harness.send(point(STOP))
+    harness.rest()
+    harness.take_sent()
+    harness.send(point(0, THERE))
+    harness.rest()
+    assert harness.joints == rounded(THERE)
+    assert harness.take_sent()[12] == SUCCESS

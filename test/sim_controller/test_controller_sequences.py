@@ -1,0 +1,299 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Random sequences of what people, clients and faults do: the invariants hold at every step.
+
+The numbers are those of docs/invariants.md.
+"""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from support.controller_harness import (
+    FAILURE,
+    LIMITS,
+    MODEL,
+    RC620,
+    STOP,
+    SUCCESS,
+    InlinePlanner,
+    Peer,
+    point,
+    split,
+)
+from support.examples import examples
+
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.states import Event, Motors, RefusedError, Tasks
+from epson_driver.simple_message import FrameError
+
+pytestmark = pytest.mark.invariant(1, 2, 3, 4)
+
+DT = 0.004
+JOINTS = 6
+
+PERSON = tuple(
+    event
+    for event in Event
+    if event
+    not in (
+        Event.CLIENT_LOST,
+        Event.STANDSTILL,
+        Event.RECOVERED,
+        Event.PROGRAM_POWER_HIGH,
+        Event.ERROR,
+        Event.CRITICAL_ERROR,
+        Event.BOOT,
+    )
+)
+"""What a person can do at the controller."""
+
+READY = (
+    Event.DOOR_CLOSE,
+    Event.MODE_AUTO,
+    Event.ESTOP_RELEASE,
+    Event.CONTINUE,
+    Event.RESET,
+    Event.START,
+    Event.MOTORS_ON,
+)
+
+ENABLES = (Event.MOTORS_ON, Event.CONTINUE, Event.START, Event.RESET)
+
+angles = st.tuples(*(st.floats(-0.375, 0.375, width=32) for _ in range(JOINTS)))
+
+
+class Sequences(RuleBasedStateMachine):
+    """One controller, its person, a motion client, a state client and a remote client."""
+
+    PLANNER = None
+
+    def __init__(self):
+        super().__init__()
+        planner = self.PLANNER and self.PLANNER()
+        self.controller = Controller(MODEL, RC620, planner=planner)
+        self.state = Peer()
+        self.controller.connect('state', self.state)
+        self.peer, self.line = Peer(), None
+        self.sequence = 0
+        self.unanswered = 0
+        self.before = self.joints()
+        self.may_move = False  # whether somebody has allowed motion since it was forbidden
+        self.silence = 0.0
+        self.moved = 0
+
+    def joints(self):
+        return np.array(self.controller.servo.position)
+
+    # What happens.
+
+    @rule(event=st.sampled_from(PERSON))
+    def person(self, event):
+        try:
+            self.controller.apply(event)
+        except RefusedError as error:
+            assert len(str(error).split()) > 2  # noqa: PT017  the sentence
+        else:
+            self.may_move |= event in ENABLES
+
+    @rule(data=st.data(), number=st.integers(2, 5), seconds=st.floats(0.02, 0.3))
+    def all_do_what_makes_it_move(self, data, number, seconds):
+        for event in READY:
+            self.person(event)
+        self.time_passes(0.3)  # to brake, or to go back to where the door interrupted
+        self.person(Event.MOTORS_ON)
+        if self.line is None:
+            self.client_connects()
+        self.client_sends_points(number, data)
+        self.time_passes(seconds)
+        if self.controller.in_motion:
+            self.moved += 1
+
+    @precondition(lambda self: self.controller.moving)
+    @rule(
+        way=st.sampled_from(
+            [
+                (Event.PAUSE, Event.CONTINUE),
+                (Event.DOOR_OPEN, Event.DOOR_CLOSE, Event.CONTINUE),
+                (Event.PAUSE, Event.DOOR_OPEN, Event.DOOR_CLOSE, Event.CONTINUE),
+                (Event.DOOR_OPEN, Event.DOOR_CLOSE, Event.CONTINUE, Event.DOOR_OPEN),
+            ]
+        ),
+        seconds=st.floats(0.0, 0.5),
+        push=st.floats(-0.2, 0.2),
+        meanwhile=st.sampled_from(['nothing', 'client_stops', 'client_leaves', 'nonsense']),
+        when=st.integers(0, 3),
+    )
+    def person_interrupts(self, way, seconds, push, meanwhile, when):
+        for number, event in enumerate(way):
+            self.person(event)
+            self.time_passes(seconds)
+            if number == when and self.line is not None:
+                if meanwhile == 'nonsense':
+                    self.client_sends_nonsense((9.0,))
+                elif meanwhile != 'nothing':
+                    getattr(self, meanwhile)()
+            if event is Event.DOOR_OPEN:
+                self.somebody_pushes_the_arm(0, push)
+                self.time_passes(seconds)
+
+    @precondition(lambda self: self.line is None)
+    @rule()
+    def client_connects(self):
+        self.peer = Peer()
+        self.line = self.controller.connect('motion', self.peer)
+        self.sequence = self.unanswered = 0
+
+    @precondition(lambda self: self.line is not None)
+    @rule(number=st.integers(1, 5), data=st.data())
+    def client_sends_points(self, number, data):
+        for _ in range(number):
+            joints = data.draw(angles)
+            self.line.receive(point(self.sequence, joints, data.draw(st.floats(0.0, 1.0))))
+            self.sequence += 1
+            self.unanswered += 1
+        self.read_replies()
+
+    @precondition(lambda self: self.line is not None)
+    @rule()
+    def client_stops(self):
+        self.line.receive(point(STOP))
+        self.unanswered += 1
+        self.read_replies()
+        assert self.unanswered == 0  # all that was pending is answered with it
+
+    @precondition(lambda self: self.line is not None)
+    @rule(joints=st.sampled_from([(9.0,), (float('nan'),), (0.0, -7.0), (1e30,)]))
+    def client_sends_nonsense(self, joints):
+        self.line.receive(point(0, joints))
+        self.unanswered += 1
+        self.read_replies()
+
+    @precondition(lambda self: self.line is not None)
+    @rule(data=st.binary(min_size=1, max_size=200))
+    def client_sends_garbage(self, data):
+        try:
+            self.line.receive(b'\xff' + data)
+            self.client_leaves()
+        except FrameError:
+            self.client_leaves()
+
+    @precondition(lambda self: self.line is not None)
+    @rule()
+    def client_leaves(self):
+        self.line.closed()
+        self.line = None
+        assert self.controller.condition.motors is not Motors.ON
+
+    @rule(joint=st.integers(0, JOINTS - 1), angle=st.floats(-0.3, 0.3))
+    def somebody_pushes_the_arm(self, joint, angle):
+        try:
+            self.controller.disturb(joint, angle)
+        except RefusedError:
+            return
+        self.before = self.joints()  # the person's motion, not the controller's
+
+    @rule(joint=st.integers(0, JOINTS - 1))
+    def servo_fails(self, joint):
+        self.controller.servo_error(joint)
+
+    @rule(seconds=st.floats(0.0, 0.4))
+    def time_passes(self, seconds):
+        for _ in range(round(seconds / DT)):
+            condition, stood = self.controller.condition, not self.controller.in_motion
+            self.controller.step(DT)
+            self.look(condition, stood)
+        self.read_replies()
+
+    # What must be.
+
+    def look(self, condition, stood):
+        """Hold one cycle against the invariants."""
+        now = self.joints()
+        pulse = 1e-6
+        assert np.all(now >= LIMITS.position_min - pulse), 'invariant 2'
+        assert np.all(now <= LIMITS.position_max + pulse), 'invariant 2'
+        moved = np.abs(now - self.before)
+        assert np.all(moved <= LIMITS.velocity * DT + 2 * pulse), 'invariant 2'
+        if stood and not condition.powered:
+            assert np.all(moved == 0.0), 'invariants 1 and 4'
+        if stood and (condition.paused or condition.tasks in (Tasks.STOPPED, Tasks.ABORTED)):
+            assert np.all(moved <= pulse), 'invariant 3'
+        if np.any(moved > pulse) and stood:
+            assert self.may_move, 'invariant 4'
+        self.before = now
+        self.silence = 0.0 if self.state.take() else self.silence + DT
+        assert self.silence < 0.1
+
+    def read_replies(self):
+        for msg_type, comm_type, code, body in split(self.peer.take()):
+            assert (msg_type, comm_type) == (10, 3)
+            assert code in (SUCCESS, FAILURE)
+            if code == FAILURE and struct.unpack_from('<i', body)[0] != STOP:
+                self.sequence = 0
+            self.unanswered -= 1
+        assert self.unanswered >= 0, 'a reply that nobody asked for'
+
+    @invariant()
+    def status_is_true(self):
+        controller = self.controller
+        status, condition = controller.status(), controller.condition
+        assert status.in_motion == controller.in_motion
+        assert status.drives_powered == condition.powered
+        assert status.e_stopped == condition.estopped
+        assert status.in_error == (status.error_code != 0)
+        if status.motion_possible:
+            assert condition.motors is Motors.ON
+            assert condition.tasks is Tasks.RUNNING
+            assert not status.e_stopped
+        if status.e_stopped:
+            assert status.error_code == 2261
+        if (
+            not condition.powered
+            and not controller.in_motion
+            and condition.tasks
+            in (
+                Tasks.STOPPED,
+                Tasks.ABORTED,
+            )
+        ):
+            assert not controller.moving, 'invariant 4: something is left to do'
+
+    @invariant()
+    def forbidden_stays_forbidden(self):
+        condition = self.controller.condition
+        if not condition.powered and not self.controller.in_motion:
+            self.may_move = False
+
+    def teardown(self):
+        """Whatever has happened, the arm comes to rest when everything is let go (invariant 3)."""
+        if self.line is not None:
+            self.client_leaves()
+        self.controller.apply(Event.ESTOP_PRESS)
+        for _ in range(1000):
+            if not self.controller.in_motion:
+                break
+            self.controller.step(DT)
+        assert not self.controller.in_motion
+        assert not self.controller.condition.powered
+
+
+TestSequences = Sequences.TestCase
+TestSequences.settings = settings(
+    max_examples=examples(200),
+    stateful_step_count=40,
+    suppress_health_check=list(HealthCheck),
+)
+
+
+class SmoothSequences(Sequences):
+    """The same in smooth motion."""
+
+    PLANNER = InlinePlanner
+
+
+TestSmoothSequences = SmoothSequences.TestCase
+TestSmoothSequences.settings = settings(TestSequences.settings, max_examples=examples(40))

@@ -1,0 +1,491 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The tables of the controller's condition, by stories of what a person does and sees.
+
+A story is read from top to bottom; a step is `event: what changes`, and what is not named must
+stay as it was. `event! words` is refused with a sentence that holds the words. That no row of the
+tables is left out is itself a test: it takes each row away, or changes it, and some story fails.
+"""
+
+from enum import Enum
+
+import pytest
+
+from epson_driver.sim_controller import states
+from epson_driver.sim_controller.states import (
+    REFUSALS,
+    REGIONS,
+    Condition,
+    Event,
+    RefusedError,
+    after,
+)
+from epson_driver.sim_controller.tasks import (
+    IO_SERVER,
+    MOTION_SERVER,
+    PROGRAM,
+    STATE_SERVER,
+    TASK_STATES,
+    TaskState,
+    TaskType,
+)
+
+ON = 'motors on: motors=ON'
+
+STORIES = {
+    'motors': """
+        motors off:
+        standstill:
+        motors on: motors=ON
+        motors on:
+        standstill:
+        motors off: motors=BRAKING
+        motors on! still brakes
+        motors off:
+        standstill: motors=OFF""",
+    'client lost': """
+        motors on: motors=ON
+        motion client lost: motors=BRAKING
+        standstill: motors=OFF
+        motion client lost:""",
+    'E-stop with the motors on': """
+        motors on: motors=ON
+        E-stop press: motors=OFF estop=PRESSED tasks=ABORTED
+        motors on! release the E-stop, then reset
+        reset! release the E-stop
+        standstill:
+        motion client lost:
+        E-stop release: estop=LATCHED
+        motors on! reset, then motors on
+        E-stop press: estop=PRESSED
+        E-stop release: estop=LATCHED
+        E-stop release:
+        reset: estop=CLEAR tasks=RUNNING
+        motors on: motors=ON""",
+    'E-stop with the motors off': """
+        E-stop release:
+        E-stop press: estop=PRESSED tasks=ABORTED
+        E-stop press:""",
+    'E-stop while it brakes': """
+        motors on: motors=ON
+        motors off: motors=BRAKING
+        E-stop press: motors=OFF estop=PRESSED tasks=ABORTED""",
+    'boot with a latched E-stop': """
+        E-stop press: estop=PRESSED tasks=ABORTED
+        boot: tasks=RUNNING
+        E-stop release: estop=LATCHED
+        boot: estop=CLEAR""",
+    'door': """
+        door close:
+        motors on: motors=ON
+        power high: power=HIGH
+        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED power=LOW
+        power high! door is open
+        continue! close it, then continue
+        motors on! door is open
+        standstill: motors=HELD
+        pause:
+        reset! close the door and continue
+        start! close the door and continue
+        door close: door=CLOSED tasks=WAIT_RECOVER
+        power high! low until continue
+        motors on! continue, or stop
+        reset! continue, or stop
+        start! continue, or stop
+        door open: door=OPEN tasks=INTERRUPTED
+        door close: door=CLOSED tasks=WAIT_RECOVER
+        continue: motors=ON tasks=RECOVERING
+        continue! on its way back
+        reset! try again when it is there
+        recovered: tasks=RUNNING
+        continue! nothing is paused""",
+    'door opened again on the way back': """
+        motors on: motors=ON
+        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
+        door close: door=CLOSED tasks=WAIT_RECOVER
+        continue! still brakes
+        standstill: motors=HELD
+        continue: motors=ON tasks=RECOVERING
+        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
+        standstill: motors=HELD""",
+    'pause on the way back': """
+        motors on: motors=ON
+        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
+        standstill: motors=HELD
+        door close: door=CLOSED tasks=WAIT_RECOVER
+        continue: motors=ON tasks=RECOVERING
+        pause: tasks=WAIT_RECOVER
+        continue: tasks=RECOVERING""",
+    'door with the motors off': """
+        door open: door=OPEN tasks=INTERRUPTED
+        door close: door=CLOSED tasks=WAIT_RECOVER
+        continue: tasks=RECOVERING
+        recovered: tasks=RUNNING""",
+    'motors off, client lost, stop, key: not on again after the door': """
+        motors on: motors=ON
+        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
+        motors off: motors=BRAKING
+        standstill: motors=OFF""",
+    'pause': """
+        motors on: motors=ON
+        pause: tasks=PAUSED
+        pause:
+        reset! continue, or stop
+        start! continue, or stop
+        continue: tasks=RUNNING
+        pause: tasks=PAUSED
+        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED""",
+    'stop and start': """
+        motors on: motors=ON
+        power high: power=HIGH
+        stop: tasks=STOPPED power=LOW
+        stop:
+        pause! nothing to pause
+        continue! start them
+        reset:
+        E-stop press: motors=OFF estop=PRESSED
+        E-stop release: estop=LATCHED
+        reset: estop=CLEAR
+        start: tasks=RUNNING
+        start:""",
+    'start wants the door closed': """
+        stop: tasks=STOPPED
+        door open: door=OPEN
+        start! door is open
+        door close: door=CLOSED
+        start: tasks=RUNNING""",
+    'start forgets what the door held': """
+        motors on: motors=ON
+        stop: tasks=STOPPED
+        door open: motors=HOLDING door=OPEN
+        door close: door=CLOSED
+        start: motors=BRAKING tasks=RUNNING
+        standstill: motors=OFF
+        motors on: motors=ON
+        stop: tasks=STOPPED
+        door open: motors=HOLDING door=OPEN
+        standstill: motors=HELD
+        door close: door=CLOSED
+        start: motors=OFF tasks=RUNNING""",
+    'stop while it brakes for the door': """
+        motors on: motors=ON
+        door open: motors=HOLDING door=OPEN tasks=INTERRUPTED
+        stop: motors=BRAKING tasks=STOPPED""",
+    'error': """
+        motors on: motors=ON
+        error: motors=OFF tasks=ABORTED fault=ERROR
+        motors on! reset, then motors on
+        pause! nothing to pause
+        continue! aborted: reset
+        start! aborted: reset
+        stop:
+        error:
+        reset: tasks=RUNNING fault=NONE
+        motors on: motors=ON
+        motors off: motors=BRAKING
+        error: motors=OFF tasks=ABORTED fault=ERROR
+        critical error: fault=CRITICAL
+        motors on! boot the controller
+        reset! boot the controller
+        boot: tasks=RUNNING fault=NONE
+        error: tasks=ABORTED fault=ERROR
+        boot: tasks=RUNNING fault=NONE
+        motors on: motors=ON
+        critical error: motors=OFF tasks=ABORTED fault=CRITICAL
+        error:
+        boot: tasks=RUNNING fault=NONE
+        motors on: motors=ON
+        motors off: motors=BRAKING
+        critical error: motors=OFF tasks=ABORTED fault=CRITICAL""",
+    'mode': """
+        mode auto:
+        motors on: motors=ON
+        power high: power=HIGH
+        mode manual: mode=MANUAL motors=BRAKING power=LOW
+        motors on! AUTO first
+        power high! power stays low
+        a trajectory begins! power stays low
+        mode manual:
+        standstill: motors=OFF
+        motors on! AUTO first
+        pause: tasks=PAUSED
+        continue! AUTO first
+        stop: tasks=STOPPED
+        start! AUTO first
+        mode auto: mode=AUTO
+        start: tasks=RUNNING""",
+    'power': """
+        power high! until they are on
+        power low: power=HELD_LOW
+        power low:
+        a trajectory begins:
+        motors on: motors=ON
+        reset:
+        power high: power=HIGH
+        power high:
+        a trajectory begins:
+        reset: power=LOW
+        a trajectory begins: power=HIGH
+        motors on: power=LOW
+        power high: power=HIGH
+        power low: power=HELD_LOW
+        boot: power=LOW motors=OFF""",
+    'power is low when the motors go off': """
+        motors on: motors=ON
+        power high: power=HIGH
+        motors off: power=LOW motors=BRAKING
+        power high: power=HIGH
+        standstill: motors=OFF
+        motors on: motors=ON power=LOW
+        power high: power=HIGH
+        motion client lost: power=LOW motors=BRAKING
+        power high: power=HIGH
+        error: power=LOW motors=OFF tasks=ABORTED fault=ERROR""",
+    'power is low after a critical error': """
+        motors on: motors=ON
+        power high: power=HIGH
+        critical error: power=LOW motors=OFF tasks=ABORTED fault=CRITICAL""",
+    'power is low after an E-stop': """
+        motors on: motors=ON
+        power high: power=HIGH
+        E-stop press: power=LOW motors=OFF estop=PRESSED tasks=ABORTED""",
+    'power is low after a boot': """
+        motors on: motors=ON
+        power high: power=HIGH
+        boot: power=LOW motors=OFF""",
+}
+
+BRAKING = 'motors on: motors=ON; motors off: motors=BRAKING'
+HOLDING = 'motors on: motors=ON; door open: motors=HOLDING door=OPEN tasks=INTERRUPTED'
+HELD = HOLDING + '; standstill: motors=HELD'
+WAIT = HELD + '; door close: door=CLOSED tasks=WAIT_RECOVER'
+RECOVERING = WAIT + '; continue: motors=ON tasks=RECOVERING'
+PAUSED = 'pause: tasks=PAUSED'
+STOPPED = 'stop: tasks=STOPPED'
+ABORTED = 'error: tasks=ABORTED fault=ERROR'
+
+ENDINGS = {  # what comes before, and what changes then
+    'E-stop press': (
+        (PAUSED, 'estop=PRESSED tasks=ABORTED'),
+        (HOLDING, 'estop=PRESSED tasks=ABORTED motors=OFF'),
+        (HELD, 'estop=PRESSED tasks=ABORTED motors=OFF'),
+        (WAIT, 'estop=PRESSED tasks=ABORTED motors=OFF'),
+        (RECOVERING, 'estop=PRESSED tasks=ABORTED motors=OFF'),
+        (STOPPED, 'estop=PRESSED'),
+        (ABORTED, 'estop=PRESSED'),
+    ),
+    'error': (
+        (PAUSED, 'fault=ERROR tasks=ABORTED'),
+        (HOLDING, 'fault=ERROR tasks=ABORTED motors=OFF'),
+        (HELD, 'fault=ERROR tasks=ABORTED motors=OFF'),
+        (WAIT, 'fault=ERROR tasks=ABORTED motors=OFF'),
+        (RECOVERING, 'fault=ERROR tasks=ABORTED motors=OFF'),
+        (STOPPED, 'fault=ERROR'),
+    ),
+    'critical error': (
+        (PAUSED, 'fault=CRITICAL tasks=ABORTED'),
+        (HOLDING, 'fault=CRITICAL tasks=ABORTED motors=OFF'),
+        (HELD, 'fault=CRITICAL tasks=ABORTED motors=OFF'),
+        (WAIT, 'fault=CRITICAL tasks=ABORTED motors=OFF'),
+        (RECOVERING, 'fault=CRITICAL tasks=ABORTED motors=OFF'),
+        (STOPPED, 'fault=CRITICAL'),
+    ),
+    'boot': (
+        ('motors on: motors=ON', 'motors=OFF'),
+        (BRAKING, 'motors=OFF'),
+        (PAUSED, 'tasks=RUNNING'),
+        (HOLDING, 'tasks=RUNNING motors=OFF'),
+        (HELD, 'tasks=RUNNING motors=OFF'),
+        (WAIT, 'tasks=RUNNING motors=OFF'),
+        (RECOVERING, 'tasks=RUNNING motors=OFF'),
+        (STOPPED, 'tasks=RUNNING'),
+    ),
+    'stop': (
+        (PAUSED, 'tasks=STOPPED'),
+        (HOLDING, 'tasks=STOPPED motors=BRAKING'),
+        (HELD, 'tasks=STOPPED motors=OFF'),
+        (WAIT, 'tasks=STOPPED motors=OFF'),
+        (RECOVERING, 'tasks=STOPPED'),
+        (ABORTED, ''),
+    ),
+    'motors off': ((HOLDING, 'motors=BRAKING'), (HELD, 'motors=OFF'), (BRAKING, '')),
+    'motion client lost': ((HOLDING, 'motors=BRAKING'), (HELD, 'motors=OFF'), (BRAKING, '')),
+    'mode manual': (
+        (HOLDING, 'mode=MANUAL motors=BRAKING'),
+        (HELD, 'mode=MANUAL motors=OFF'),
+        (BRAKING, 'mode=MANUAL'),
+    ),
+}
+
+
+def all_stories():
+    yield from STORIES.items()
+    for event, cases in ENDINGS.items():
+        for before, changes in cases:
+            steps = (before + f'; {event}: {changes}').split(';')
+            yield f'{event} after {before}', '\n'.join(steps)
+
+
+def play(story):
+    """Play a story from the boot on; raise AssertionError where it is not true."""
+    condition = Condition()
+    for step in filter(None, map(str.strip, story.splitlines())):
+        name, refused, words = step.partition('!')
+        if refused:
+            assert words.strip() in refusal(condition, Event(name)), step
+            continue
+        name, _, changes = step.partition(':')
+        expected = {field: getattr(condition, field).name for field in REGIONS}
+        expected |= dict(change.split('=') for change in changes.split())
+        try:
+            condition = after(condition, Event(name))
+        except RefusedError as error:
+            raise AssertionError(f'{step}: {error}') from error
+        assert {field: getattr(condition, field).name for field in REGIONS} == expected, step
+
+
+def refusal(condition, event):
+    """Return what a person is told; nothing if the event is not refused."""
+    try:
+        after(condition, event)
+    except RefusedError as error:
+        return str(error)
+    return ''
+
+
+@pytest.mark.parametrize('story', [pytest.param(story, id=name) for name, story in all_stories()])
+def test_story(story):
+    play(story)
+
+
+def some_story_fails():
+    for _, story in all_stories():
+        try:
+            play(story)
+        except AssertionError:
+            return True
+    return False
+
+
+ROWS = [(region, *row) for region, table in REGIONS.items() for row in table]
+
+
+@pytest.mark.parametrize(('region', 'state', 'event'), ROWS)
+def test_every_row_is_missed_and_every_change_of_it_noticed(monkeypatch, region, state, event):
+    table = REGIONS[region]
+    right = table[(state, event)]
+    for wrong in type(state):
+        if wrong is not right:  # as it was, too: the row without effect
+            monkeypatch.setitem(table, (state, event), wrong)
+            assert some_story_fails(), f'{region}: {state.name} + {event.name} → {wrong.name}'
+
+
+@pytest.mark.parametrize('row', REFUSALS)
+def test_every_refusal_is_missed(monkeypatch, row):
+    monkeypatch.delitem(REFUSALS, row)
+    assert some_story_fails()
+
+
+def test_no_row_does_nothing():
+    for region, table in REGIONS.items():
+        for (state, event), following in table.items():
+            assert state is not following, (region, state, event)
+
+
+def test_every_refusal_says_what_is_and_mostly_what_to_do():
+    for (event, state), sentence in REFUSALS.items():
+        assert len(sentence.split()) >= 3, (event, state)
+
+
+def reachable():
+    """Return every condition that events can lead to."""
+    found, new = set(), {Condition()}
+    while new:
+        found |= new
+        following = set()
+        for condition in new:
+            for event in Event:
+                try:
+                    following.add(after(condition, event))
+                except RefusedError:
+                    continue
+        new = following - found
+    return found
+
+
+@pytest.mark.invariant(4)
+def test_invariant_4_power_comes_only_from_motors_on_and_from_continue_after_the_door():
+    conditions = reachable()
+    assert len(conditions) > 100
+    for condition in conditions:
+        for event in Event:
+            try:
+                then = after(condition, event)
+            except RefusedError:
+                continue
+            if then.motors is states.Motors.ON and condition.motors is not states.Motors.ON:
+                assert event in (Event.MOTORS_ON, Event.CONTINUE)
+                if event is Event.CONTINUE:
+                    assert condition.motors is states.Motors.HELD
+                    assert condition.tasks is states.Tasks.WAIT_RECOVER
+
+
+def test_no_motion_is_possible_with_estop_door_error_or_manual():
+    for condition in reachable():
+        if condition.motors is states.Motors.ON:
+            assert condition.estop is states.EStop.CLEAR
+            assert condition.door is states.Door.CLOSED
+            assert condition.fault is states.Fault.NONE
+            assert condition.mode is states.Mode.AUTO
+
+
+def test_power_is_never_high_in_manual():
+    for condition in reachable():
+        if condition.mode is states.Mode.MANUAL:
+            assert condition.power is not states.Power.HIGH
+
+
+# Written out a second time on purpose: SPEL+ Xqt and TaskState. R running, H halted, - not
+# running, A aborted, in the order of states.Tasks.
+TASKS = {
+    TaskType.NORMAL: 'RHHHH-A',
+    TaskType.NO_PAUSE: 'RRRRR-A',
+    TaskType.NO_EMG_ABORT: 'RRRRRRR',
+}
+LETTERS = {
+    'R': TaskState.RUNNING,
+    'H': TaskState.HALTED,
+    '-': TaskState.NOT_RUNNING,
+    'A': TaskState.ABORTED,
+}
+
+
+@pytest.mark.parametrize('kind', TaskType)
+def test_what_tasks_of_each_type_do(kind):
+    assert list(TASK_STATES[kind]) == list(states.Tasks)
+    assert list(TASK_STATES[kind].values()) == [LETTERS[c] for c in TASKS[kind]]
+
+
+def test_the_state_server_runs_in_every_condition():
+    assert [task.type for task in PROGRAM] == [
+        TaskType.NORMAL,
+        TaskType.NO_EMG_ABORT,
+        TaskType.NORMAL,
+    ]
+    for condition in reachable():
+        assert STATE_SERVER.state(condition) is TaskState.RUNNING
+        ended = condition.tasks in (states.Tasks.STOPPED, states.Tasks.ABORTED)
+        for task in (MOTION_SERVER, IO_SERVER):
+            assert (task.state(condition) in (TaskState.NOT_RUNNING, TaskState.ABORTED)) is ended
+
+
+def test_task_numbers_are_those_of_spel():
+    assert {state.name: state.value for state in TaskState} == {
+        'NOT_RUNNING': 0,
+        'RUNNING': 1,
+        'WAITING': 2,
+        'HALTED': 3,
+        'QUICK_PAUSE': 4,
+        'ABORTED': 5,
+    }
+    assert all(isinstance(state, Enum) for table in REGIONS.values() for _, state in table.items())

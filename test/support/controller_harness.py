@@ -1,0 +1,251 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A controller on a manual clock with a motion client whose bytes are made with struct alone.
+
+Run by hand, it measures what a motion cycle costs: `python test/support/controller_harness.py`.
+"""
+
+import statistics
+import struct
+import time
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from epson_driver.motion.smoother import plan
+from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.states import Event
+
+MODEL = load_robot_model('c3_a601s')
+RC620 = load_controller_profile('rc620')
+PROFILE = replace(
+    RC620,
+    motion=replace(RC620.motion, statement_overhead=0.0),
+    servo=replace(RC620.servo, lag=0.0, encoder=False),
+)
+"""Joints that are where they are commanded to be, to the last bit, and statements at once."""
+
+LIMITS = MODEL.limits
+STOP = -4
+SUCCESS, FAILURE = 1, 2
+
+
+def frame(msg_type, comm_type, reply_code, body=b'', order='<'):
+    return struct.pack(order + '4i', 12 + len(body), msg_type, comm_type, reply_code) + body
+
+
+def point_body(sequence, joints=(), velocity=0.0, duration=0.0, order='<'):
+    ten = [*joints, *[0.0] * (10 - len(joints))]
+    return struct.pack(order + 'i12f', sequence, *ten, velocity, duration)
+
+
+def point(sequence, joints=(), velocity=0.0, duration=0.0, comm_type=2, reply_code=0, order='<'):
+    body = point_body(sequence, joints, velocity, duration, order)
+    return frame(11, comm_type, reply_code, body, order)
+
+
+class Reply(NamedTuple):
+    msg_type: int
+    comm_type: int
+    reply_code: int
+    sequence: int | None
+
+
+def split(data, order='<'):
+    """Return the frames in data as (msg_type, comm_type, reply_code, body)."""
+    frames = []
+    while data:
+        length, *header = struct.unpack_from(order + '4i', data)
+        assert len(data) >= length + 4
+        frames.append((*header, data[16 : length + 4]))
+        data = data[length + 4 :]
+    return frames
+
+
+class InlinePlanner:
+    """Plans at once, in the step that asks, and answers `delay` s later on the harness's clock."""
+
+    def __init__(self, delay=0.0):
+        self.ready = True
+        self.delay = delay
+        self.asked = 0
+        self._pending = []
+
+    def ask(self, request, limits, answer):
+        assert self.ready
+        assert not self._pending
+        self.asked += 1
+        self._pending.append([self.delay, answer, self.plan(request, limits)])
+        self.step(0.0)
+
+    def plan(self, request, limits):
+        return plan(request, limits)
+
+    def step(self, dt):
+        for waiting in list(self._pending):
+            waiting[0] -= dt
+            if waiting[0] <= 1e-9:
+                self._pending.remove(waiting)
+                waiting[1](waiting[2])
+
+    def die(self):
+        """End as the planner's process does: no plan, no more questions."""
+        self.ready = False
+        pending, self._pending = self._pending, []
+        for _, answer, _ in pending:
+            answer(None)
+
+
+class Peer:
+    """What a client of a port got, and whether its connection was ended."""
+
+    def __init__(self, local=True):
+        self.local = local
+        self.got = bytearray()
+        self.ended = None
+
+    def send(self, data):
+        if self.ended is None:
+            self.got += data
+
+    def close(self):
+        self.ended = self.ended or 'closed'
+
+    def abort(self):
+        self.ended = self.ended or 'aborted'
+
+    def take(self):
+        """Return the bytes since the last call."""
+        data, self.got[:] = bytes(self.got), b''
+        return data
+
+
+class Harness:
+    """A controller with one client; `motors` says whether they are on already.
+
+    Point to point, or smooth with a planner.
+    """
+
+    def __init__(self, start=None, motors=True, profile=PROFILE, connect=True, planner=None):
+        start = None if start is None else np.array(start)
+        self.planner = planner
+        self.controller = Controller(MODEL, profile, start, planner=planner)
+        self.peer = Peer()
+        self.line = None
+        if connect:
+            self.connect()
+        if motors:
+            self.do('motors on')
+
+    def do(self, *events):
+        for event in events:
+            self.controller.apply(Event(event))
+
+    def connect(self):
+        self.peer.ended = None
+        self.line = self.controller.connect('motion', self.peer)
+
+    def disconnect(self):
+        self.line.closed()
+
+    def remote(self, *commands):
+        """Return the answers of the remote port to commands, after a login."""
+        peer = Peer()
+        line = self.controller.connect('remote', peer)
+        for command in ('Login', *commands):
+            line.receive(f'${command}\r\n'.encode())
+        line.closed()
+        return peer.take().decode().split('\r\n')[1:-1]
+
+    @property
+    def condition(self):
+        return self.controller.condition
+
+    def send(self, *frames):
+        for data in frames:
+            self.line.receive(data)
+
+    def replies(self):
+        """Return the replies since the last call."""
+        data = self.peer.take()
+        result = []
+        for msg_type, comm_type, reply_code, body in split(data):
+            sequence = struct.unpack_from('<i', body)[0] if len(body) == 44 else None
+            assert len(body) != 44 or body[4:] == bytes(40)
+            result.append(Reply(msg_type, comm_type, reply_code, sequence))
+        return result
+
+    def codes(self):
+        """Return (sequence, reply code) of the replies since the last call."""
+        return [(reply.sequence, reply.reply_code) for reply in self.replies()]
+
+    def rest(self, dt=0.004, most=60.0):
+        """Step until the arm stands; return the time it took, s."""
+        steps = 0
+        while self.controller.in_motion:
+            assert steps * dt < most
+            self._step(dt)
+            steps += 1
+        return steps * dt
+
+    def step(self, seconds, dt=0.004):
+        for _ in range(round(seconds / dt)):
+            self._step(dt)
+
+    def run(self, most=60.0, dt=0.004):
+        """Step until the arm stands; return the joints before and after every step."""
+        trace = [self.joints]
+        while self.controller.in_motion:
+            assert len(trace) * dt < most
+            self._step(dt)
+            trace.append(self.joints)
+        return np.array(trace)
+
+    def _step(self, dt):
+        self.controller.step(dt)
+        if self.planner is not None:
+            self.planner.step(dt)
+
+    @property
+    def joints(self):
+        return np.array(self.controller.joint_position().joints[: len(LIMITS.names)])
+
+    @property
+    def error(self):
+        return self.controller.status().error_code
+
+
+def _measure(dense):
+    """Return the costs of steps that plan nothing, in µs, while points stream in."""
+    harness = Harness(planner=InlinePlanner(delay=0.012))
+    sent, costs = 0, []
+    while sent < 1500 * dense or harness.controller.in_motion:
+        if sent < 1500 * dense:  # as the sockets do it, outside the cycle
+            angle = 0.3 * np.sin(2.0 * sent / (100.0 * dense))
+            harness.send(
+                point(sent, [angle, angle / 2, -angle, angle, 0.0, 2 * angle], 0.0, 0.01 / dense)
+            )
+            sent += 1
+        asked = harness.planner.asked
+        begin = time.perf_counter()
+        harness.controller.step(0.004)
+        harness.joints  # noqa: B018  as a state message
+        cost = time.perf_counter() - begin
+        harness.planner.step(0.004)
+        if harness.planner.asked == asked:
+            costs.append(cost * 1e6)
+    return costs
+
+
+if __name__ == '__main__':
+    for dense in (1, 3):
+        costs = _measure(dense)
+        cuts = statistics.quantiles(costs, n=1000)
+        print(
+            f'points of {10 / dense:.1f} ms: {len(costs)} steps, median {cuts[499]:.0f} µs, '
+            f'p99 {cuts[989]:.0f} µs, p99.9 {cuts[998]:.0f} µs, largest {max(costs):.0f} µs '
+            f'(10 % of the cycle: 400 µs)'
+        )

@@ -1,0 +1,273 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A driver, what it reported, and a controller for it: the simulated one, or one of wax."""
+
+import asyncio
+import contextlib
+import struct
+
+import numpy as np
+
+from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.driver import Driver
+from epson_driver.driver.goal.execution import Settings
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goals import Ticket
+from epson_driver.driver.services import Services
+from epson_driver.motion import Trajectory
+from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.network.servers import ControllerServers, Ports
+from support.event_loop import now, until
+
+MODEL = load_robot_model('c3_a601s')
+LIMITS = MODEL.limits
+JOINTS = len(LIMITS.names)
+HOME = np.zeros(JOINTS)
+
+
+class Recorder:
+    """The driver's events, each with the time it came."""
+
+    def __init__(self):
+        self.samples = []
+        self.statuses = []
+        self.links = []
+
+    def on_joints(self, sample):
+        self.samples.append((now(), sample))
+
+    def on_status(self, status):
+        self.statuses.append((now(), status))
+
+    def on_link_state(self, name, why):
+        self.links.append((name, why))
+
+    @property
+    def status(self):
+        return self.statuses[-1][1]
+
+
+class Submitted:
+    """A goal that was handed in, and what became of it."""
+
+    def __init__(self, goal):
+        self.outcomes = []
+        self.ended_at = None
+        self.feedback = []
+        self.ticket = Ticket(goal, self._on_end, self._on_feedback)
+
+    def _on_end(self, outcome):
+        self.ended_at = now()
+        self.outcomes.append(outcome)
+
+    def _on_feedback(self, execution, sample):
+        self.feedback.append((execution.target, sample))
+
+    @property
+    def outcome(self):
+        assert len(self.outcomes) == 1, self.outcomes
+        return self.outcomes[0]
+
+    async def end(self):
+        """Wait for the outcome."""
+        await until(lambda: self.outcomes)
+        return self.outcome
+
+
+class Harness:
+    """A driver that runs, its services, its events, and goals for it."""
+
+    def __init__(self, ports, **options):
+        settings = options.pop('settings', Settings())
+        defaults = {
+            'host': '127.0.0.1',
+            'motion_port': ports.motion,
+            'state_port': ports.state,
+            'remote_port': ports.remote,
+            'byte_order': None,
+            'state_timeout': 1.0,
+            'limits': LIMITS,
+        }
+        self.events = Recorder()
+        self.driver = Driver(Configuration(**defaults | options), self.events, settings)
+        self.services = Services(self.driver)
+
+    async def __aenter__(self):
+        self._task = asyncio.create_task(self.driver.run())
+        return self
+
+    async def __aexit__(self, *_):
+        await self.stop()
+
+    async def stop(self):
+        self._task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._task
+
+    @property
+    def running(self):
+        return not self._task.done()
+
+    @property
+    def gate(self):
+        return self.driver.gate.reason
+
+    @property
+    def at(self):
+        return self.driver.robot.sample.positions
+
+    async def ready(self):
+        """Wait for both links, joints and a status."""
+        await until(
+            lambda: (
+                self.events.links
+                and self.events.links[-1][0] == 'connected'
+                and self.driver.robot.sample is not None
+                and self.driver.robot.status is not None
+            )
+        )
+
+    def submit(self, *points, step=0.6, tolerance=0.01, start=None):
+        """Hand in a goal along the points, `step` s apart, from where the arm is, or `start`."""
+        positions = np.vstack([self.at if start is None else start, *points])
+        times = np.arange(len(positions)) * step
+        goal = Goal(
+            Trajectory(LIMITS.names, times, positions), np.full(JOINTS, tolerance), goal_time=0.0
+        )
+        submitted = Submitted(goal)
+        self.driver.goals.submit(submitted.ticket)
+        return submitted
+
+    async def until_moving(self):
+        start = self.at
+        await until(lambda: abs(self.at - start).max() > 1e-3)
+
+    async def rests(self):
+        """Return whether the arm stands still for a fifth of a second."""
+        await asyncio.sleep(0.05)
+        before = self.at
+        await asyncio.sleep(0.2)
+        return np.array_equal(before, self.at)
+
+
+def open_gate(gate):
+    """Enable, without a controller."""
+    with gate.enabling() as enabling:
+        gate.open(enabling)
+
+
+def pose(*values):
+    """Return joint angles, the rest 0."""
+    return np.array([*values, *[0.0] * (JOINTS - len(values))])
+
+
+@contextlib.asynccontextmanager
+async def simulated(dialect=None, profile='rc620'):
+    """Run the simulated controller in this process; yield it and its ports.
+
+    `profile` is the name of one, or one.
+    """
+    if isinstance(profile, str):
+        profile = load_controller_profile(profile)
+    controller = Controller(MODEL, profile, dialect=dialect)
+    servers = ControllerServers(controller)
+    ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
+    task = asyncio.create_task(servers.run())
+    try:
+        yield controller, ports
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+        await servers.close()
+
+
+@contextlib.asynccontextmanager
+async def cell(*, enabled=True, **options):
+    """Run a driver with the simulated controller; yield both."""
+    async with simulated() as (controller, ports), Harness(ports, **options) as harness:
+        await harness.ready()
+        if enabled:
+            await harness.services.enable()
+        yield harness, controller
+
+
+class WaxController:
+    """A controller that does what a test says: `reply(sequence)` gives the bytes for a point.
+
+    Its state port sends joints and a status each 5 ms; `shows_joints` and `shows_status` stop one
+    of them. It never moves.
+    """
+
+    STATUS = (1, 0, 0, 0, 0, 2, 1)
+
+    def __init__(self, reply=None):
+        self.shows_joints = True
+        self.shows_status = True
+        self.status = self.STATUS
+        self.extra = b''
+        self.received = []
+        self.motion = None
+        self._reply = reply or (lambda sequence: answer(1, sequence))
+
+    async def __aenter__(self):
+        self._tasks = set()
+        self._servers = [
+            await asyncio.start_server(self._serve(talk), '127.0.0.1', 0)
+            for talk in (self._motion, self._state)
+        ]
+        motion, state = (each.sockets[0].getsockname()[1] for each in self._servers)
+        self.ports = Ports(motion, state, 0, 0)
+        return self
+
+    async def __aexit__(self, *_):
+        for server in self._servers:
+            server.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _serve(self, talk):
+        def accept(reader, writer):
+            task = asyncio.create_task(self._attend(talk, reader, writer))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+        return accept
+
+    async def _attend(self, talk, reader, writer):
+        try:
+            with contextlib.suppress(ConnectionError, asyncio.IncompleteReadError):
+                await talk(reader, writer)
+        finally:
+            writer.close()
+
+    async def _motion(self, reader, writer):
+        self.motion = writer
+        while True:
+            (length,) = struct.unpack('<i', await reader.readexactly(4))
+            body = await reader.readexactly(length)
+            sequence = struct.unpack_from('<i', body, 12)[0]
+            self.received.append(sequence)
+            writer.write(self._reply(sequence))
+
+    async def _state(self, _reader, writer):
+        while True:
+            data, self.extra = self.extra, b''
+            if self.shows_joints:
+                data += frame(10, 1, 0, bytes(44))
+            if self.shows_status:
+                data += frame(13, 1, 0, struct.pack('<7i', *self.status))
+            writer.write(data)
+            await writer.drain()
+            await asyncio.sleep(0.005)
+
+
+def frame(msg_type, comm_type, reply_code, body):
+    return struct.pack('<4i', 12 + len(body), msg_type, comm_type, reply_code) + body
+
+
+def answer(code, sequence=0):
+    return frame(10, 3, code, struct.pack('<i40x', sequence))

@@ -1,0 +1,148 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""An execution on a manual clock, with a controller that does what the test says."""
+
+import numpy as np
+
+from epson_driver.driver.delivery.points import STOP
+from epson_driver.driver.goal.execution import Execution, Settings
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_states import FINAL
+from epson_driver.driver.goal.speed_scaling import SpeedScaling
+from epson_driver.driver.state.robot_state import RobotState
+from epson_driver.motion import Trajectory
+from epson_driver.simple_message import (
+    JointPosition,
+    JointTrajPt,
+    ReplyCode,
+    Status,
+    TriState,
+    joint_data,
+    reply,
+)
+
+NAMES = ('joint_1', 'joint_2')
+LINE = ((0.0, 0.0), (0.5, 0.25), (1.0, 0.5))
+CYCLE = ((0.0, 0.0), (0.5, 0.25), (0.0, 0.0))
+DT = 0.005
+
+
+def goal_along(points, *, step=1.0, tolerance=(0.01, 0.01), goal_time=0.0, **fields):
+    times = np.arange(len(points)) * step
+    trajectory = Trajectory(NAMES, times, np.array(points, dtype=float))
+    return Goal(trajectory, np.array(tolerance), goal_time, **fields)
+
+
+class Harness:
+    """One goal. `sent` are the messages posted so far; `break_link` makes posting fail."""
+
+    def __init__(
+        self, points=LINE, *, settings=None, start=True, in_motion=TriState.FALSE, **options
+    ):
+        self.now = 100.0
+        self.goal = goal_along(points, **options)
+        self.sent = []
+        self.outcomes = []
+        self.broken = False
+        self.robot = RobotState(len(NAMES))
+        self.in_motion = in_motion
+        self.at = np.array(points[0], dtype=float)
+        self._posted = []
+        wire = [
+            JointTrajPt(sequence, joint_data(list(point)), 0.5, options.get('step', 1.0))
+            for sequence, point in enumerate(points)
+        ]
+        self.scaling = SpeedScaling()
+        self.execution = Execution(
+            self.goal, settings or Settings(), self._send, self._on_end, self.now, self.scaling
+        )
+        self._wire = wire
+        self.see(0.1)
+        if start:
+            self.start()
+
+    def start(self, trajectory=None):
+        """The motion is prepared, as it was planned or otherwise."""
+        self.execution.start(trajectory or self.goal.trajectory, self._wire, self.now)
+
+    def _send(self, message, on_reply):
+        if self.broken:
+            raise ConnectionError('test link is backing_off')
+        self.sent.append(message)
+        self._posted.append(on_reply)
+
+    def _on_end(self, outcome):
+        assert self.execution.state in FINAL
+        self.outcomes.append(outcome)
+
+    @property
+    def state(self):
+        return self.execution.state.value
+
+    @property
+    def outcome(self):
+        assert len(self.outcomes) == 1, self.outcomes
+        return self.outcomes[0]
+
+    @property
+    def sequences(self):
+        return [message.sequence for message in self.sent]
+
+    @property
+    def stops(self):
+        return self.sent.count(STOP)
+
+    def answer(self, code=ReplyCode.SUCCESS, message=-1):
+        """The controller answers a message that was sent; the newest by default."""
+        self._posted[message](reply(JointPosition(), code), self.now)
+
+    def refuse(self, message=-1):
+        self.answer(ReplyCode.FAILURE, message)
+
+    def joints(self, position=None):
+        if position is not None:
+            self.at = np.array(position, dtype=float)
+        self.robot.on_joints(joint_data(self.at.tolist()), self.now)
+        self.execution.on_state(self.robot, self.now)
+
+    def status(self, **fields):
+        """A STATUS comes; the driver tells the execution, too."""
+        self.robot.on_status(Status(**{'in_motion': self.in_motion, **fields}), self.now)
+        self.execution.on_state(self.robot, self.now)
+
+    def see(self, seconds, *, status=True, moving=0.0):
+        """Let time pass in which the state comes as from the real controller.
+
+        `moving` is the speed of joint 1, rad/s.
+        """
+        for count in range(round(seconds / DT)):
+            self.now += DT
+            self.at = self.at + np.array([moving * DT, 0.0])
+            self.joints()
+            if status and count % 11 == 10:
+                self.status()
+
+    def pass_time(self, seconds):
+        """Let time pass in which nothing comes."""
+        self.now += seconds
+
+    def move_to(self, position, seconds=0.2):
+        """Let the arm go there in a straight line."""
+        start, end = self.at, np.array(position, dtype=float)
+        steps = round(seconds / DT)
+        self.in_motion = TriState.TRUE if self.in_motion != TriState.UNKNOWN else self.in_motion
+        for step in range(1, steps + 1):
+            self.now += DT
+            self.joints(start + (end - start) * step / steps)
+        if self.in_motion != TriState.UNKNOWN:
+            self.in_motion = TriState.FALSE
+
+    def go_and_answer(self):
+        """Execute the newest point as the EPSON controller does: move, then answer."""
+        self.move_to(self.sent[-1].joints[: len(NAMES)])
+        self.answer()
+
+    def finish_points(self):
+        """Execute all points; the arm stands at the last one, and nothing came since."""
+        while self.state == 'streaming':
+            self.go_and_answer()

@@ -1,0 +1,117 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Faults, wires and a clock for tests, and a controller that only writes down what it is told."""
+
+from epson_driver.sim_controller.clock import Clock
+from epson_driver.sim_controller.faults.faults import Faults, parse
+from epson_driver.sim_controller.faults.wire import Wire
+from epson_driver.simple_message import (
+    LITTLE_ENDIAN,
+    JointPosition,
+    Opaque,
+    ReplyCode,
+    encode,
+    joint_data,
+    reply,
+    request,
+    topic,
+)
+
+JOINTS = 6
+
+
+def state(number, dialect=LITTLE_ENDIAN):
+    """Return a JOINT_POSITION topic that is different for each number."""
+    return encode(topic(JointPosition(0, joint_data([0.001 * number]))), dialect)
+
+
+def answer(number, dialect=LITTLE_ENDIAN):
+    """Return the reply to the point of this sequence."""
+    return encode(reply(JointPosition(number, joint_data([])), ReplyCode.SUCCESS), dialect)
+
+
+def ask(number):
+    """Return a request of a client."""
+    return encode(request(Opaque(11, bytes([number]) * 52)), LITTLE_ENDIAN)
+
+
+class Told:
+    """The controller's side of faults: writes down what it is told to do, and when."""
+
+    def __init__(self, clock):
+        self.clock = clock
+        self.calls = []
+        self.frozen = set()
+
+    def freeze(self, joint):
+        self.frozen = set() if joint is None else self.frozen | {joint}
+
+    def servo_error(self, joint, critical=False):
+        self.calls.append((self.clock.now, 'servo_error', joint, critical))
+
+    def press_estop(self):
+        self.calls.append((self.clock.now, 'press_estop'))
+
+    def reboot(self, seconds):
+        self.calls.append((self.clock.now, 'reboot', seconds))
+
+
+class Client:
+    """What arrives at the other end of a wire: (time, segment), and whether it was hung up."""
+
+    def __init__(self, harness, port, byte_by_byte=False):
+        self.harness = harness
+        self.segments = []
+        self.hung_up = 0
+        self.wire = Wire(
+            port, harness.clock, harness.faults, self._take, self._end, byte_by_byte=byte_by_byte
+        )
+
+    def _take(self, data):
+        self.segments.append((self.harness.clock.now, data))
+
+    def _end(self):
+        self.hung_up += 1
+
+    def send(self, *messages):
+        for message in messages:
+            self.wire.send(message)
+
+    def taken(self):
+        """Return the segments since the last time, without their times."""
+        segments, self.segments = [data for _, data in self.segments], []
+        return segments
+
+    def times(self):
+        """Return when segments came since the last time, ms."""
+        segments, self.segments = [round(1000 * time) for time, _ in self.segments], []
+        return segments
+
+
+class FaultHarness:
+    """Faults on a clock of their own, and clients as needed."""
+
+    def __init__(self, seed=0):
+        self.clock = Clock()
+        self.told = Told(self.clock)
+        self.faults = Faults(self.clock, seed, self.told, JOINTS)
+
+    def client(self, port='state', **options):
+        return Client(self, port, **options)
+
+    def start(self, text):
+        self.faults.start(parse(text))
+
+    def clear(self, name=None):
+        return self.faults.clear(name)
+
+    def wait(self, seconds):
+        self.clock.advance(self.clock.now + seconds)
+
+    def stream(self, client, count, period=0.005):
+        """Send so many state messages, one each period; return them."""
+        messages = [state(number) for number in range(count)]
+        for message in messages:
+            client.send(message)
+            self.wait(period)
+        return messages

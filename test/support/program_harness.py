@@ -1,0 +1,132 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A motion program with an arm and a clock, without a controller; bytes made with struct."""
+
+import struct
+from dataclasses import replace
+
+import numpy as np
+
+from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.arm.point_to_point import PointToPoint
+from epson_driver.sim_controller.clock import Clock
+from epson_driver.sim_controller.errors import ErrorRegister
+from epson_driver.sim_controller.programs.motion_program import MotionProgram
+from epson_driver.simple_message import Dialect, Framer, encode
+
+LIMITS = load_robot_model('c3_a601s').limits
+HOME = (0.0,) * 6
+THERE = (0.5, -0.4, 0.3, 0.2, -0.1, 1.0)
+OUTSIDE = (3.2, 0.0, 0.0, 0.0, 0.0, 0.0)
+TOPIC, REQUEST = 1, 2
+SUCCESS, FAILURE = 1, 2
+
+
+def frame(msg_type, comm_type=REQUEST, reply_code=0, body=b''):
+    return struct.pack('<4i', 12 + len(body), msg_type, comm_type, reply_code) + body
+
+
+def point(sequence, joints=(), comm_type=REQUEST, velocity=0.0, duration=0.0):
+    ten = [*joints, *[0.0] * (10 - len(joints))]
+    return frame(11, comm_type, 0, struct.pack('<i12f', sequence, *ten, velocity, duration))
+
+
+def profile(name, **changes):
+    """Return the program's profile of a controller, with other values."""
+    return replace(load_controller_profile(name).program, **changes)
+
+
+class ProgramHarness:
+    """`name` is the controller's profile; `changes` are other values of its program."""
+
+    def __init__(self, name='rc620', pending_limit=1000, cp=False, **changes):
+        self.profile = profile(name, **changes)
+        self.arm = PointToPoint(
+            LIMITS,
+            np.zeros(6),
+            0.5,
+            0.5,
+            cp=cp,
+            acknowledge='taken' if self.profile.acknowledge == 'taken' else 'done',
+        )
+        self.clock = Clock()
+        self.errors = ErrorRegister()
+        self.blocked = None
+        self.events = []
+        self.sent = bytearray()
+        self._framer = Framer()
+        self.program = MotionProgram(
+            self.arm,
+            self.profile,
+            pending_limit,
+            self.errors,
+            lambda: self.blocked,
+            lambda packet: self.sent.extend(encode(packet, Dialect())),
+            self.clock,
+            lambda: self.events.append('began'),
+        )
+        take = self.arm.take
+
+        def record(taken):
+            take(taken)
+            self.events.append(taken.sequence)
+
+        self.arm.take = record
+
+    def send(self, *frames):
+        for data in frames:
+            self._framer.receive_data(data)
+        while (received := self._framer.next_frame()) is not None:
+            self.program.receive(received)
+
+    def take_sent(self):
+        data, self.sent[:] = bytes(self.sent), b''
+        return data
+
+    def codes(self):
+        """Return (sequence, reply code) of the replies since the last call."""
+        data, codes = self.take_sent(), []
+        while data:
+            length, msg_type, comm_type, code, sequence = struct.unpack_from('<5i', data)
+            assert (length, msg_type, comm_type) == (56, 10, 3)
+            codes.append((sequence, code))
+            data = data[length + 4 :]
+        return codes
+
+    def step(self, seconds, dt=0.004):
+        """Let time pass as the controller does: the arm, then what is due."""
+        until = self.clock.now + seconds
+        while self.clock.now < until - 1e-9:
+            then = min(self.clock.now + dt, until)
+            if self.arm.moving:  # as the controller, which does nothing at rest
+                self.program.step(then - self.clock.now)
+            self.clock.advance(then)
+
+    def rest(self, most=60.0):
+        """Step until the arm has nothing to do; return the time it took, s."""
+        begin = self.clock.now
+        while self.arm.moving:
+            assert self.clock.now < begin + most
+            self.step(0.004)
+        return self.clock.now - begin
+
+    def pause(self):
+        self.program.pause()
+        self.arm.hold()
+
+    def resume(self):
+        self.arm.resume()
+        self.program.resume()
+
+    @property
+    def error(self):
+        return int(self.errors.number)
+
+    @property
+    def joints(self):
+        return self.arm.position.tolist()
+
+
+def rounded(joints):
+    return np.float32(joints).tolist()

@@ -1,0 +1,110 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""docs/invariants.md, 7, for recordings: any bytes are played, or refused in one sentence."""
+
+import io
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.examples import examples
+from support.link_harness import frame, joints
+
+from epson_driver.inputs import InputError
+from epson_driver.simple_message import LITTLE_ENDIAN, JointTrajPt, encode, request
+from epson_driver.trace.pcap import Conversation, Flag, PcapError, PcapWriter, Segment, Stream
+from epson_driver.trace.player import Player
+from epson_driver.trace.recording import read_recording
+from epson_driver.trace.script import ScriptError, make_script
+
+pytestmark = pytest.mark.invariant(7)
+
+SECOND = 1_000_000_000
+
+
+def recording() -> bytes:
+    """Return a capture of a state port and a motion port."""
+    file = io.BytesIO()
+    writer = PcapWriter(file)
+    state = Conversation(writer, ('10.0.0.2', 50000), ('10.0.0.1', 11002), 0)
+    motion = Conversation(writer, ('10.0.0.2', 50001), ('10.0.0.1', 11000), 0)
+    for number in range(6):
+        state.data(number * SECOND, joints(float(number)), from_client=False)
+        point = JointTrajPt(number, (0.0,) * 10)
+        motion.data(number * SECOND, encode(request(point), LITTLE_ENDIAN), from_client=True)
+        motion.data(number * SECOND, frame(11, 3, 1), from_client=False)
+    motion.finish(7 * SECOND, from_client=True)
+    state.reset(7 * SECOND, from_client=False)
+    return file.getvalue()
+
+
+CAPTURE = recording()
+
+
+def played_or_refused(path: Path) -> bool:
+    """Play a file to a client that sends one wrong frame; return whether it could be played."""
+    text = ''
+    try:
+        script = make_script(read_recording(path))
+    except (PcapError, ScriptError, InputError) as error:
+        text = str(error)
+    if text:
+        assert text.isprintable()
+        return False
+    player = Player(script, 1.0, lambda text: None)
+    numbers = [player.connect(port, 0.0) for port in script.ports.values()]
+    now = 0.0
+    for _ in range(100):
+        player.advance(now)
+        pause = player.wait()
+        now += 1.0 if pause is None else pause
+        for number in numbers:
+            if number is not None and player.plays(number):
+                player.receive(number, frame(11, 2, 0))
+    player.finish()
+    return True
+
+
+def test_the_recording_itself_is_played(tmp_path: Path) -> None:
+    path = tmp_path / 'run.pcap'
+    path.write_bytes(CAPTURE)
+    assert played_or_refused(path)
+
+
+@settings(
+    max_examples=examples(300),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(
+    changes=st.lists(
+        st.tuples(st.integers(0, len(CAPTURE)), st.integers(0, 30), st.binary(max_size=30)),
+        max_size=4,
+    ),
+    end=st.none() | st.integers(0, len(CAPTURE)),
+)
+def test_inv7_bytes_of_a_recording_can_be_anything(
+    tmp_path: Path, changes: list[tuple[int, int, bytes]], end: int | None
+) -> None:
+    content = CAPTURE
+    for start, length, data in changes:
+        content = content[:start] + data + content[start + length :]
+    path = tmp_path / 'run.pcap'
+    path.write_bytes(content[:end])
+    played_or_refused(path)
+
+
+@pytest.mark.parametrize('place', ['/dev/zero', '/', '/nowhere/run.pcap', '/tmp/\0', 'x' * 5000])
+def test_what_is_no_file_is_refused(place: str) -> None:
+    with pytest.raises(InputError):
+        read_recording(Path(place))
+
+
+def test_a_packet_that_is_lost_makes_no_work_for_all_that_follow() -> None:
+    """Each segment behind the gap was sorted among all that wait: hours for a long capture."""
+    ends = ('10.0.0.1', 11002), ('10.0.0.2', 50000)
+    stream = Stream()
+    assert stream.take(Segment(0.0, *ends, 0, Flag.ACK, b'a')) == b'a'
+    for number in range(40_000):
+        assert stream.take(Segment(0.0, *ends, 2 + number, Flag.ACK, b'c')) == b''
+    assert stream.take(Segment(0.0, *ends, 1, Flag.ACK, b'b')) == b'b' + b'c' * 40_000

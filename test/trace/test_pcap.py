@@ -1,0 +1,219 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pcap files: what is written is an orderly TCP conversation, and comes back as it was."""
+
+import io
+import struct
+
+import pytest
+
+from epson_driver.trace.pcap import (
+    LARGEST_SEGMENT,
+    Conversation,
+    Flag,
+    PcapError,
+    PcapWriter,
+    Segment,
+    Stream,
+    read_segments,
+)
+
+CLIENT = ('192.168.0.10', 50123)
+SERVER = ('192.168.0.1', 11002)
+SECOND = 1_000_000_000
+
+
+def records(data):
+    """Split a file into (time in µs, packet), with struct alone."""
+    assert struct.unpack_from('<IHHiIII', data) == (0xA1B2C3D4, 2, 4, 0, 0, 262144, 1)
+    position = 24
+    while position < len(data):
+        seconds, micros, kept, length = struct.unpack_from('<IIII', data, position)
+        assert kept == length
+        position += 16
+        yield seconds * 1_000_000 + micros, data[position : position + kept]
+        position += kept
+
+
+def ones_complement_sum(data):
+    """RFC 1071, word by word."""
+    total = sum(struct.unpack(f'!{(len(data) + 1) // 2}H', data + b'\0' * (len(data) % 2)))
+    while total >> 16:
+        total = (total & 0xFFFF) + (total >> 16)
+    return total
+
+
+def written(*steps, client=CLIENT, server=SERVER):
+    """Return a file with one conversation; the steps are called with it and a time in ns."""
+    file = io.BytesIO()
+    writer = PcapWriter(file)
+    conversation = Conversation(writer, client, server, SECOND)
+    for number, step in enumerate(steps):
+        step(conversation, (number + 2) * SECOND)
+    assert writer.size == len(file.getvalue())
+    return file.getvalue()
+
+
+def from_client(data):
+    return lambda conversation, time: conversation.data(time, data, from_client=True)
+
+
+def from_server(data):
+    return lambda conversation, time: conversation.data(time, data, from_client=False)
+
+
+def closes(*, from_client):
+    return lambda conversation, time: conversation.finish(time, from_client=from_client)
+
+
+def test_every_checksum_is_right():
+    odd = bytes(range(1, 252))
+    zeros = struct.pack('!HH', 0, 0)
+    file = written(from_server(odd), from_client(zeros), from_client(b'\xff' * 9))
+    for _, packet in records(file):
+        assert packet[12:14] == b'\x08\x00'
+        ip, tcp = packet[14:34], packet[34:]
+        assert struct.unpack_from('!H', ip, 2)[0] == len(packet) - 14
+        assert ones_complement_sum(ip) == 0xFFFF
+        pseudo = ip[12:20] + struct.pack('!HH', 6, len(tcp))
+        assert ones_complement_sum(pseudo + tcp) == 0xFFFF
+
+
+def test_sequence_numbers_acknowledge_what_came_before():
+    file = written(
+        from_server(b'state'),
+        from_client(b'point'),
+        from_server(b'reply'),
+        closes(from_client=False),
+        closes(from_client=True),
+        closes(from_client=True),
+    )
+    reached = {CLIENT: None, SERVER: None}
+    flags = []
+    for segment in read_segments(file):
+        number, acknowledges = struct.unpack_from('!II', packet_of(file, len(flags)), 38)
+        own, other = reached[segment.source], reached[segment.target]
+        assert own is None or number == own
+        assert acknowledges == (other or 0)
+        both = bool(segment.flags & (Flag.SYN | Flag.FIN))
+        reached[segment.source] = number + len(segment.data) + both
+        flags.append(segment.flags)
+    assert flags[:3] == [Flag.SYN, Flag.SYN | Flag.ACK, Flag.ACK]
+    assert flags[3:6] == [Flag.PSH | Flag.ACK] * 3
+    assert flags[6:] == [Flag.FIN | Flag.ACK, Flag.ACK] * 2
+
+
+def packet_of(file, number):
+    return list(records(file))[number][1]
+
+
+def test_a_side_that_only_listens_acknowledges_within_the_window():
+    file = written(*[from_server(bytes(1000))] * 200, from_server(bytes(3 * LARGEST_SEGMENT + 1)))
+    sent = acknowledged = None
+    for segment, (_, packet) in zip(read_segments(file), records(file), strict=True):
+        if segment.source == SERVER:
+            sent = segment.sequence + len(segment.data)
+            assert len(segment.data) <= LARGEST_SEGMENT
+            assert acknowledged is None or sent - acknowledged < 65535
+        else:
+            acknowledged = struct.unpack_from('!I', packet, 42)[0] or None
+    assert sent - acknowledged < 16384
+
+
+@pytest.mark.parametrize(
+    ('client', 'server'),
+    [(CLIENT, SERVER), (('fe80::1%eth0', 40000), ('fe80::2', 11000))],
+    ids=['IPv4', 'IPv6'],
+)
+def test_what_is_written_is_read_back(client, server):
+    file = written(
+        from_client(b'abc'),
+        from_server(b'de'),
+        lambda conversation, time: conversation.reset(time, from_client=False),
+        client=client,
+        server=server,
+    )
+    segments = list(read_segments(file))
+    assert [s.data for s in segments] == [b'', b'', b'', b'abc', b'de', b'']
+    assert [s.time for s in segments] == [1.0, 1.0, 1.0, 2.0, 3.0, 4.0]
+    plain = (client[0].split('%')[0], client[1])
+    assert {s.source for s in segments} == {plain, server}
+    assert segments[-1].flags == Flag.RST | Flag.ACK
+    assert segments[-1].source == server
+
+
+def test_a_file_that_ends_within_a_packet_is_read_to_there():
+    file = written(from_client(b'abc'), from_client(b'def'))
+    for cut in range(1, 70):
+        data = [segment.data for segment in read_segments(file[:-cut])]
+        assert data == [b'', b'', b'', b'abc'], cut
+
+
+def converted(order='<', magic=0xA1B2C3D4, link_type=1, header=b'', fraction=1):
+    """Return a capture as another program writes it, of the same packets."""
+    file = written(from_client(b'abc'))
+    out = struct.pack(order + 'IHHiIII', magic, 2, 4, 0, 0, 65535, link_type)
+    for time, packet in records(file):
+        packet = packet if link_type == 1 else header + packet[14:]
+        seconds, micros = divmod(time, 1_000_000)
+        length = len(packet)
+        out += struct.pack(order + 'IIII', seconds, micros * fraction, length, length) + packet
+    return out
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'order': '>'},
+        {'magic': 0xA1B23C4D, 'fraction': 1000},
+        {'link_type': 113, 'header': bytes(16)},
+        {'link_type': 276, 'header': bytes(20)},
+        {'link_type': 101},
+        {'link_type': 0, 'header': bytes(4)},
+    ],
+    ids=['big endian', 'nanoseconds', 'cooked', 'cooked 2', 'raw', 'loopback'],
+)
+def test_captures_of_other_programs_are_read(options):
+    segments = list(read_segments(converted(**options)))
+    assert [s.data for s in segments] == [b'', b'', b'', b'abc']
+    assert segments[-1].time == 2.0
+
+
+@pytest.mark.parametrize(
+    ('data', 'text'),
+    [
+        (b'', 'shorter'),
+        (b'x' * 100, 'does not begin'),
+        (struct.pack('<I', 0x0A0D0D0A) + bytes(100), 'editcap'),
+        (struct.pack('<IHHiIII', 0xA1B2C3D4, 2, 4, 0, 0, 65535, 105), 'link type 105'),
+        (written() + struct.pack('<IIII', 0, 0, 2**31, 2**31), 'damaged'),
+    ],
+    ids=['empty', 'garbage', 'pcapng', 'link type', 'length'],
+)
+def test_what_is_no_capture_is_refused_with_the_reason(data, text):
+    with pytest.raises(PcapError, match=text):
+        list(read_segments(data))
+
+
+def test_other_packets_are_left_out():
+    file = written()
+    udp = bytearray(packet_of(file, 0))
+    udp[14 + 9] = 17
+    for packet in (bytes(udp), bytes(60), b'', packet_of(file, 0)[:40]):
+        data = file + struct.pack('<IIII', 1, 0, len(packet), len(packet)) + packet
+        assert len(list(read_segments(data))) == 3
+
+
+def test_a_stream_is_put_in_order_and_nothing_comes_twice():
+    stream = Stream()
+
+    def take(sequence, data, flags=Flag.ACK):
+        return stream.take(Segment(0.0, CLIENT, SERVER, sequence & 0xFFFFFFFF, flags, data))
+
+    assert take(-5, b'', Flag.SYN) == b''
+    assert take(-4, b'abc') == b'abc'
+    assert take(-4, b'abc') == b''  # sent again
+    assert take(1, b'fg') == b''  # overtook
+    assert take(-3, b'bcde') == b'defg'  # overlaps; the number wraps around
+    assert take(3, b'h') == b'h'
+    assert not stream.waiting

@@ -1,0 +1,303 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The trace of real links: whole, in order, and never in the way of the links."""
+
+import asyncio
+import errno
+import logging
+import os
+import time
+from functools import partial
+
+import pytest
+from support.event_loop import PATIENCE, until
+from support.event_loop import run as run_in
+from support.link_harness import Harness, Peer, frame, joints
+
+from epson_driver.link import WireEvent
+from epson_driver.simple_message import JointTrajPt
+from epson_driver.trace import Trace, TraceError, open_trace
+from epson_driver.trace import trace as trace_module
+from epson_driver.trace.recording import read_recording
+
+run = partial(run_in, real_time=True)
+"""A trace is written by a thread."""
+
+EVENTS = {
+    'opened': WireEvent.OPENED,
+    'sent': WireEvent.SENT,
+    'received': WireEvent.RECEIVED,
+    'ended': WireEvent.ENDED,
+    'closed': WireEvent.CLOSED,
+}
+
+
+def bytes_of(steps, event, number=0):
+    return b''.join(s.data for s in steps if s.event is event and s.number == number)
+
+
+def events_of(steps, number=0):
+    """Return what happened on a connection, without repetitions."""
+    events = [step.event for step in steps if step.number == number]
+    return [e for i, e in enumerate(events) if i == 0 or e is not events[i - 1]]
+
+
+def test_a_trace_holds_every_byte_of_every_connection(tmp_path):
+    path = tmp_path / 'a.pcap'
+    points = []
+
+    async def talk(connection):
+        await connection.send(joints(float(connection.number)))
+        points.append(await connection.read_frame())
+        await connection.send(frame(11, 3, 1))
+        if connection.number == 2:
+            await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            harness = Harness(peer.port)
+            trace = Trace([harness.link])
+            before = time.time()
+            trace.begin(open_trace(str(path.parent), path.name))
+            async with harness:
+                for number in (1, 2):
+                    await until(lambda n=number: len(harness.packets) == n)
+                    answers = []
+                    harness.link.post(JointTrajPt(number), lambda *a, to=answers: to.append(a))
+                    await until(lambda to=answers: to)
+            trace.end('the test ends', PATIENCE)
+            after = time.time()
+            assert trace.file_name == ''
+        steps = read_recording(path)
+        assert {step.number for step in steps} == {0, 1}
+        assert all(step.server == ('127.0.0.1', peer.port) for step in steps)
+        for number in (0, 1):
+            assert bytes_of(steps, WireEvent.SENT, number) == points[number]
+            expected = joints(number + 1.0) + frame(11, 3, 1)
+            assert bytes_of(steps, WireEvent.RECEIVED, number) == expected
+        usual = ['opened', 'received', 'sent', 'received']
+        assert events_of(steps, 0) == [*usual, 'ended', 'closed']
+        assert events_of(steps, 1) == [*usual, 'closed']
+        times = [step.time for step in steps]
+        assert times == sorted(times)
+        assert before - 1e-3 <= times[0]
+        assert times[-1] <= after
+
+    run(scenario())
+
+
+def test_a_connection_that_was_reset_shows_it(tmp_path):
+    async def talk(connection):
+        await connection.receive(1)
+        connection.reset()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            harness = Harness(peer.port)
+            trace = Trace([harness.link])
+            trace.begin(open_trace(str(tmp_path), 'a.pcap'))
+            async with harness:
+                await harness.connected()
+                harness.link.post(JointTrajPt(0), lambda *_: None)
+                await until(lambda: 'backing_off' in harness.states)
+            trace.end('', PATIENCE)
+        assert events_of(read_recording(tmp_path / 'a.pcap')) == ['opened', 'sent', 'reset']
+
+    run(scenario())
+
+
+def test_a_trace_that_begins_within_a_frame_begins_with_that_frame(tmp_path):
+    path = tmp_path / 'a.pcap'
+    state = joints(1.0)
+    go_on = asyncio.Event()
+
+    async def talk(connection):
+        await connection.send(state + state[:20])
+        await go_on.wait()
+        await connection.send(state[20:])
+        await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            await until(lambda: harness.link.statistics.bytes_received == len(state) + 20)
+            trace = Trace([harness.link])
+            trace.begin(open_trace(str(path.parent), path.name))
+            go_on.set()
+            await until(lambda: len(harness.packets) == 2)
+            trace.end('', PATIENCE)
+            assert harness.link.trace is None
+        steps = read_recording(path)
+        assert bytes_of(steps, WireEvent.RECEIVED) == state
+        assert events_of(steps) == ['opened', 'received']  # it was still open at the end
+
+    run(scenario())
+
+
+def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, caplog):
+    caplog.set_level(logging.INFO)
+    path = tmp_path / 'a.pcap'
+
+    async def talk(connection):
+        for _ in range(100):
+            await connection.send(joints(1.0))
+        await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            harness = Harness(peer.port)
+            trace = Trace([harness.link])
+            trace.largest = 2000
+            trace.begin(open_trace(str(path.parent), path.name))
+            assert trace.file_name == str(path)
+            async with harness:
+                await until(lambda: len(harness.packets) == 100)  # the link goes on
+                assert trace.file_name == ''
+                assert harness.link.trace is None
+                await until(lambda: 'reached its size, 0.002 MB' in caplog.text)
+        assert 2000 <= path.stat().st_size < 2000 + 100 * 60
+        assert read_recording(path)
+
+    run(scenario())
+
+
+class BrokenFile:
+    """A disk that fails as `write` says."""
+
+    name = 'broken.pcap'
+
+    def __init__(self, write):
+        self.write = write
+        self.closed = False
+
+    def close(self):
+        self.closed = True
+
+
+def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch):
+    monkeypatch.setattr(trace_module, 'WRITE_PERIOD', 0.001)
+
+    def full(_data):
+        raise OSError(errno.ENOSPC, 'x')
+
+    file = BrokenFile(full)
+
+    async def talk(connection):
+        while True:
+            await connection.send(joints(1.0))
+            await asyncio.sleep(0.001)
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            harness = Harness(peer.port)
+            trace = Trace([harness.link])
+            trace.begin(file)
+            async with harness:
+                await until(lambda: trace.file_name == '')
+                count = len(harness.packets)
+                await until(lambda: len(harness.packets) > count + 3)
+                assert harness.link.statistics.connections == 1
+        assert file.closed
+        assert os.strerror(errno.ENOSPC) in caplog.text
+
+    run(scenario())
+
+
+def test_a_disk_that_hangs_is_not_waited_for(caplog, monkeypatch):
+    monkeypatch.setattr(trace_module, 'WRITE_PERIOD', 0.001)
+    monkeypatch.setattr(trace_module, 'MOST_UNWRITTEN', 2000)
+    going = trace_module.threading.Event()
+    file = BrokenFile(lambda data: going.wait(60) and len(data))
+
+    async def talk(connection):
+        for _ in range(200):
+            await connection.send(joints(1.0))
+            await asyncio.sleep(0)
+        await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            harness = Harness(peer.port)
+            trace = Trace([harness.link])
+            trace.begin(file)
+            async with harness:
+                await until(lambda: len(harness.packets) == 200)
+                assert trace.file_name == ''
+        assert 'does not keep up' in caplog.text
+        going.set()
+
+    run(scenario())
+
+
+def test_a_file_that_exists_is_left_alone(tmp_path):
+    path = tmp_path / 'a.pcap'
+    path.write_text('evidence')
+    with pytest.raises(TraceError, match=r'no trace into .*a\.pcap: File exists'):
+        open_trace(str(path.parent), path.name)
+    assert path.read_text() == 'evidence'
+    with open_trace(str(tmp_path), 'run-%Y.pcap') as file:
+        assert '%' not in file.name
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        *('/tmp/a', 'b/a', '../a', '..', '.', '.hidden', '~', '~/a', '~nosuchuser/x', 'a\0b'),
+        *('a\nb', '%D', '%n'),
+    ],
+)
+def test_a_trace_is_a_file_in_its_folder(tmp_path, name):
+    """Any ROS peer may set trace_file: it must not reach a file elsewhere."""
+    folder = tmp_path / 'traces'
+    with pytest.raises(TraceError, match='must be the name of a file'):
+        open_trace(str(folder), name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_symbolic_link_in_the_folder_leads_no_trace_out(tmp_path):
+    folder, outside = tmp_path / 'traces', tmp_path / 'outside'
+    folder.mkdir()
+    (folder / 'a.pcap').symlink_to(outside)
+    with pytest.raises(TraceError, match='File exists'):
+        open_trace(str(folder), 'a.pcap')
+    assert not outside.exists()
+
+
+@pytest.mark.parametrize(
+    ('folder', 'why'),
+    [('', 'trace_folder is empty'), ('~nosuchuser/x', 'home'), ('/dev/null/x', 'Not a directory')],
+)
+def test_a_folder_that_cannot_be_used_is_refused_with_the_reason(folder, why):
+    with pytest.raises(TraceError, match=why):
+        open_trace(folder, 'a.pcap')
+
+
+def test_a_trace_that_fails_unforeseen_ends_and_the_link_goes_on(tmp_path, caplog, monkeypatch):
+    async def talk(connection):
+        await connection.send(joints(1.0))
+        await connection.stay()
+
+    async def scenario():
+        async with Peer(talk) as peer:
+            harness = Harness(peer.port)
+            trace = Trace([harness.link])
+            trace.begin(open_trace(str(tmp_path), 'a.pcap'))
+            monkeypatch.setattr(Trace, '_record', lambda *_: 1 / 0)
+            async with harness:
+                await until(lambda: harness.packets)
+                assert harness.link.connected
+            assert trace.file_name == ''
+
+    run(scenario())
+    assert 'ZeroDivisionError' in caplog.text
+
+
+def test_a_new_trace_ends_the_one_before(tmp_path):
+    trace = Trace([])
+    first, second = (open_trace(str(tmp_path), name) for name in 'ab')
+    trace.begin(first)
+    trace.begin(second)
+    assert trace.file_name == str(tmp_path / 'b')
+    trace.end('', PATIENCE)
+    trace.end('', PATIENCE)
+    assert second.closed
+    run(until(lambda: first.closed))
