@@ -10,7 +10,7 @@ PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 	$(shell find $(wildcard epson_driver config launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
 
 # Two at a time, each with one thread for its matrices. Whoever is done takes tests from the end of the other's.
-ALL_TESTS := --numprocesses 2 --dist worksteal
+ALL_TESTS := --numprocesses 4 --dist loadfile --no-loadscope-reorder
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
 # An environment stays with the Python that made it: PYTHON=... with another one is a mistake to be told of.

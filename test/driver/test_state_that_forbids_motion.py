@@ -173,22 +173,22 @@ def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path
         controller = await asyncio.to_thread(processes.sim_controller, tmp_path / 'log')
         try:
             ports = await asyncio.to_thread(controller.ports)
-            async with Harness(ports, state_timeout=0.5) as harness:
+            async with Harness(ports, state_timeout=0.3) as harness:
                 await harness.ready()
                 await harness.services.enable()
                 for at in (0.1, 0.0):
-                    stand_still(3.0)
+                    stand_still(1.5)
                     goal = harness.submit(pose(at), start=harness.at)
                     assert not goal.outcomes
                     outcome = await goal.end()
                     assert outcome.end is End.SUCCEEDED, outcome
-                stand_still(3.0)
-                await more(harness, 1000)
+                stand_still(1.5)
+                await more(harness, 400)
                 assert harness.gate is None
                 assert harness.driver.state_link.statistics.connections == 1
                 assert harness.driver.robot.status is not None
-                ages = [s.time - s.measured for _, s in harness.events.samples[-1000:]]
-                assert max(ages) > 2.0  # what waited is as old as it is
+                ages = [s.time - s.measured for _, s in harness.events.samples[-400:]]
+                assert max(ages) > 1.0  # what waited is as old as it is
         finally:
             await asyncio.to_thread(controller.end)
 

@@ -225,7 +225,7 @@ def kept(*pieces: tuple[str, int], **values: object) -> Scenario:
 
 @pytest.mark.timeout(900)
 @settings(
-    max_examples=examples(50),
+    max_examples=examples(25),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 # a joint grazed its position limit beside a point that lies on it

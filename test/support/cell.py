@@ -15,6 +15,9 @@ processes.END_TIMEOUT = PATIENCE  # a process that is not scheduled does not han
 TIMEOUTS = {'state_timeout': 45.0, 'io_timeout': 45.0, 'reply_timeout': 90.0}
 """A controller that is not scheduled is not silent. Who tests a time-out says how long it is."""
 
+LASTS = 60.0
+"""A motion that is interrupted would take this long, s: who is late still finds the arm on it."""
+
 START = [0.0, 0.1, 0.2, 0.0, -0.5, 0.0]
 
 

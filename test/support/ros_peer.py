@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a user's program sees of the driver, kept for assertions: a node with its own thread."""
 
+import itertools
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -85,14 +87,41 @@ class Goal:
         )
 
 
+class Contexts:
+    """The ROS contexts of this process, one for each domain, shared by its peers."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, Context] = {}
+        self._peers: Counter[int] = Counter()
+
+    def take(self, domain: int) -> Context:
+        """Return that of a domain; call `give` when it is not needed any more."""
+        if domain not in self._open:
+            self._open[domain] = Context()
+            self._open[domain].init(domain_id=domain)
+        self._peers[domain] += 1
+        return self._open[domain]
+
+    def give(self, domain: int) -> None:
+        """Shut a domain's context down with its last peer: the next one hears of all anew."""
+        self._peers[domain] -= 1
+        if not self._peers[domain]:
+            self._open.pop(domain).shutdown()
+
+
+CONTEXTS = Contexts()
+NUMBERS = itertools.count(1)
+"""A node's name, so that no two are alike."""
+
+
 class RosPeer:
     """Subscribes to all that the driver publishes and keeps it."""
 
     def __init__(self, domain: int, prefix: str = '', node: str = 'epson_driver') -> None:
-        self._context = Context()
-        self._context.init(domain_id=domain)
-        self._node = Node('peer', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._domain = domain
+        context = CONTEXTS.take(domain)
+        self._node = Node(f'peer_{next(NUMBERS)}', context=context)
+        self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self._node)
         self._changed = threading.Condition()
         self.joint_states: list[JointState] = []
@@ -138,14 +167,22 @@ class RosPeer:
             latched,
         )
         self._set_speed = self._node.create_client(SetSpeedScaling, f'{driver}/set_speed_scaling')
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._closing = False
+        self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
+    def _spin(self) -> None:
+        while not self._closing:
+            self._executor.spin_once()
+
     def close(self) -> None:
+        self._closing = True
+        self._executor.create_task(lambda: None)  # a turn, after which it sees that
+        self._thread.join(PATIENCE)  # nothing is taken from a thread that still uses it
+        assert not self._thread.is_alive(), 'a callback does not end'
         self._executor.shutdown()
-        self._thread.join(PATIENCE)
         self._node.destroy_node()
-        self._context.shutdown()
+        CONTEXTS.give(self._domain)
 
     def _keep(self, store: Callable[[Any], None]) -> Callable[[Any], None]:
         def callback(message: Any) -> None:

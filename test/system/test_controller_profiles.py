@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node and a controller of each kind, as real processes."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,19 +27,22 @@ def message_of(plan: Trajectory) -> Any:
     return message
 
 
+KINDS = ('generic', 'abb', 'motoman', 'rc620', 'rc700a', 'fanuc')
+
+
 @pytest.mark.parametrize(
-    'name',
+    ('name', 'plans'),
     [
-        *('generic', 'abb', 'motoman'),  # one for each way of sending points
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ('rc620', 'rc700a', 'fanuc')),
+        *zip(KINDS[:3], [[plan] for plan in PLANS], strict=True),  # each way of sending points
+        *(pytest.param(name, PLANS, marks=pytest.mark.slow) for name in KINDS),
     ],
 )
 def test_the_same_planned_trajectories_succeed_on_every_controller(
-    make_cell: Any, name: str
+    make_cell: Any, name: str, plans: Sequence[str]
 ) -> None:
     cell = make_cell(f'--controller={name}', '--motion=smooth', controller=name).ready()
     cell.peer.enable()
-    for file in PLANS:
+    for file in plans:
         plan = read_trajectory(share_file('config', 'trajectories', f'{file}.yaml'))
         to_start = trajectory((2.0, plan.positions[0].tolist()))
         assert cell.peer.goal(to_start).result()[0] == 'succeeded'

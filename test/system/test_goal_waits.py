@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from control_msgs.msg import JointTolerance
-from support.cell import START, Cell
+from support.cell import LASTS, START, Cell
 from support.ros_peer import RosPeer, trajectory
 
 A = [0.8, 0.0, 0.3, 0.1, -0.6, 0.1]
@@ -67,7 +67,7 @@ def test_a_wide_path_tolerance_is_kept_and_a_narrow_one_stops_the_arm(waiting_ce
 @pytest.mark.parametrize('waiting_cell', ['smooth', 'ptp'], indirect=True)
 def test_a_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
-    goal = peer.goal(plan(5.0))
+    goal = peer.goal(plan(8.0))
     peer.wait_for_motion()
     waiting_cell.pendant('pause')
     peer.wait_for(
@@ -96,7 +96,7 @@ def test_a_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
 
 def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
-    goal = peer.goal(plan(15.0))
+    goal = peer.goal(plan(LASTS))
     peer.wait_for_motion()
     waiting_cell.pendant('pause')
     peer.wait_for(
@@ -112,7 +112,7 @@ def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled(waiting_cell:
 
 def test_an_estop_ends_a_goal_that_waits(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
-    goal = peer.goal(plan(15.0))
+    goal = peer.goal(plan(LASTS))
     peer.wait_for_motion()
     waiting_cell.pendant('pause')
     peer.wait_for(
@@ -132,7 +132,7 @@ def test_the_speed_scaling_slows_a_running_goal_pauses_it_and_goes_on(waiting_ce
     peer = at_start(waiting_cell)
     peer.wait_for(lambda: peer.speed_scaling, 'the latched factor')
     assert peer.speed_scaling[-1] == 1.0
-    goal = peer.goal(plan(5.0), goal_tolerance=[])
+    goal = peer.goal(plan(8.0), goal_tolerance=[])
     peer.wait_for_motion()
     success, message = peer.set_speed(0.0)
     assert success
@@ -184,7 +184,7 @@ def test_at_half_the_speed_the_arm_takes_twice_as_long(waiting_cell: Cell) -> No
 def test_an_open_door_is_no_pause(cell: Cell) -> None:
     peer = cell.peer
     peer.enable()
-    goal = peer.goal(plan(15.0))
+    goal = peer.goal(plan(LASTS))
     peer.wait_for_motion()
     cell.pendant('door', 'open')
     ended, code, text = goal.result()

@@ -11,7 +11,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from control_msgs.msg import JointTolerance
 from std_msgs.msg import Header
-from support.cell import START, Cell
+from support.cell import LASTS, START, Cell
 from support.ros_peer import JOINTS, trajectory
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
@@ -83,7 +83,7 @@ def test_trajectory_topic_executes_and_an_empty_one_stops(shared_cell: Cell) -> 
     peer.wait_for(
         lambda: np.abs(np.array(peer.joint_states[-1].position) - A).max() < 1e-6, 'arm at A'
     )
-    peer.trajectory_topic.publish(trajectory((0.0, A), (12.0, FAR)))
+    peer.trajectory_topic.publish(trajectory((0.0, A), (LASTS, FAR)))
     peer.wait_for_motion()
     peer.trajectory_topic.publish(trajectory())
     peer.wait_for(
@@ -241,7 +241,7 @@ def test_goal_time_tolerance_ends_a_late_goal(shared_cell: Cell) -> None:
 
 def test_cancel_brings_the_arm_to_rest_first(shared_cell: Cell) -> None:
     peer = shared_cell.peer
-    goal = peer.goal(trajectory((0.0, START), (12.0, FAR)))
+    goal = peer.goal(trajectory((0.0, START), (LASTS, FAR)))
     peer.wait_for_motion()
     goal.cancel()
     ended, code, text = goal.result()
@@ -253,7 +253,7 @@ def test_cancel_brings_the_arm_to_rest_first(shared_cell: Cell) -> None:
 
 def test_replacement_stops_the_old_goal_and_runs_the_new_one(shared_cell: Cell) -> None:
     peer = shared_cell.peer
-    old = peer.goal(trajectory((0.0, START), (12.0, FAR)))
+    old = peer.goal(trajectory((0.0, START), (LASTS, FAR)))
     peer.wait_for_motion()
     new = peer.goal(trajectory((2.0, START)))
     ended, code, text = old.result()
@@ -275,7 +275,7 @@ def test_invalid_replacement_leaves_the_running_goal_alone(shared_cell: Cell) ->
 
 def test_stop_service_ends_the_goal_at_rest(shared_cell: Cell) -> None:
     peer = shared_cell.peer
-    goal = peer.goal(trajectory((0.0, START), (12.0, FAR)))
+    goal = peer.goal(trajectory((0.0, START), (LASTS, FAR)))
     peer.wait_for_motion()
     success, message = peer.call('stop')
     assert success

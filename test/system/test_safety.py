@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.cell import START, Cell
+from support.cell import LASTS, START, Cell
 from support.ros_peer import RosPeer, trajectory
 
 FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
@@ -15,7 +15,7 @@ FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
 
 def far_away() -> Any:
     """Return a way so long that a test that is late still finds the arm on it."""
-    return trajectory((0.0, START), (12.0, FAR))
+    return trajectory((0.0, START), (LASTS, FAR))
 
 
 @pytest.fixture(scope='module')

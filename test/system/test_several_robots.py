@@ -20,6 +20,7 @@ from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from support.cell import LASTS
 from support.fleet import NAMES, Fleet
 from support.ros_peer import RosPeer, trajectory
 
@@ -145,7 +146,11 @@ def test_a_goal_moves_its_own_arm_only(fleet: Fleet) -> None:
 
 def test_what_ends_one_goal_ends_no_other(fleet: Fleet) -> None:
     left, middle, right = fleet.peers.values()
-    goals = [move(peer, 0.4, seconds=6.0) for peer in fleet.peers.values()]
+    goals = [
+        move(left, 1.0, seconds=LASTS),
+        move(middle, 1.0, seconds=LASTS),
+        move(right, 0.4, seconds=6.0),
+    ]
     for peer in fleet.peers.values():
         peer.wait_for_motion()
     assert left.call('stop')[0]
@@ -158,7 +163,11 @@ def test_what_ends_one_goal_ends_no_other(fleet: Fleet) -> None:
 
 def test_an_e_stop_leaves_the_others_enabled(fleet: Fleet) -> None:
     left, middle, right = fleet.peers.values()
-    goals = [move(peer, -0.3, seconds=5.0) for peer in fleet.peers.values()]
+    goals = [
+        move(left, -0.3, seconds=5.0),
+        move(middle, -1.0, seconds=LASTS),
+        move(right, -0.3, seconds=5.0),
+    ]
     middle.wait_for_motion()
     fleet.pendant('middle', 'estop', 'press')
     assert goals[1].result()[:2] == ('aborted', -4)
@@ -218,7 +227,11 @@ def test_a_controller_that_dies_takes_nobody_along(
 ) -> None:
     fleet = make_fleet(together=SHAPES[shape]).enabled()
     left, middle, right = fleet.peers.values()
-    goals = [move(peer, 0.5, seconds=5.0) for peer in fleet.peers.values()]
+    goals = [
+        move(left, 1.0, seconds=LASTS),
+        move(middle, 0.5, seconds=5.0),
+        move(right, 0.5, seconds=5.0),
+    ]
     left.wait_for_motion()
     fleet.controllers['left'].kill()
     ended, code, text = goals[0].result()
@@ -241,7 +254,7 @@ def test_one_signal_stops_all_arms_and_ends_each_goal_once(
     make_fleet: Callable[..., Fleet], number: int
 ) -> None:
     fleet = make_fleet(together=True).enabled()
-    goals = [move(peer, 1.0, seconds=20.0) for peer in fleet.peers.values()]
+    goals = [move(peer, 1.0, seconds=LASTS) for peer in fleet.peers.values()]
     for peer in fleet.peers.values():
         peer.wait_for_motion()
     (client,) = fleet.clients

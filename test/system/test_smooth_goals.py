@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from support.cell import START, Cell
+from support.cell import LASTS, START, Cell
 from support.ros_peer import trajectory
 
 from epson_driver.cli.trajectory_file import read_trajectory
@@ -44,7 +44,7 @@ def test_a_plan_is_executed_to_its_end(smooth_cell: Cell) -> None:
 
 def test_cancel_brings_the_arm_to_rest_first(smooth_cell: Cell) -> None:
     peer = smooth_cell.peer
-    goal = peer.goal(trajectory((0.0, START), (12.0, FAR)))
+    goal = peer.goal(trajectory((0.0, START), (LASTS, FAR)))
     peer.wait_for_motion()
     goal.cancel()
     ended, code, text = goal.result()
@@ -55,7 +55,7 @@ def test_cancel_brings_the_arm_to_rest_first(smooth_cell: Cell) -> None:
 
 def test_replacement_stops_the_old_goal_and_runs_the_new_one(smooth_cell: Cell) -> None:
     peer = smooth_cell.peer
-    old = peer.goal(trajectory((0.0, START), (12.0, FAR)))
+    old = peer.goal(trajectory((0.0, START), (LASTS, FAR)))
     peer.wait_for_motion()
     new = peer.goal(trajectory((2.0, START)))
     assert old.result()[0] == 'aborted'
@@ -66,7 +66,7 @@ def test_replacement_stops_the_old_goal_and_runs_the_new_one(smooth_cell: Cell) 
 @pytest.mark.invariant(4)
 def test_invariant_4_estop_in_mid_motion(smooth_cell: Cell) -> None:
     peer = smooth_cell.peer
-    goal = peer.goal(trajectory((0.0, START), (12.0, FAR)))
+    goal = peer.goal(trajectory((0.0, START), (LASTS, FAR)))
     peer.wait_for_motion()
     smooth_cell.pendant('estop', 'press')
     ended, _, text = goal.result()

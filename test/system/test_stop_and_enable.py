@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from std_srvs.srv import Trigger
-from support.cell import START, Cell
+from support.cell import LASTS, START, Cell
 from support.ros_peer import RosPeer, trajectory
 
 RACES = 20
@@ -64,7 +64,7 @@ def test_invariant_3_a_controller_that_does_not_stop_is_said_and_its_motors_go_o
     cell: Cell = make_cell(f'--controller={profile}', patience=False).ready()
     peer = cell.peer
     peer.enable()
-    goal = peer.goal(trajectory((0.0, START), (60.0, [1.5, *START[1:]])))
+    goal = peer.goal(trajectory((0.0, START), (LASTS, [1.5, *START[1:]])))
     peer.wait_for_motion()
     success, message = peer.call('stop')
     assert not success, message

@@ -12,7 +12,7 @@ from contextlib import suppress
 CHUNK = 4096
 """Bytes taken at once, where the rules of a port say nothing else."""
 
-_KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
+KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
 """A peer that is gone without a word is noticed after about 4 s; where the system has these."""
 
 _log = logging.getLogger(__name__)
@@ -44,7 +44,7 @@ class Connection:
         sock: socket.socket = writer.get_extra_info('socket')
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in _KEEPALIVE.items():
+        for option, value in KEEPALIVE.items():
             if hasattr(socket, option):
                 sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
