@@ -4,6 +4,7 @@
 
 import re
 import runpy
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -31,10 +32,23 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 def test_files_named_in_the_docs_exist() -> None:
-    for page in (ROOT / 'docs' / 'architecture.md', ROOT / 'docs' / 'invariants.md'):
+    for page in PAGES:
         for name in re.findall(r'`((?:\w+/)+\w*\.py|test/[\w/]+)`', page.read_text('utf-8')):
             found = (ROOT / name).exists() or (ROOT / 'epson_driver' / name).exists()
             assert found, f'{page.name} names {name}'
+
+
+def test_release_tools_read_the_changelog(tmp_path: Path) -> None:
+    """What catkin_prepare_release does: it gives the forthcoming changes a version and a date."""
+    changelog = pytest.importorskip('catkin_pkg.changelog')
+    release = pytest.importorskip('catkin_pkg.package_version')
+    copy = shutil.copy(ROOT / 'CHANGELOG.rst', tmp_path)
+    read = changelog.get_changelog_from_path(copy, 'epson_driver')
+    label = release.get_forthcoming_label(read.rst)
+    assert label == 'Forthcoming'
+    release.update_changelog_sections({'epson_driver': (copy, read, label)}, '7.8.9')
+    versions = list(changelog.get_changelog_from_path(copy, 'epson_driver').foreach_version())
+    assert [content for version, _, content in versions if version == '7.8.9'][0]
 
 
 def tracked_pages() -> list[Path]:
