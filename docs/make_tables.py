@@ -109,14 +109,17 @@ def page(name: str) -> str:
 
 def item(text: str) -> str:
     """Return an item of a list, wrapped."""
-    return textwrap.fill(
-        text,
-        WIDTH,
-        initial_indent='* ',
-        subsequent_indent='  ',
-        break_long_words=False,
-        break_on_hyphens=False,
-    ) + '\n'
+    return (
+        textwrap.fill(
+            text,
+            WIDTH,
+            initial_indent='* ',
+            subsequent_indent='  ',
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        + '\n'
+    )
 
 
 def _row(*cells: str) -> str:

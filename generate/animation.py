@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib as mpl
@@ -96,8 +97,10 @@ def drive() -> Drive:
     """Return what is shown."""
     model = load_robot_model('c3_a601s')
     plan = plan_task(draw_task(SEED), model)
-    now, ends = 0.0, []
-    samples, points = [], []
+    now = 0.0
+    ends: list[float] = []
+    samples: list[tuple[Array, Array, Array]] = []
+    points: list[tuple[Array, Array, Array]] = []
     for motion in plan.motions:
         for parts, trajectory in ((samples, motion.expected), (points, motion.sent)):
             assert trajectory.velocities is not None
@@ -105,9 +108,20 @@ def drive() -> Drive:
             parts.append((times, trajectory.positions, trajectory.velocities))
         ends.append(float(samples[-1][0][-1]))
         now = ends[-1] + REST
-    columns = [np.concatenate(column) for column in zip(*samples, strict=True)]
-    planned = [np.concatenate(column) for column in zip(*points, strict=True)]
-    return Drive(plan, model, *columns, *planned, ends[0] + REST / 2, ends[1] + REST / 2)
+    times, positions, velocities = (np.concatenate(part) for part in zip(*samples, strict=True))
+    when, where, how_fast = (np.concatenate(part) for part in zip(*points, strict=True))
+    return Drive(
+        plan,
+        model,
+        times,
+        positions,
+        velocities,
+        point_times=when,
+        points=where,
+        point_velocities=how_fast,
+        grip=ends[0] + REST / 2,
+        release=ends[1] + REST / 2,
+    )
 
 
 def frame_times() -> Array:
@@ -177,7 +191,7 @@ def _trail(driven: Drive, time: float) -> Iterator[Body]:
     way = [driven.tip(joints) for joints in known]
     pieces = [
         trimesh.creation.cylinder(0.003, segment=[a, b], sections=8)
-        for a, b in zip(way, way[1:], strict=False)
+        for a, b in pairwise(way)
         if np.linalg.norm(b - a) > 1e-4
     ]
     if pieces:

@@ -48,7 +48,7 @@ def test_release_tools_read_the_changelog(tmp_path: Path) -> None:
     assert label == 'Forthcoming'
     release.update_changelog_sections({'epson_driver': (copy, read, label)}, '7.8.9')
     versions = list(changelog.get_changelog_from_path(copy, 'epson_driver').foreach_version())
-    assert [content for version, _, content in versions if version == '7.8.9'][0]
+    assert next(content for version, _, content in versions if version == '7.8.9')
 
 
 def tracked_pages() -> list[Path]:

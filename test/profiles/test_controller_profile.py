@@ -6,8 +6,8 @@ import typing
 from pathlib import Path
 
 import pytest
-from support.pages import unwrapped
 import yaml
+from support.pages import unwrapped
 
 from epson_driver.inputs import InputError
 from epson_driver.profiles.profile import (
