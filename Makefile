@@ -98,7 +98,7 @@ generate: $(VENV)/.dev
 # ten minutes, most of it the animation; not part of generate, as no test compares them
 pictures: $(VENV)/.dev
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.picture $(ARGS)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.animation
+	$(if $(ARGS),,OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.animation)
 
 clean:
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png

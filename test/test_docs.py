@@ -31,6 +31,16 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert (page.parent / target).exists(), f'{page.name} links to {target}'
 
 
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_anchors_lead_to_a_heading(page: Path) -> None:
+    text = page.read_text(encoding='utf-8')
+    for target, anchor in re.findall(r'\]\((?!https?:)([^)#:]*)#([^)]+)\)', text):
+        there = (page.parent / target if target else page).read_text(encoding='utf-8')
+        headings = re.findall(r'(?m)^#+ (.*)$', there)
+        anchors = {re.sub(r'[^\w\- ]', '', each.lower()).replace(' ', '-') for each in headings}
+        assert anchor in anchors, f'{page.name} links to {target}#{anchor}'
+
+
 def test_files_named_in_the_docs_exist() -> None:
     for page in PAGES:
         for name in re.findall(r'`((?:\w+/)+\w*\.py|test/[\w/]+)`', page.read_text('utf-8')):
@@ -92,7 +102,7 @@ def test_the_index_has_every_executable() -> None:
 
 
 def test_the_readme_is_read_to_the_end() -> None:
-    """About 120 lines; and what a reader must know before a robot moves is in the first half."""
+    """About 120 lines; what one must know before a robot moves is in the first of them."""
     lines = (ROOT / 'README.md').read_text(encoding='utf-8').splitlines()
     assert len(lines) <= 135
     assert 'not run on a real robot yet' in ' '.join(lines[:25]).lower()
