@@ -42,7 +42,7 @@ help:
 	@echo "make soak           2,000 goals and 20,000 service calls: the driver's memory stays flat (ten minutes)"
 	@echo "make soak-tests     2,000 random plans, and new examples for every property (hours)"
 	@echo "make generate       meshes, URDFs and MoveIt files, made again from config/robots"
-	@echo "make pictures       the pictures of the robots in docs"
+	@echo "make pictures       the pictures of the robots in docs, and the animation in the README (ten minutes)"
 	@echo "make clean   remove what the others made"
 	@echo "PYTHON=...   the interpreter to use, 3.11 or newer (now: $(PYTHON))"
 
@@ -95,9 +95,10 @@ generate: $(VENV)/.dev
 	$(BIN)/python -m generate.urdf
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.moveit
 
-# three minutes; not part of generate, as no test compares them
+# ten minutes, most of it the animation; not part of generate, as no test compares them
 pictures: $(VENV)/.dev
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.picture $(ARGS)
+	$(if $(ARGS),,OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.animation)
 
 clean:
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmark's figures as Markdown."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from benchmark.look_ahead import Curve
 from benchmark.metrics import Metrics
 from benchmark.strategies import STRATEGIES
 from benchmark.targets import Outcome
+
+WIDTH = 120
 
 DETAILED = ('O, all known', 'O, 3·A/J known', 'T, all known', 'T, 3·A/J known')
 """Strategies with a line per trajectory; motion.json has them all."""
@@ -21,10 +23,10 @@ def report(cases: list[Case], curves: list[Curve], results: list[Outcome]) -> st
     parts = [
         '# Motion benchmark',
         'Written by `make bench-motion`; all figures are in motion.json as well. Limits `full`: '
-        'a = 10·v/s, j = 10·a/s; `half`: 5 and 5.\n'
-        'PTP stops at every point. TOPP-RA keeps no jerk limit: nothing can be faster. OPT is '
-        'the jerk-limited optimum on one spline\nthrough the points (benchmark/optimum). '
-        'O: as fast as possible; T: keeps the commanded times.',
+        'a = 10·v/s, j = 10·a/s;\n`half`: 5 and 5. '
+        'PTP stops at every point. TOPP-RA keeps no jerk limit: nothing can be faster. OPT is\n'
+        'the jerk-limited optimum on one spline through the points (benchmark/optimum). '
+        'O: as fast as possible; T: keeps the\ncommanded times.',
         '## Targets',
         targets(results),
         '## Strategies\nGeometric mean / worst; stops are the sum.',
@@ -237,8 +239,8 @@ def details(cases: list[Case]) -> str:
                     f'{m.acceleration:.3f}',
                     f'{m.jerk:.3f}',
                     str(m.stops),
-                    f'{m.waypoint:.1e}',
-                    f'{m.overrun:.1e}',
+                    f'{m.waypoint:.1e}' if m.waypoint else '0',
+                    f'{m.overrun:.1e}' if m.overrun else '0',
                     f'{m.deviation:.3f}',
                 ]
             )
@@ -309,13 +311,9 @@ def _short(value: float) -> str:
 
 
 def _table(header: list[str], rows: Iterable[list[str]]) -> str:
-    def lines() -> Iterator[str]:
-        yield _line(header)
-        yield _line(['---'] * len(header))
-        yield from map(_line, rows)
-
-    return '\n'.join(lines())
-
-
-def _line(cells: list[str]) -> str:
-    return '| ' + ' | '.join(cells) + ' |'
+    """Return a table; one that would be wider than WIDTH columns has no spaces beside its bars."""
+    lines = [header, ['---'] * len(header), *rows]
+    spaced = [f'| {" | ".join(cells)} |' for cells in lines]
+    if max(map(len, spaced)) <= WIDTH:
+        return '\n'.join(spaced)
+    return '\n'.join(f'|{"|".join(cells)}|' for cells in lines)

@@ -205,7 +205,7 @@ TARGETS = (
     ),
     Target('the same with less known', np.inf, 0.0, _stops(enough=False), geometric=False),
     Target(
-        'waypoint error beyond the merge tolerance',
+        'waypoint error beyond merging',
         1e-5,
         1e-6,
         _every('waypoint'),
@@ -240,7 +240,7 @@ TARGETS = (
         slack=NOTHING,
     ),
     Target(
-        'velocity, acceleration against the positions, share of limit',
+        'v and a against positions, share of limit',
         5e-3,
         5e-3,
         _every('mismatch'),

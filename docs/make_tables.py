@@ -1,15 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the tables that come from elsewhere.
+"""Writes the tables and lists that come from elsewhere, no wider than 120 columns.
 
 Parameters in ros_interface.md, from node/parameters.py; error numbers in troubleshooting.md,
 from config/errors/epson.yaml; robot models in new_robot.md, from config/robots; the tests of each
-invariant in invariants.md, from their marker.
+invariant in invariants.md, from their marker, one file a line.
 
 Run it after a change there: `python docs/make_tables.py`. Tests compare them.
 """
 
 import ast
+import textwrap
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,58 +22,57 @@ from epson_driver.robots import load_robot_model, robot_models
 DOCS = Path(__file__).parent
 TEST = DOCS.parent / 'test'
 INVARIANTS = range(1, 10)
+WIDTH = 120
 KINDS = {bool: 'bool', int: 'integer', float: 'double', str: 'string', list: 'array'}
 
 
-def parameters() -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the parameters; `<joint>` stands for each joint's name."""
-    yield 'name', 'type', 'default', 'allowed', 'change', ''
+def parameters() -> Iterator[str]:
+    """Yield an item for each parameter; `<joint>` stands for each joint's name."""
     for row in (*TABLE, *joint_rows('<joint>')):
-        yield (
-            f'`{row.name}`',
-            KINDS[type(row.default)],
-            _written(row.default),
-            _allowed(row),
-            'any time' if row.now else 'at start',
-            row.description.replace('<joint>', '`<joint>`'),
-        )
+        written = _written(row.default)
+        kind = KINDS[type(row.default)]
+        change = 'any time' if row.now else 'at start'
+        about = ', '.join(filter(None, (kind, written and f'`{written}`', _allowed(row), change)))
+        description = row.description.replace('<joint>', '`<joint>`')
+        yield item(f'`{row.name}` ({about}): {description}')
 
 
-def errors() -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the error numbers."""
-    yield 'number', 'meaning', 'what to do', 'confirmed'
+def errors() -> Iterator[str]:
+    """Yield an item for each error number."""
     for number, text in load_error_texts('epson').items():
         if number != NO_ERROR:
-            confirmed = 'yes' if text.confirmed else '**no**'
-            yield str(number), text.meaning, text.remedy, confirmed
+            doubt = '' if text.confirmed else ' (**not confirmed**)'
+            remedy = f' → {text.remedy}' if text.remedy else ''
+            yield item(f'`{number}`{doubt}: {text.meaning}{remedy}')
 
 
-def models() -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the robot models."""
+def models() -> Iterator[str]:
+    """Yield the table of the robot models."""
     marks = {'high': '', 'medium': 'medium', 'low': '**low**'}
     quantities = ('position', 'velocity', 'acceleration', 'pulses_per_degree', 'chain')
-    yield 'model', 'kind', 'reach', 'payload', *(each.replace('_', ' ') for each in quantities)
+    heads = ('range', 'speed', 'acceleration', 'encoder', 'chain')
+    yield _row('model', 'kind', 'reach [mm]', 'payload [kg]', *heads)
+    yield _row(*['---'] * (4 + len(heads)))
     for name in robot_models():
         model = load_robot_model(name)
-        yield (
+        yield _row(
             f'[{name}](../config/robots/{name}.yaml)',
             model.kind,
-            f'{model.reach[0] * 1e3:.0f} mm',
-            '' if model.payload is None else f'{model.payload:g} kg',
+            f'{model.reach[0] * 1e3:.0f}',
+            '' if model.payload is None else f'{model.payload:g}',
             *(marks[model.provenance[each].worst] for each in quantities),
         )
 
 
-def invariants() -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the invariants: how many tests carry the number, and in which files."""
+def invariants() -> Iterator[str]:
+    """Yield an item for each invariant: how many tests carry its number; below, in which files."""
     found: dict[int, Counter[str]] = defaultdict(Counter)
     for path in sorted(TEST.rglob('test_*.py')):
         for number in marked(path.read_text(encoding='utf-8')):
             found[number][path.relative_to(TEST.parent).as_posix()] += 1
-    yield '', 'tests', 'in'
     for number in sorted({*INVARIANTS, *found}):
-        files = ', '.join(f'`{file}`' for file in found[number])
-        yield str(number), str(found[number].total()), files
+        yield f'* **{number}**: {found[number].total()} tests\n'
+        yield from (f'  * `{file}`\n' for file in found[number])
 
 
 def marked(module: str) -> Iterator[int]:
@@ -100,17 +100,30 @@ def _numbers(expression: ast.expr) -> set[int]:
 
 
 def page(name: str) -> str:
-    """Return a page with its table as it should be."""
-    mark, rows = TABLES[name]
+    """Return a page with its generated part as it should be."""
+    mark, lines = TABLES[name]
     begin, end = f'<!-- {mark}: begin -->\n', f'<!-- {mark}: end -->\n'
     head, rest = (DOCS / name).read_text(encoding='utf-8').split(begin)
-    return head + begin + _table(rows()) + end + rest.split(end)[1]
+    return head + begin + ''.join(lines()) + end + rest.split(end)[1]
 
 
-def _table(rows: Iterator[tuple[str, ...]]) -> str:
-    first = next(rows)
-    lines = [first, ('---',) * len(first), *rows]
-    return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
+def item(text: str) -> str:
+    """Return an item of a list, wrapped."""
+    return (
+        textwrap.fill(
+            text,
+            WIDTH,
+            initial_indent='* ',
+            subsequent_indent='  ',
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        + '\n'
+    )
+
+
+def _row(*cells: str) -> str:
+    return f'| {" | ".join(cells)} |\n'
 
 
 def _written(default: object) -> str:
@@ -125,7 +138,7 @@ def _allowed(row: Row) -> str:
     return '' if row.low is None else f'{row.low:g} … {row.high:g}'
 
 
-TABLES: dict[str, tuple[str, Callable[[], Iterator[tuple[str, ...]]]]] = {
+TABLES: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     'invariants.md': ('tests', invariants),
     'new_robot.md': ('models', models),
     'ros_interface.md': ('parameters', parameters),

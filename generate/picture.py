@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Renders the pictures of the robots in docs/ from the files in urdf/meshes.
+"""Renders the pictures of the robots in docs/images from the files in urdf/meshes.
 
 python -m generate.picture [robot] [robots] [meshes]
 """
@@ -22,7 +22,7 @@ from epson_driver.share import share_folder
 from generate.meshes import six_axis_models
 from generate.render import Body, Camera, project, render
 
-DOCS = Path(__file__).parents[1] / 'docs'
+IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
 MESHES = share_folder('urdf', 'meshes')
 LOOKS = {
     'white': ((0.90, 0.90, 0.885), 0.30),
@@ -105,7 +105,7 @@ def main(names: list[str]) -> None:
     """Write the pictures of these names, or all."""
     for name in names or PICTURES:
         picture = Image.fromarray(PICTURES[name]())
-        picture.quantize(256, dither=Image.Dither.NONE).save(DOCS / f'{name}.png', optimize=True)
+        picture.quantize(256, dither=Image.Dither.NONE).save(IMAGES / f'{name}.png', optimize=True)
 
 
 if __name__ == '__main__':

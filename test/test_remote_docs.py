@@ -4,6 +4,8 @@
 
 from pathlib import Path
 
+from support.pages import items
+
 from epson_driver.remote_ethernet.errors import MEANINGS
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS
 from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
@@ -16,10 +18,14 @@ ESCAPED = r'\|'
 """How a | is written within a table."""
 
 
+def section(heading):
+    """Return the text under a heading."""
+    return DOCS.read_text(encoding='utf-8').split(f'## {heading}\n')[1].split('\n## ')[0]
+
+
 def rows(heading):
     """Return the cells of the table under a heading, but for its head."""
-    section = DOCS.read_text(encoding='utf-8').split(f'## {heading}\n')[1].split('\n## ')[0]
-    lines = [line for line in section.splitlines() if line.startswith('|')]
+    lines = [line for line in section(heading).splitlines() if line.startswith('|')]
     return [tuple(cell.strip() for cell in line.strip('|').split(' | ')) for line in lines[2:]]
 
 
@@ -39,10 +45,8 @@ def test_the_documented_commands_are_those_of_the_code():
 
 
 def test_the_documented_simulation_commands_are_those_of_the_code():
-    expected = [
-        (usage('$Sim', row.usage.replace('|', ESCAPED)), row.text) for row in SIM_COMMANDS.values()
-    ]
-    assert rows('What only the simulation has') == expected
+    expected = [(f'{usage("$Sim", row.usage)}: {row.text}', []) for row in SIM_COMMANDS.values()]
+    assert items(section('What only the simulation has')) == expected
 
 
 def test_the_documented_statements_and_functions_are_those_of_the_code():

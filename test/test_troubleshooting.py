@@ -8,13 +8,15 @@ import runpy
 from pathlib import Path
 
 import pytest
+from support.pages import unwrapped
 
 from epson_driver.error_texts import load_error_texts
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / 'docs' / 'troubleshooting.md').read_text(encoding='utf-8')
-SAID = re.findall(r'^\| "(.+?)" \|', PAGE, re.MULTILINE)
-ROW = re.compile(r'^\| (\d+) \| (.*?) \| (.*?) \| (yes|\*\*no\*\*) \|$', re.MULTILINE)
+SAID = re.findall(r'^\* \*\*"(.+?)"\*\*$', PAGE, re.MULTILINE)
+ITEM = re.compile(r'^\* `(\d+)`( \(\*\*not confirmed\*\*\))?: (.*?)(?: → (.*))?$', re.MULTILINE)
+NUMBERS = {int(row[0]): row[1:] for row in ITEM.findall(unwrapped(PAGE))}
 
 
 def without_docstrings(path):
@@ -31,7 +33,7 @@ def is_text(line):
 
 
 def sentences():
-    """Return all texts in the code of driver and node, each f-string's parts joined by …."""
+    """Return all texts in the driver's code, each f-string's parts joined by …."""
     for package in ('driver', 'node', 'link', 'simple_message'):
         for path in (ROOT / 'epson_driver' / package).rglob('*.py'):
             for node in ast.walk(without_docstrings(path)):
@@ -56,13 +58,12 @@ def test_there_are_symptoms():
 
 @pytest.mark.parametrize('number', [number for number in load_error_texts() if number])
 def test_every_error_number_stands_there_with_its_remedy(number):
-    rows = {int(row[0]): row[1:] for row in ROW.findall(PAGE)}
     text = load_error_texts()[number]
-    confirmed = 'yes' if text.confirmed else '**no**'
-    assert rows[number] == (text.meaning, text.remedy, confirmed)
+    doubt, meaning, remedy = NUMBERS[number]
+    assert (meaning, remedy, not doubt) == (text.meaning, text.remedy, text.confirmed)
 
 
 def test_no_other_number_stands_there_and_the_table_is_generated():
-    assert {int(row[0]) for row in ROW.findall(PAGE)} | {0} == set(load_error_texts())
+    assert set(NUMBERS) | {0} == set(load_error_texts())
     make = runpy.run_path(str(ROOT / 'docs' / 'make_tables.py'))
     assert make['page']('troubleshooting.md') == PAGE, 'run `python docs/make_tables.py`'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the old client did wrong: the table of docs/migration.md, each row with its test.
+"""What the old client did wrong: the list in docs/migration.md, each item with its test.
 
 The tests at the end are those of rows that no other file had a test for.
 """
@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from support.driver_harness import HOME, LIMITS, Harness, WaxController, frame, open_gate, pose
 from support.event_loop import run, until
+from support.pages import items, unwrapped
 
 from epson_driver.cli.__main__ import EXECUTABLES
 from epson_driver.driver.delivery.points import FIRST_VELOCITY, trajectory_points
@@ -26,10 +27,12 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.simple_message import ByteOrder, JointTrajPt
 
 TESTS = Path(__file__).parents[1]
+WORDS = ('old: ', 'here: ', 'shown by: ')
 PAGE = TESTS.parent / 'docs' / 'migration.md'
-TABLE = PAGE.read_text(encoding='utf-8').split('defects: begin -->\n')[1].split('<!--')[0]
+DEFECTS = PAGE.read_text(encoding='utf-8').split('defects: begin -->\n')[1].split('<!--')[0]
 ROWS = [
-    tuple(cell.strip() for cell in line.strip('|').split('|')) for line in TABLE.splitlines()[2:]
+    (name, *(part.removeprefix(word) for part, word in zip(parts, WORDS, strict=True)))
+    for name, parts in items(DEFECTS)
 ]
 
 KNOWN = {f'B{number}' for number in range(1, 6)}
@@ -72,12 +75,13 @@ def test_no_known_defect_is_left_out():
     assert found - {'observed', 'ROS 2 ports'} == KNOWN
 
 
-def names_here(title, column=1):
-    """Return the names in a column of a table of the page."""
+def names_here(title):
+    """Return the names that a section of the page leads to."""
     section = PAGE.read_text('utf-8').split(f'\n## {title}\n')[1].split('\n## ')[0]
-    for line in section.splitlines():
-        if line.startswith('| ') and not line.startswith('| ROS 1 '):
-            yield from re.findall(r'`([^`]+)`', line.split('|')[1 + column])
+    for line in unwrapped(section).splitlines():
+        if ' → ' in line:
+            there, _, _ = line.split(' → ')[1].partition(' — ')
+            yield from re.findall(r'`([^`]+)`', there)
 
 
 @pytest.mark.parametrize('title', ['Topics, services, actions', 'Parameters'])
@@ -86,7 +90,7 @@ def test_what_the_migration_leads_to_is_there(title):
     names = list(names_here(title))
     assert len(names) > 5
     for name in names:
-        assert f'| `{name}` |' in there
+        assert f'* `{name}` (' in there
 
 
 def test_the_nodes_that_the_migration_leads_to_are_there():

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from launch_rules import IMPORTS, ROOT, dependencies, faults
 from launch_stand_in import Context, LaunchError, Node, declared_names, description, launched
+from support.pages import unwrapped
 
 from epson_driver.bringup import INTERFACE, robot_description
 from epson_driver.bringup.arguments import TABLE
@@ -300,7 +301,8 @@ def test_launch_files_that_the_docs_name_exist(page: str) -> None:
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
 def test_the_docs_have_the_arguments_of_every_launch_file(path: Path) -> None:
     text = (ROOT / 'docs' / 'robot.md').read_text(encoding='utf-8')
-    (cells,) = re.findall(rf'^\| `{re.escape(path.name)}` \|.*?\|(.*)\|$', text, re.MULTILINE)
+    item = rf'^\* `{re.escape(path.name)}` \(.*?\): (.*)$'
+    (cells,) = re.findall(item, unwrapped(text), re.MULTILINE)
     own = words(cells)
     if "the driver's but" in cells:
         own ^= set(INTERFACE)
@@ -312,7 +314,7 @@ def test_the_docs_have_the_arguments_of_every_launch_file(path: Path) -> None:
 def test_the_docs_describe_the_drivers_arguments() -> None:
     text = (ROOT / 'docs' / 'robot.md').read_text(encoding='utf-8')
     _, table = text.split("The driver's arguments:")
-    rows = re.findall(r'^\| (`.*?) \|', table, re.MULTILINE)
+    rows = re.findall(r'^\* (`.*?) \(', table, re.MULTILINE)
     assert words(' '.join(rows)) == set(INTERFACE)
 
 

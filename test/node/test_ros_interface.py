@@ -45,8 +45,8 @@ def section(title):
 
 
 def written(title):
-    """Return the name and the type of each row of a section's first table."""
-    rows = re.findall(r'^\| `([\w/~]+)` \| (\w+/\w+/\w+) \|', section(title), re.MULTILINE)
+    """Return the name and the type of each item of a section."""
+    rows = re.findall(r'^\* `([\w/~]+)` \((\w+/\w+/\w+)[;)]', section(title), re.MULTILINE)
     return {resolved(name): kind for name, kind in rows}
 
 
@@ -115,7 +115,7 @@ def test_the_parameters_are_those_of_the_table():
 
 
 def test_every_parameter_that_is_declared_is_described(made):
-    described = set(re.findall(r'^\| `([\w.<>]+)` \|', section('Parameters'), re.MULTILINE))
+    described = set(re.findall(r'^\* `([\w.<>]+)` \(', section('Parameters'), re.MULTILINE))
     joints = made.driver.configuration.limits.names
     declared = set()
     for name in made.node._parameters:
@@ -128,7 +128,7 @@ def test_every_parameter_that_is_declared_is_described(made):
 
 def test_every_key_of_the_diagnostics_is_described():
     described = set()
-    for cell in re.findall(r'^\| (`.*?`) \| ', section('Diagnostics'), re.MULTILINE):
+    for cell in re.findall(r'^\* (`.*?`): ', section('Diagnostics'), re.MULTILINE):
         described |= set(re.findall(r'`([^`]+)`', cell))
 
     async def scenario():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from support.pages import unwrapped
 
 from epson_driver.inputs import InputError
 from epson_driver.profiles.profile import (
@@ -279,12 +280,13 @@ PAGE = (Path(__file__).parents[2] / 'docs' / 'controllers.md').read_text(encodin
 @pytest.mark.parametrize('name', NAMES)
 def test_the_page_says_of_each_profile_what_is_approximate(name):
     section = PAGE.split(f'### {name}\n')[1].split('\n#')[0]
-    listed = re.findall(r'^\* (.*)$', section, re.MULTILINE)
+    listed = re.findall(r'^\* (.*)$', unwrapped(section), re.MULTILINE)
     assert tuple(listed) == load_controller_profile(name).approximate
 
 
 def test_the_page_lists_every_key_with_its_rule():
-    rows = re.findall(r'^\| `([\w.]+)` \| (.*?) \| (.+) \|$', PAGE, re.MULTILINE)
+    keys = unwrapped(PAGE.split('\n## Keys\n')[1])
+    rows = re.findall(r'^\* `([\w.]+)` \((.*?)\): (.+)$', keys, re.MULTILINE)
     assert [(key, 'must be ' + value) for key, value, _ in rows] == [
         (key, rule.text) for key, rule in RULES.items()
     ]

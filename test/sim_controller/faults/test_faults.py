@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.fault_harness import JOINTS, FaultHarness, answer
+from support.pages import unwrapped
 
 from epson_driver.sim_controller.faults.fault_kinds import DATA_PORTS, FAULTS, REMOTE, FaultError
 from epson_driver.sim_controller.faults.fault_text import describe, parameter_texts, parse, write
@@ -367,23 +368,22 @@ COMMON = ('port', 'count', 'skip', 'for', 'after', 'seed')
 """Parameters that mean the same wherever they are: the page explains them once."""
 
 
-def page_tables():
-    """Return the tables that docs/faults.md must hold."""
-    lines = ['| fault | what happens | parameters of its own (allowed; default) | others |']
-    lines.append('|---|---|---|---|')
+def page_lists():
+    """Return the lists that docs/faults.md must hold, each item on one line."""
+    lines = []
     common = {}
     for name, kind in FAULTS.items():
         texts = parameter_texts(kind)
-        own = [f'`{key}`: {text}' for key, text in texts.items() if key not in COMMON]
+        lines.append(f'* **`{name}`**: {kind.text}')
+        lines += [f'  * `{key}`: {text}' for key, text in texts.items() if key not in COMMON]
         defaults = [f'`{default_text(name, key)}`' for key in COMMON if key in texts]
-        cells = (f'`{name}`', kind.text, '<br>'.join(own) or '–', ' '.join(defaults))
-        lines.append(f'| {" | ".join(cells)} |')
+        lines.append(f'  * by default {", ".join(defaults)}')
         common |= {each.name: each for each in kind.parameters if each.name not in common}
-    lines += ['', '| parameter of several | meaning | allowed |', '|---|---|---|']
+    lines += ['', 'Parameters of several faults:', '']
     ports = ('which ports', f'{", ".join((*DATA_PORTS, REMOTE))}; several with +; all')
     rows = {key: (common[key].text, common[key].range) for key in COMMON if key in common}
     for key, (text, allowed) in {'port': ports, **rows}.items():
-        lines.append(f'| `{key}` | {text} | {allowed} |')
+        lines.append(f'* `{key}`: {text} ({allowed})')
     return '\n'.join(lines)
 
 
@@ -397,8 +397,8 @@ def default_text(name, key):
     return f'{key}={"none" if value is None else parameter.write(value)}'
 
 
-def test_the_page_shows_the_table():
-    assert page_tables() in PAGE.read_text('utf-8'), page_tables()
+def test_the_page_lists_the_faults():
+    assert page_lists() in unwrapped(PAGE.read_text('utf-8')), page_lists()
 
 
 def test_the_examples_of_the_page_are_faults(harness):

@@ -231,6 +231,7 @@ def test_thousand_resets_of_everything_do_the_work_once(
 
 def test_the_examples_of_the_docs_are_what_the_port_says(harness: Harness) -> None:
     text = (Path(__file__).parents[3] / 'docs' / 'io.md').read_text(encoding='utf-8')
+    text = re.sub(r'\n    (?=[0-9a-f]{8} )', ' ', text)  # a long one goes on in the next line
     lines = re.findall(r'^(?:[0-9a-f]{8} {1,2})+[0-9a-f]{8}$', text, re.MULTILINE)
     frames = [bytes.fromhex(line) for line in lines]
     assert len(frames) == 13

@@ -1,0 +1,23 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the pages of docs/, whose lines end at 120 columns wherever that is in a sentence."""
+
+import re
+
+CONTINUED = re.compile(r'\n +(?![*\-|`] |\d+\. |```)(?=\S)')
+
+
+def unwrapped(text: str) -> str:
+    """Return a page with each item of its lists on one line."""
+    return CONTINUED.sub(' ', text)
+
+
+def items(text: str) -> list[tuple[str, list[str]]]:
+    """Return the items of a list, each with those of the list below it."""
+    found: list[tuple[str, list[str]]] = []
+    for line in unwrapped(text).splitlines():
+        if line.startswith('* '):
+            found.append((line.removeprefix('* '), []))
+        elif line.startswith('  * '):
+            found[-1][1].append(line.removeprefix('  * '))
+    return found
