@@ -11,8 +11,8 @@ from pathlib import Path
 
 from epson_driver.driver.goal import goal_states
 from epson_driver.link import states as link
-from epson_driver.sim_controller import states as controller
-from epson_driver.sim_controller.tasks import PROGRAM, TASK_STATES
+from epson_driver.sim_controller.condition import states as controller
+from epson_driver.sim_controller.condition.tasks import PROGRAM, TASK_STATES
 
 DOCS = Path(__file__).parent
 BEGIN, END = '<!-- generated: begin -->\n', '<!-- generated: end -->\n'

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 from epson_driver.cli.pendant_words import faults
 from epson_driver.remote_ethernet.client import Ask, RemoteError
-from epson_driver.sim_controller.errors import ERRORS
+from epson_driver.sim_controller.condition.errors import ERRORS
+from epson_driver.sim_controller.condition.states import EStop
 from epson_driver.sim_controller.remote.status_words import FLAGS
-from epson_driver.sim_controller.states import EStop
 
 _ESTOP = {
     EStop.CLEAR.value: 'not active',

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Literal
 from epson_driver.motion import Array
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower
-from epson_driver.sim_controller.arm.mechanism import Mechanism
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
+from epson_driver.sim_controller.arm.simulated_arm import Mechanism
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
-from epson_driver.sim_controller.errors import ErrorRegister
+from epson_driver.sim_controller.condition.errors import ErrorRegister
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
 from epson_driver.sim_controller.programs.program import Program

@@ -15,20 +15,14 @@ import numpy as np
 from epson_driver.motion import Array
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
-from epson_driver.sim_controller import state_messages
 from epson_driver.sim_controller.arm.servo import Servo
 from epson_driver.sim_controller.arm.streaming import Planner
+from epson_driver.sim_controller.arm.timing import Timing
 from epson_driver.sim_controller.assembly import new_mechanism, new_program
+from epson_driver.sim_controller.client_connections import Lines
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.sim_controller.errors import TEXTS, ErrorNumber, ErrorRegister, Refusal
-from epson_driver.sim_controller.faults.faults import Faults
-from epson_driver.sim_controller.io.io_points import IoPoints
-from epson_driver.sim_controller.lines import Lines
-from epson_driver.sim_controller.programs.points import angles_refusal, clipped
-from epson_driver.sim_controller.remote.spel_memory import SpelMemory
-from epson_driver.sim_controller.remote.spel_settings import DEFAULTS_AFTER, defaults
-from epson_driver.sim_controller.session import Client, Send, Session
-from epson_driver.sim_controller.states import (
+from epson_driver.sim_controller.condition.errors import TEXTS, ErrorNumber, ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.states import (
     ENDED,
     REGIONS,
     Condition,
@@ -43,8 +37,14 @@ from epson_driver.sim_controller.states import (
     Tasks,
     after,
 )
-from epson_driver.sim_controller.tasks import Task, TaskState
-from epson_driver.sim_controller.timing import Timing
+from epson_driver.sim_controller.condition.tasks import Task, TaskState
+from epson_driver.sim_controller.faults.faults import Faults
+from epson_driver.sim_controller.io.io_points import IoPoints
+from epson_driver.sim_controller.ports.session import Client, Send, Session
+from epson_driver.sim_controller.programs.points import angles_refusal, clipped
+from epson_driver.sim_controller.remote.spel_memory import SpelMemory
+from epson_driver.sim_controller.remote.spel_settings import DEFAULTS_AFTER, defaults
+from epson_driver.sim_controller.state import state_messages
 from epson_driver.simple_message import (
     Dialect,
     JointFeedback,

@@ -21,9 +21,9 @@ from support.controller_harness import (
 )
 
 from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.sim_controller.condition.states import EStop, Motors, Power, RefusedError, Tasks
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.fault_text import parse
-from epson_driver.sim_controller.states import EStop, Motors, Power, RefusedError, Tasks
 from epson_driver.simple_message import FrameError
 
 HERE = (0.0,) * 6

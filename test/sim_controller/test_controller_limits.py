@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.controller_harness import LIMITS, STOP, Harness, InlinePlanner, point
 from support.examples import examples
 
-from epson_driver.sim_controller.states import Motors, RefusedError
+from epson_driver.sim_controller.condition.states import Motors, RefusedError
 from epson_driver.simple_message import FrameError
 
 DT = 0.001

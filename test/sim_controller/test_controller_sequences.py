@@ -26,8 +26,8 @@ from support.controller_harness import (
 )
 from support.examples import examples
 
+from epson_driver.sim_controller.condition.states import Event, Motors, RefusedError, Tasks
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.states import Event, Motors, RefusedError, Tasks
 from epson_driver.simple_message import FrameError
 
 pytestmark = pytest.mark.invariant(1, 2, 3, 4)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support.controller_harness import LIMITS, MODEL, RC620, STOP, InlinePlanner, Peer, point
 
+from epson_driver.sim_controller.condition.states import Event, RefusedError
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.fault_text import parse
-from epson_driver.sim_controller.states import Event, RefusedError
 from epson_driver.simple_message import FrameError
 
 PORTS = ('motion', 'state', 'io', 'remote')

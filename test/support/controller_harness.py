@@ -16,8 +16,8 @@ import numpy as np
 from epson_driver.motion.smoother import plan
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.states import Event
 
 MODEL = load_robot_model('c3_a601s')
 RC620 = load_controller_profile('rc620')

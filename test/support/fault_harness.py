@@ -4,7 +4,7 @@
 
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.faults.faults import Faults, parse
-from epson_driver.sim_controller.faults.wire import Wire
+from epson_driver.sim_controller.faults.faulty_transport import Wire
 from epson_driver.simple_message import (
     LITTLE_ENDIAN,
     JointPosition,

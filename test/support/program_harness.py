@@ -11,7 +11,7 @@ from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.sim_controller.errors import ErrorRegister
+from epson_driver.sim_controller.condition.errors import ErrorRegister
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.simple_message import Dialect, Framer, encode
 

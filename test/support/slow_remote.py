@@ -5,7 +5,7 @@
 import asyncio
 import contextlib
 
-from epson_driver.sim_controller.states import Event, RefusedError
+from epson_driver.sim_controller.condition.states import Event, RefusedError
 
 EVENTS = {
     '$SetMotorsOn,1': Event.MOTORS_ON,

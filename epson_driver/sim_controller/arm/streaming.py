@@ -11,7 +11,7 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.planning_latency import PlanningLatency
-from epson_driver.sim_controller.timing import Timing
+from epson_driver.sim_controller.arm.timing import Timing
 
 ATTEMPTS = 10
 """Plans from rest that may fail one after the other before that counts as a failure."""

@@ -12,11 +12,11 @@ from collections import deque
 from typing import NamedTuple
 
 from epson_driver.profiles.profile import ServerProfile
-from epson_driver.sim_controller.lines import GRACE, NEWCOMERS, REMOTE_CLIENTS
-from epson_driver.sim_controller.network.connection import Connection
-from epson_driver.sim_controller.network.fairness import Share
+from epson_driver.sim_controller.client_connections import GRACE, NEWCOMERS, REMOTE_CLIENTS
+from epson_driver.sim_controller.network.cpu_budget import Share
 from epson_driver.sim_controller.network.pacer import Pacer
-from epson_driver.sim_controller.network.spare import Spare
+from epson_driver.sim_controller.network.spare_descriptor import Spare
+from epson_driver.sim_controller.network.tcp_connection import Connection
 from epson_driver.simple_message import FrameError
 
 HANDOVER = 0.1

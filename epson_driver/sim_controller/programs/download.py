@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from epson_driver.profiles.profile import DownloadProfile
-from epson_driver.sim_controller.errors import Refusal, corrupt
+from epson_driver.sim_controller.condition.errors import Refusal, corrupt
 from epson_driver.simple_message import CommType, JointTrajPt, SpecialSequence
 
 _log = logging.getLogger(__name__)

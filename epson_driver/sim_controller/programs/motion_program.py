@@ -30,7 +30,8 @@ from collections.abc import Callable
 from epson_driver.profiles.profile import ProgramProfile
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.sim_controller.errors import ErrorRegister, Refusal, corrupt
+from epson_driver.sim_controller.condition.errors import ErrorRegister, Refusal, corrupt
+from epson_driver.sim_controller.ports.requests import answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
 from epson_driver.sim_controller.programs.points import (
@@ -43,7 +44,6 @@ from epson_driver.sim_controller.programs.points import (
 )
 from epson_driver.sim_controller.programs.program import ProgramQuit, SendPacket
 from epson_driver.sim_controller.programs.replies import REPLIES
-from epson_driver.sim_controller.requests import answer, failure
 from epson_driver.simple_message import (
     BodyError,
     CommType,

@@ -4,9 +4,9 @@
 
 from typing import TYPE_CHECKING
 
-from epson_driver.sim_controller.errors import ErrorNumber, Refusal
-from epson_driver.sim_controller.session import Send
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.ports.session import Send
 from epson_driver.simple_message import FrameError, Framer
 
 if TYPE_CHECKING:

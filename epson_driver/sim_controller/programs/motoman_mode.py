@@ -6,8 +6,8 @@ import logging
 from collections.abc import Callable
 from typing import Protocol
 
-from epson_driver.sim_controller.errors import ErrorNumber, ErrorRegister, Refusal
-from epson_driver.sim_controller.states import (
+from epson_driver.sim_controller.condition.errors import ErrorNumber, ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.states import (
     Condition,
     Event,
     Fault,

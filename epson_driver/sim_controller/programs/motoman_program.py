@@ -37,7 +37,9 @@ from collections.abc import Callable
 import numpy as np
 
 from epson_driver.sim_controller.arm.executor import Executor, Point
-from epson_driver.sim_controller.errors import ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.states import Event, Fault, RefusedError
+from epson_driver.sim_controller.ports.requests import answer
 from epson_driver.sim_controller.programs.motoman_mode import Servos, TrajectoryMode
 from epson_driver.sim_controller.programs.motoman_points import (
     Wrong,
@@ -52,8 +54,6 @@ from epson_driver.sim_controller.programs.motoman_replies import (
     unreadable,
 )
 from epson_driver.sim_controller.programs.points import clipped
-from epson_driver.sim_controller.requests import answer
-from epson_driver.sim_controller.states import Event, Fault, RefusedError
 from epson_driver.simple_message import (
     BodyError,
     CommType,

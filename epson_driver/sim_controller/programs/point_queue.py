@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock, Timer
-from epson_driver.sim_controller.errors import Refusal
+from epson_driver.sim_controller.condition.errors import Refusal
 
 
 @dataclass(frozen=True, slots=True, eq=False)

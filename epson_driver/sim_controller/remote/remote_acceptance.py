@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.errors import TEXTS
+from epson_driver.sim_controller.condition.errors import TEXTS
+from epson_driver.sim_controller.condition.states import EStop, Event, RefusedError, Tasks, after
 from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
-from epson_driver.sim_controller.states import EStop, Event, RefusedError, Tasks, after
 
 if TYPE_CHECKING:
     from epson_driver.sim_controller.core import Controller

@@ -14,6 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.condition.states import Event, Power, RefusedError
 from epson_driver.sim_controller.io.io_points import BYTE, WORD, IoError
 from epson_driver.sim_controller.remote import remote_acceptance as needs
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError, Need, check
@@ -29,7 +30,6 @@ from epson_driver.sim_controller.remote.sim_commands import simulate
 from epson_driver.sim_controller.remote.spel_functions import error_text
 from epson_driver.sim_controller.remote.spel_statements import NO_MOTION, execute
 from epson_driver.sim_controller.remote.status_words import flags
-from epson_driver.sim_controller.states import Event, Power, RefusedError
 from epson_driver.simple_message import IoType
 
 if TYPE_CHECKING:

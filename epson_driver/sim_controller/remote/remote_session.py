@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.ports.session import Send
 from epson_driver.sim_controller.remote.remote_commands import Dialogue, answer
-from epson_driver.sim_controller.session import Send
 
 if TYPE_CHECKING:
     from epson_driver.sim_controller.clock import Timer

@@ -9,14 +9,14 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.condition.states import REGIONS, Event
+from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState, TaskType
 from epson_driver.sim_controller.faults.fault_kinds import FaultError
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.io.io_points import IoError
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 from epson_driver.sim_controller.remote.remote_parameters import expect, real, whole, wrong
 from epson_driver.sim_controller.remote.spel_functions import print_list
-from epson_driver.sim_controller.states import REGIONS, Event
-from epson_driver.sim_controller.tasks import PROGRAM, TaskState, TaskType
 from epson_driver.simple_message import IoType
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.errors import TEXTS, ErrorNumber
+from epson_driver.sim_controller.condition.errors import TEXTS, ErrorNumber
+from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
 from epson_driver.sim_controller.io.io_points import BYTE, WORD, IoError
 from epson_driver.sim_controller.remote import spel_settings, status_words
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 from epson_driver.sim_controller.remote.remote_parameters import expect, whole, wrong
-from epson_driver.sim_controller.tasks import PROGRAM, TaskState
 from epson_driver.simple_message import IoType
 
 if TYPE_CHECKING:

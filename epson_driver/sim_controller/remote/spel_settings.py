@@ -9,8 +9,8 @@ there is no motion here that they would act on.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.remote.remote_parameters import expect, real, whole, wrong
-from epson_driver.sim_controller.states import Event
 
 if TYPE_CHECKING:
     from epson_driver.sim_controller.core import Controller

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.condition.states import Event, RefusedError
 from epson_driver.sim_controller.io.io_points import BYTE, IoError
 from epson_driver.sim_controller.remote import spel_settings
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 from epson_driver.sim_controller.remote.remote_parameters import expect, whole, wrong
 from epson_driver.sim_controller.remote.spel_functions import print_list
 from epson_driver.sim_controller.remote.status_words import error
-from epson_driver.sim_controller.states import Event, RefusedError
 from epson_driver.simple_message import IoType
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ that it moves or has somewhere to go, Ready that it does not. And there are no w
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from epson_driver.sim_controller.errors import ErrorNumber
-from epson_driver.sim_controller.states import Door, Fault, Mode, Power, Tasks
-from epson_driver.sim_controller.tasks import PROGRAM, TaskState
+from epson_driver.sim_controller.condition.errors import ErrorNumber
+from epson_driver.sim_controller.condition.states import Door, Fault, Mode, Power, Tasks
+from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
 
 if TYPE_CHECKING:
     from epson_driver.sim_controller.core import Controller

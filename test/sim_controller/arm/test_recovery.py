@@ -17,8 +17,8 @@ from support.controller_harness import (
     point,
 )
 
+from epson_driver.sim_controller.condition.states import Motors, RefusedError, Tasks
 from epson_driver.sim_controller.core import SMALL_PUSH
-from epson_driver.sim_controller.states import Motors, RefusedError, Tasks
 
 DT = 0.004
 POINTS = [(0.1 * i, -0.08 * i, 0.05 * i, 0.0, 0.1 * i, 0.0) for i in range(1, 9)]

@@ -21,7 +21,7 @@ from support.controller_harness import (
 )
 
 from epson_driver.sim_controller.arm.streaming import ATTEMPTS
-from epson_driver.sim_controller.states import Motors
+from epson_driver.sim_controller.condition.states import Motors
 
 DT = 0.004
 HERE = (0.0,) * 6

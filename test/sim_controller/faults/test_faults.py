@@ -29,7 +29,7 @@ def calls(harness):
     return told
 
 
-# Faults of the controller itself; those of connections are tested in test_wire.py.
+# Faults of the controller itself; those of connections are tested in test_faulty_transport.py.
 
 
 def test_frozen_encoder_of_one_joint_for_a_time(harness):
@@ -140,7 +140,7 @@ def test_reboot_that_has_not_begun_can_be_cleared(harness):
 
 
 def test_every_fault_has_a_test_of_its_name():
-    written = HERE.read_text('utf-8') + HERE.with_name('test_wire.py').read_text('utf-8')
+    written = HERE.read_text('utf-8') + HERE.with_name('test_faulty_transport.py').read_text('utf-8')
     for name in FAULTS:
         assert f'def test_{name}_' in written, name
 

@@ -14,9 +14,9 @@ from support.event_loop import run, until
 
 from epson_driver.remote_ethernet.client import LOGINS, RemoteError, execute
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
+from epson_driver.sim_controller.condition.states import Event, Motors
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.states import Event, Motors
 
 HOST = '127.0.0.1'
 FREE = Ports(0, 0, 0, 0)

@@ -12,8 +12,8 @@ from support.event_loop import until
 from test_controller_servers import HOST, on_sockets, read_frame, refused
 
 from epson_driver.remote_ethernet.client import execute
-from epson_driver.sim_controller.lines import NEWCOMERS, REMOTE_CLIENTS, Line
-from epson_driver.sim_controller.network.fairness import FIRST, SAVED, Share
+from epson_driver.sim_controller.client_connections import NEWCOMERS, REMOTE_CLIENTS, Line
+from epson_driver.sim_controller.network.cpu_budget import FIRST, SAVED, Share
 from epson_driver.sim_controller.network.port_server import WAITING, port_rules
 
 CROWD = 200

@@ -21,7 +21,7 @@ from support.program_harness import (
     rounded,
 )
 
-from epson_driver.sim_controller.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal
 
 FIRST, LAST, STOP = -1, -3, -4
 DOWNLOAD = profile('rc620').download

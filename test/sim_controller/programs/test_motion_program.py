@@ -24,7 +24,7 @@ from support.controller_harness import (
 
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.states import Event
 
 HERE = (0.0,) * 6
 THERE = (0.5, -0.4, 0.3, 0.2, -0.1, 1.0)

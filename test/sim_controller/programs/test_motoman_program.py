@@ -13,9 +13,16 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from epson_driver.motion import JointLimits
-from epson_driver.sim_controller.errors import ErrorNumber, ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.states import (
+    Condition,
+    Event,
+    Motors,
+    RefusedError,
+    Tasks,
+    after,
+)
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
-from epson_driver.sim_controller.states import Condition, Event, Motors, RefusedError, Tasks, after
 from epson_driver.simple_message import LITTLE_ENDIAN, Framer, encode
 
 NAN, INF = math.nan, math.inf

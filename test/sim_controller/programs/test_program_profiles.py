@@ -20,7 +20,7 @@ from support.program_harness import (
     rounded,
 )
 
-from epson_driver.sim_controller.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal
 from epson_driver.sim_controller.programs.program import ProgramQuit
 
 STOP = -4

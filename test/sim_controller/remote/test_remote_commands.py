@@ -11,9 +11,9 @@ from support.controller_harness import Harness, point
 from support.examples import examples
 from support.remote_harness import Remote
 
+from epson_driver.sim_controller.condition.states import Mode, Motors, Power, Tasks
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS
 from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
-from epson_driver.sim_controller.states import Mode, Motors, Power, Tasks
 
 FAR = (1.0, 0.5, -0.5)
 

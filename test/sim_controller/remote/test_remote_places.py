@@ -5,7 +5,7 @@
 import pytest
 from support.controller_harness import Harness, Peer
 
-from epson_driver.sim_controller.lines import GRACE, REMOTE_CLIENTS
+from epson_driver.sim_controller.client_connections import GRACE, REMOTE_CLIENTS
 
 
 class Client:

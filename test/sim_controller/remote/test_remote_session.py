@@ -8,9 +8,9 @@ import pytest
 from support.controller_harness import PROFILE, Harness
 from support.remote_harness import Remote
 
+from epson_driver.sim_controller.condition.states import Motors
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS
 from epson_driver.sim_controller.remote.remote_session import LINE_LIMIT, LOGIN_TIME
-from epson_driver.sim_controller.states import Motors
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from support.remote_harness import Remote
 
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.condition.states import RefusedError
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.states import RefusedError
 
 MODEL = load_robot_model('gx4_c251s')
 START = np.array([0.5, -0.25, -0.05, 1.0])

@@ -7,10 +7,10 @@ import pytest
 from support.controller_harness import PROFILE, Harness, point
 from support.remote_harness import Remote
 
+from epson_driver.sim_controller.condition.states import Motors, Power
 from epson_driver.sim_controller.remote.spel_functions import FUNCTIONS
 from epson_driver.sim_controller.remote.spel_settings import SETTINGS
 from epson_driver.sim_controller.remote.spel_statements import MOTION_STATEMENTS, STATEMENTS
-from epson_driver.sim_controller.states import Motors, Power
 from epson_driver.simple_message import IoType
 
 

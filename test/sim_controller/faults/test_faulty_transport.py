@@ -10,7 +10,7 @@ from support.fault_harness import FaultHarness, answer, ask, state
 
 from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, byte_order, is_reply
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
-from epson_driver.sim_controller.faults.wire import MAX_HELD
+from epson_driver.sim_controller.faults.faulty_transport import MAX_HELD
 from epson_driver.simple_message import BIG_ENDIAN, ByteOrder, FrameError, Framer
 
 LINK_FAULTS = [name for name, kind in FAULTS.items() if kind.ports]

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from itertools import cycle
 from typing import TYPE_CHECKING
 
-from epson_driver.sim_controller.requests import Answers, answer_frame
-from epson_driver.sim_controller.session import Send
+from epson_driver.sim_controller.ports.requests import Answers, answer_frame
+from epson_driver.sim_controller.ports.session import Send
 from epson_driver.simple_message import Framer, Message, MessageType, encode, topic
 
 if TYPE_CHECKING:

@@ -9,21 +9,21 @@ import logging
 from typing import TYPE_CHECKING
 
 from epson_driver.sim_controller.clock import Timer
-from epson_driver.sim_controller.faults.wire import Wire
-from epson_driver.sim_controller.io.io_session import IoSession
-from epson_driver.sim_controller.programs.motion_session import MotionSession
-from epson_driver.sim_controller.programs.program import ProgramQuit
-from epson_driver.sim_controller.remote.remote_session import RemoteSession
-from epson_driver.sim_controller.session import Client, Send, Session
-from epson_driver.sim_controller.state_session import StateSession
-from epson_driver.sim_controller.states import Event, Tasks
-from epson_driver.sim_controller.tasks import (
+from epson_driver.sim_controller.condition.states import Event, Tasks
+from epson_driver.sim_controller.condition.tasks import (
     IO_SERVER,
     MOTION_SERVER,
     STATE_SERVER,
     Task,
     TaskState,
 )
+from epson_driver.sim_controller.faults.faulty_transport import Wire
+from epson_driver.sim_controller.io.io_session import IoSession
+from epson_driver.sim_controller.ports.session import Client, Send, Session
+from epson_driver.sim_controller.programs.motion_session import MotionSession
+from epson_driver.sim_controller.programs.program import ProgramQuit
+from epson_driver.sim_controller.remote.remote_session import RemoteSession
+from epson_driver.sim_controller.state.state_session import StateSession
 from epson_driver.simple_message import FrameError
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@
 
 from typing import TYPE_CHECKING
 
-from epson_driver.sim_controller.errors import ErrorNumber, Refusal
-from epson_driver.sim_controller.states import REGIONS, EStop, Fault, Mode, Motors, Tasks
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.states import REGIONS, EStop, Fault, Mode, Motors, Tasks
 from epson_driver.simple_message import (
     JointFeedback,
     JointPosition,

@@ -11,8 +11,8 @@ from enum import Enum
 
 import pytest
 
-from epson_driver.sim_controller import states
-from epson_driver.sim_controller.states import (
+from epson_driver.sim_controller.condition import states
+from epson_driver.sim_controller.condition.states import (
     REFUSALS,
     REGIONS,
     Condition,
@@ -20,7 +20,7 @@ from epson_driver.sim_controller.states import (
     RefusedError,
     after,
 )
-from epson_driver.sim_controller.tasks import (
+from epson_driver.sim_controller.condition.tasks import (
     IO_SERVER,
     MOTION_SERVER,
     PROGRAM,

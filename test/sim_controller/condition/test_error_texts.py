@@ -2,7 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
 
-from epson_driver.sim_controller.errors import ERRORS, TEXTS, ErrorNumber, Refusal, corrupt
+from epson_driver.sim_controller.condition.errors import (
+    ERRORS,
+    TEXTS,
+    ErrorNumber,
+    Refusal,
+    corrupt,
+)
 
 FROM_MEMORY = {2900, 2901, 2904, 2907, 2909, 2910, 2911, 2912, 2913, 2914}
 FROM_MEMORY |= {4001, 4002, 4007, 4241, 5042, 5043, 5054, 9001, 9002}
