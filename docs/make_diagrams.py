@@ -63,7 +63,7 @@ def _controller() -> str:
     ]
     rows = '\n'.join(
         f'| {event.value} | {_title(state)}: {state.value} | {sentence} |'
-        for (event, state), sentence in controller.REFUSALS.items()
+        for (event, state), sentence in controller.REJECTIONS.items()
     )
     parts.append(f'### What is refused\n\n| event | in | the answer |\n|---|---|---|\n{rows}\n')
     heads = ' | '.join(state.value for state in controller.Tasks)

@@ -26,7 +26,7 @@ _LOCAL = {'fault kinds': describe, 'completion': completion}
 """What is answered without a controller."""
 
 
-class _RefusedError(Exception):
+class _RejectedError(Exception):
     """The controller does not do it; the text says why."""
 
 
@@ -44,7 +44,7 @@ def main() -> int:
         parser.error(str(error))
     try:
         print(asyncio.run(_do(asked, args.host, args.port, args.password)))
-    except (RemoteError, _RefusedError) as error:
+    except (RemoteError, _RejectedError) as error:
         print(f'refused: {error}', file=sys.stderr)
         return 1
     except TimeoutError:
@@ -75,8 +75,8 @@ async def _first_known(ask: Ask, commands: Sequence[str]) -> str:
         except RemoteError as error:
             unknown = error.number == RemoteErrorNumber.BAD_COMMAND
             if not unknown or not command.startswith('Sim,'):
-                raise _RefusedError(await _reason(ask, error)) from error
-    raise _RefusedError('this is no simulation: it is done by hand, at the controller')
+                raise _RejectedError(await _reason(ask, error)) from error
+    raise _RejectedError('this is no simulation: it is done by hand, at the controller')
 
 
 async def _reason(ask: Ask, error: RemoteError) -> str:

@@ -28,7 +28,7 @@ from epson_driver.sim_controller.faults.fault_kinds import Fault, FaultError
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.network.stderr_log import StderrLog
-from epson_driver.sim_controller.programs.points import angles_refusal, clipped
+from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.simple_message import ByteOrder, Dialect
 
 _PORTS = Ports()
@@ -125,9 +125,9 @@ def _start(text: str, limits: JointLimits) -> Array:
         raise _StartError(
             f'--start {shown(text)}: {start.size} angles for {len(limits.names)} joints'
         )
-    refusal = angles_refusal(start, limits)
-    if refusal is not None:
-        raise _StartError(f'--start: {refusal.sentence}')
+    rejection = angles_rejection(start, limits)
+    if rejection is not None:
+        raise _StartError(f'--start: {rejection.sentence}')
     return clipped(start, limits)
 
 

@@ -8,7 +8,7 @@ from epson_driver.motion import Array
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
-from epson_driver.sim_controller.arm.simulated_arm import Mechanism
+from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
 from epson_driver.sim_controller.condition.errors import ErrorRegister
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from epson_driver.sim_controller.core import Controller
 
 
-def new_mechanism(controller: 'Controller', start: Array, planner: Planner | None) -> Mechanism:
+def new_arm(controller: 'Controller', start: Array, planner: Planner | None) -> SimulatedArm:
     """Return an arm that is smooth if there is a planner, and goes point to point otherwise."""
     motion = controller.profile.motion
     caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
-    return Mechanism(_new_arm(controller, start, planner, caps), controller.servo, caps)
+    return SimulatedArm(_new_arm(controller, start, planner, caps), controller.servo, caps)
 
 
 def _new_arm(
@@ -67,18 +67,18 @@ def new_program(controller: 'Controller', arm: Executor, errors: ErrorRegister) 
             arm,
             profile.motion.pending_limit,
             errors,
-            controller.motion_refusal,
+            controller.motion_rejection,
             controller.send_reply,
             controller.trajectory_begins,
             controller,
-            lambda: controller.lines.hang_up('motion'),
+            lambda: controller.clients.hang_up('motion'),
         )
     return MotionProgram(
         arm,
         profile.program,
         profile.motion.pending_limit,
         errors,
-        controller.motion_refusal,
+        controller.motion_rejection,
         controller.send_reply,
         controller.clock,
         controller.trajectory_begins,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who is connected to which port, and through what faults.
 
-A line is one client of one port: a wire, which may be disturbed, and the session behind it.
+A client connection is one client of one port: a transport, which may be faulty, and a session.
 """
 
 import logging
@@ -17,7 +17,7 @@ from epson_driver.sim_controller.condition.tasks import (
     Task,
     TaskState,
 )
-from epson_driver.sim_controller.faults.faulty_transport import Wire
+from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
 from epson_driver.sim_controller.ports.session import Client, Send, Session
 from epson_driver.sim_controller.programs.motion_session import MotionSession
@@ -52,7 +52,7 @@ _ENDING = (MOTION_SERVER, IO_SERVER)
 """Tasks that an E-stop ends."""
 
 
-class Line(Session):
+class ClientConnection(Session):
     """One client of one port."""
 
     def __init__(self, controller: 'Controller', port: str, client: Client) -> None:
@@ -62,7 +62,7 @@ class Line(Session):
         self._abort = client.abort
         self._controller = controller
         by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
-        self._wire = Wire(
+        self._transport = FaultyTransport(
             port,
             controller.clock,
             controller.faults,
@@ -70,7 +70,7 @@ class Line(Session):
             self.hang_up,
             byte_by_byte=by_byte,
         )
-        self._session = _open(controller, port, self._wire.send, client)
+        self._session = _open(controller, port, self._transport.send, client)
         self._open = True
 
     @property
@@ -92,8 +92,8 @@ class Line(Session):
 
         A port whose task is aborted or stopped reads nothing where the profile says `silent`.
         """
-        data = self._wire.receive(data)
-        if not data or not self._open or self._controller.lines.silent(self.port):
+        data = self._transport.receive(data)
+        if not data or not self._open or self._controller.clients.silent(self.port):
             return
         try:
             self._session.receive(data)
@@ -107,7 +107,7 @@ class Line(Session):
 
     def _quit(self, reason: Exception) -> None:
         _log.error('the program has ended: %s', reason)
-        self._controller.lines.quit()
+        self._controller.clients.quit()
 
     def hang_up(self) -> None:
         """Close the connection: the client is gone at once, whatever is still read from it."""
@@ -118,35 +118,35 @@ class Line(Session):
         """Take note that the client is gone."""
         if self._open:
             self._open = False
-            self._controller.lines.gone(self)
+            self._controller.clients.gone(self)
             self._session.closed()  # a client that has only shut its own side gets its answers
-            self._wire.close()
+            self._transport.close()
 
 
-class Lines:
-    """All lines of one controller, and the ports that nobody serves."""
+class ClientConnections:
+    """All connections of one controller, and the ports that nobody serves."""
 
     def __init__(self, controller: 'Controller') -> None:
         self._controller = controller
-        self._lines: list[Line] = []
+        self._connections: list[ClientConnection] = []
         self._dead: set[str] = set()
         self._boot: Timer | None = None
 
-    def connect(self, port: str, client: Client) -> Line:
+    def connect(self, port: str, client: Client) -> ClientConnection:
         """Begin to serve a client of `port`: motion, state, io or remote.
 
         When its connection ends, whoever ended it, the line's `closed` must be called. Raises
         ConnectionRefusedError, which says why, if nobody serves the port now. A remote client too
         many takes the place of another one, so that whoever wants to press the E-stop gets in.
         """
-        reason = self._refusal(port)
+        reason = self._rejection(port)
         if reason is None and port == 'remote':
             reason = self._make_room(client)
         if reason is not None:
             raise ConnectionRefusedError(reason)
-        line = Line(self._controller, port, client)
-        self._lines.append(line)
-        return line
+        connection = ClientConnection(self._controller, port, client)
+        self._connections.append(connection)
+        return connection
 
     def dead(self, task: Task) -> bool:
         """Return whether the task has ended because its client has gone, or with the program."""
@@ -156,11 +156,11 @@ class Lines:
         """Return whether the port's bytes are not read: its task is dead, its socket is not."""
         return self._down(port) and self._controller.profile.server.aborted == 'silent'
 
-    def gone(self, line: Line) -> None:
+    def gone(self, connection: ClientConnection) -> None:
         """Take note that a client is gone; a program that does not reconnect serves no other."""
-        self._lines.remove(line)
-        if not self._controller.profile.server.reconnect and _SERVERS[line.port] is not None:
-            self._dead.add(line.port)
+        self._connections.remove(connection)
+        if not self._controller.profile.server.reconnect and _SERVERS[connection.port] is not None:
+            self._dead.add(connection.port)
 
     def quit(self) -> None:
         """End the program, as SPEL+ `Quit All` in the thesis: motion and state port are dead."""
@@ -184,20 +184,22 @@ class Lines:
 
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
-        for line in [line for line in self._lines if line.port in ports]:
-            line.hang_up()
+        for connection in [
+            connection for connection in self._connections if connection.port in ports
+        ]:
+            connection.hang_up()
 
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the least claim to it, if any."""
-        line = min(self._remote, key=lambda line: line.claim, default=None)
-        if line is not None:
-            known = 'is logged in' if line.claim[2] else 'is not logged in'
+        connection = min(self._remote, key=lambda connection: connection.claim, default=None)
+        if connection is not None:
+            known = 'is logged in' if connection.claim[2] else 'is not logged in'
             _log.warning('a remote client makes room, which %s: %s', known, why)
-            line.hang_up()
+            connection.hang_up()
 
     @property
-    def _remote(self) -> list[Line]:
-        return [line for line in self._lines if line.port == 'remote']
+    def _remote(self) -> list[ClientConnection]:
+        return [connection for connection in self._connections if connection.port == 'remote']
 
     def boot(self, seconds: float) -> None:
         """Close all connections and refuse others for `seconds`; then serve all ports."""
@@ -211,16 +213,16 @@ class Lines:
         self._dead.clear()
         _log.info('booted')
 
-    def _refusal(self, port: str) -> str | None:
+    def _rejection(self, port: str) -> str | None:
         if self._boot is not None:
             return 'the controller boots'
         if port in self._dead:
             return 'the program that served it has ended: start it'
-        if self._controller.faults.refuses(port):
+        if self._controller.faults.rejects(port):
             return 'cut, as asked for'
         if self._down(port) and self._controller.profile.server.aborted == 'close':
             return 'its task does not run'
-        if port == 'motion' and any(line.port == port for line in self._lines):
+        if port == 'motion' and any(connection.port == port for connection in self._connections):
             return 'there is a motion client already'
         return None
 
@@ -229,7 +231,7 @@ class Lines:
         held = self._remote
         if len(held) < REMOTE_CLIENTS:
             return None
-        if not client.local and all(line.local for line in held):
+        if not client.local and all(connection.local for connection in held):
             return f'{len(held)} clients of this machine are connected'
         self.dismiss_remote(f'{len(held)} are connected')
         return None

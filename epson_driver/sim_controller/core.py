@@ -18,10 +18,15 @@ from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.servo import Servo
 from epson_driver.sim_controller.arm.streaming import Planner
 from epson_driver.sim_controller.arm.timing import Timing
-from epson_driver.sim_controller.assembly import new_mechanism, new_program
-from epson_driver.sim_controller.client_connections import Lines
+from epson_driver.sim_controller.assembly import new_arm, new_program
+from epson_driver.sim_controller.client_connections import ClientConnections
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.sim_controller.condition.errors import TEXTS, ErrorNumber, ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.errors import (
+    TEXTS,
+    ErrorNumber,
+    ErrorRegister,
+    Rejection,
+)
 from epson_driver.sim_controller.condition.states import (
     ENDED,
     REGIONS,
@@ -33,7 +38,7 @@ from epson_driver.sim_controller.condition.states import (
     Mode,
     Motors,
     Power,
-    RefusedError,
+    RejectedError,
     Tasks,
     after,
 )
@@ -41,7 +46,7 @@ from epson_driver.sim_controller.condition.tasks import Task, TaskState
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
 from epson_driver.sim_controller.ports.session import Client, Send, Session
-from epson_driver.sim_controller.programs.points import angles_refusal, clipped
+from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.sim_controller.remote.spel_memory import SpelMemory
 from epson_driver.sim_controller.remote.spel_settings import DEFAULTS_AFTER, defaults
 from epson_driver.sim_controller.state import state_messages
@@ -57,7 +62,7 @@ from epson_driver.simple_message import Mode as StatusMode
 
 _log = logging.getLogger(__name__)
 
-_NO_PLANNER = Refusal(
+_NO_PLANNER = Rejection(
     ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
 )
 
@@ -97,15 +102,15 @@ class Controller:
         self._told = Timing()
         self.io = IoPoints(profile.io)
         self.faults = Faults(self.clock, seed, self, len(limits.names))
-        self.lines = Lines(self)
+        self.clients = ClientConnections(self)
         self.spel = SpelMemory()
         self._errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
         self.servo = Servo(start, model.pulses_per_unit, servo.lag, servo.encoder)
-        self._mechanism = new_mechanism(self, start, planner)
+        self._arm = new_arm(self, start, planner)
         self.reply: Send | None = None  # where replies of the motion program go
-        self.program = new_program(self, self._mechanism.arm, self._errors)
+        self.program = new_program(self, self._arm.executor, self._errors)
         self._error = ErrorNumber.NONE  # of the controller itself, until it is reset
         self._begun = 0  # points that the faults know of
         self._slowing = False  # whether it brakes to go on at low power
@@ -114,12 +119,12 @@ class Controller:
     # What people and clients do.
 
     def apply(self, event: Event) -> None:
-        """Let something happen to the controller. Raises RefusedError: why, and what to do."""
+        """Let something happen to the controller. Raises RejectedError: why, and what to do."""
         before = self.condition
         off = before.motors is Motors.OFF
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
             does = 'brakes' if off else 'moves'
-            raise RefusedError(f'the arm still {does}: try again when it stands')
+            raise RejectedError(f'the arm still {does}: try again when it stands')
         self.condition = after(before, event)
         if self.condition is not before:
             _log.info('%s: %s', event.value, _difference(before, self.condition))
@@ -131,7 +136,7 @@ class Controller:
             self._errors.clear(ErrorNumber.MOTORS_OFF)
         elif event is Event.START:
             self._errors.clear(ErrorNumber.TASK_ABORTED)
-            self.lines.start()
+            self.clients.start()
         elif event is Event.BOOT:
             self.io.boot()
             self._errors.clear()
@@ -152,8 +157,8 @@ class Controller:
             self.apply(Event.DOOR_OPEN)
 
     def connect(self, port: str, client: Client) -> Session:
-        """Serve a client, as `Lines.connect` does."""
-        return self.lines.connect(port, client)
+        """Serve a client, as `ClientConnections.connect` does."""
+        return self.clients.connect(port, client)
 
     def raise_error(self, number: ErrorNumber, critical: bool = False) -> None:
         """Let the controller itself fail: no power, tasks aborted, until a reset (or a boot)."""
@@ -164,30 +169,30 @@ class Controller:
 
     def reboot(self, seconds: float) -> None:
         """Switch off and on again; it takes `seconds`. Buttons, door and key stay as they are."""
-        self.lines.boot(seconds)
+        self.clients.boot(seconds)
         self.apply(Event.BOOT)
 
     def disturb(self, joint: int, push: float) -> None:
         """Push one joint (index from 0) by some rad or m, as somebody who leans on the arm.
 
         Without power the arm stays where it is pushed to. With power its servo pushes back; more
-        than `SMALL_PUSH` does not get through, but is a position error. Raises RefusedError for a
+        than `SMALL_PUSH` does not get through, but is a position error. Raises RejectedError for a
         push out of the limits or while an arm without power still brakes.
         """
         pushed = self.servo.actual.copy()
         pushed[joint] += push
         limits = self.model.limits
-        refusal = angles_refusal(pushed, limits)
-        if refusal is not None:
-            raise RefusedError(refusal.sentence)
+        rejection = angles_rejection(pushed, limits)
+        if rejection is not None:
+            raise RejectedError(rejection.sentence)
         powered = self.condition.powered
         small = SMALL_PUSH[limits.units[joint]]
-        if powered and abs(pushed - self._mechanism.commanded)[joint] > small:
+        if powered and abs(pushed - self._arm.commanded)[joint] > small:
             self.raise_error(ErrorNumber.SERVO_ERROR)
             return
         if not powered and self.in_motion:
-            raise RefusedError('the arm still brakes: try again when it stands')
-        self._mechanism.push(clipped(pushed, limits), powered)
+            raise RejectedError('the arm still brakes: try again when it stands')
+        self._arm.push(clipped(pushed, limits), powered)
         self._settle()
 
     def freeze(self, joint: int | None) -> None:
@@ -203,19 +208,19 @@ class Controller:
         """Press the E-stop."""
         self.apply(Event.ESTOP_PRESS)
 
-    def show(self, refusal: Refusal) -> None:
+    def show(self, rejection: Rejection) -> None:
         """Show in STATUS why something was refused."""
-        self._errors.enter(refusal)
+        self._errors.enter(rejection)
 
     def planner_failed(self, reason: str) -> None:
         """Take note that nobody plans: brake and end the trajectory, without a planner's help."""
         self.timing.planner_failures += 1
-        self.show(Refusal(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
+        self.show(Rejection(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
         self.program.restart()
 
     def task_state(self, task: Task) -> TaskState:
         """Return what a task is doing; one whose port nobody serves any more does not run."""
-        return TaskState.NOT_RUNNING if self.lines.dead(task) else task.state(self.condition)
+        return TaskState.NOT_RUNNING if self.clients.dead(task) else task.state(self.condition)
 
     # Time.
 
@@ -226,18 +231,18 @@ class Controller:
     @property
     def in_motion(self) -> bool:
         """Whether the arm moves, or is about to."""
-        return self._mechanism.in_motion
+        return self._arm.in_motion
 
     @property
     def moving(self) -> bool:
         """Whether the arm moves or has somewhere to go, be it after a pause."""
-        return self._mechanism.moving
+        return self._arm.moving
 
     def _move(self, dt: float) -> None:
         if self.in_motion:
-            self._mechanism.step(dt, self.program.step)
+            self._arm.step(dt, self.program.step)
             self._settle()
-        while self._begun < self._mechanism.arm.begun:
+        while self._begun < self._arm.executor.begun:
             self._begun += 1
             self.faults.point_begun()
 
@@ -246,20 +251,20 @@ class Controller:
     @property
     def speed(self) -> float:
         """SPEL+ Speed, a fraction (0, 1] of the joints' speed, for point-to-point motion."""
-        return self._mechanism.arm.speed
+        return self._arm.executor.speed
 
     @speed.setter
     def speed(self, value: float) -> None:
-        self._mechanism.arm.speed = value
+        self._arm.executor.speed = value
 
     @property
     def accel(self) -> float:
         """SPEL+ Accel, a fraction (0, 1] of the acceleration, for point-to-point motion."""
-        return self._mechanism.arm.accel
+        return self._arm.executor.accel
 
     @accel.setter
     def accel(self, value: float) -> None:
-        self._mechanism.arm.accel = value
+        self._arm.executor.accel = value
 
     @property
     def error_number(self) -> ErrorNumber:
@@ -286,26 +291,26 @@ class Controller:
         now = self.condition
         if now.tasks in ENDED and before.tasks not in ENDED:
             self.program.restart()
-            self.lines.tasks_ended()
+            self.clients.tasks_ended()
         elif now.motors in (Motors.OFF, Motors.BRAKING) and before.motors is not now.motors:
             self.program.abort()
         if now.tasks is before.tasks:
             return
         if before.tasks in ENDED and now.tasks not in ENDED:
-            self.lines.tasks_begin()
+            self.clients.tasks_begin()
         if now.tasks is Tasks.RECOVERING:
             self._recover()
         elif now.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER):
             self.program.pause()
-            self._mechanism.hold()
+            self._arm.hold()
         else:
-            self._mechanism.arm.resume()
+            self._arm.executor.resume()
             self.program.resume()
 
     def _recover(self) -> None:
         """Go back slowly to where the arm was interrupted, if it has power and a way to go on."""
-        if self.condition.motors is Motors.ON and self._mechanism.arm.moving:
-            self._mechanism.go_back()
+        if self.condition.motors is Motors.ON and self._arm.executor.moving:
+            self._arm.go_back()
 
     def _settle(self) -> None:
         """Draw the conclusions from a standstill, if it is one."""
@@ -315,20 +320,20 @@ class Controller:
         if self._slowing:
             self._slowing = False
             if not self.condition.paused:
-                self._mechanism.arm.resume()
+                self._arm.executor.resume()
         if self.condition.tasks is Tasks.RECOVERING:
-            self._mechanism.went_back()
+            self._arm.went_back()
             self.apply(Event.RECOVERED)
-            if self._mechanism.arm.moving:
+            if self._arm.executor.moving:
                 self.trajectory_begins()  # it goes on, at its power
             return
-        self._mechanism.rest()
+        self._arm.rest()
         if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):
             self.apply(Event.STANDSTILL)
 
     def _set_power(self) -> None:
         """Let the arm keep to its power; one that moves brakes on its path and goes on slowly."""
-        arm, low = self._mechanism.arm, self.condition.power is not Power.HIGH
+        arm, low = self._arm.executor, self.condition.power is not Power.HIGH
         goes_on = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
         if low and not arm.low_power and goes_on and not arm.still:
             self._slowing = True
@@ -340,12 +345,12 @@ class Controller:
         if self.profile.motion.power == 'high':
             self.apply(Event.PROGRAM_POWER_HIGH)
 
-    def motion_refusal(self) -> Refusal | None:
+    def motion_rejection(self) -> Rejection | None:
         """Return why a point is refused in this condition, or None."""
-        refusal = state_messages.motion_refusal(self)
-        if refusal is None and self._planner is not None and not self._planner.ready:
+        rejection = state_messages.motion_rejection(self)
+        if rejection is None and self._planner is not None and not self._planner.ready:
             return _NO_PLANNER
-        return refusal
+        return rejection
 
     def _tell_timing(self) -> None:
         """Log what came too late in the motion that has ended."""

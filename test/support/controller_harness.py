@@ -134,7 +134,7 @@ class Harness:
         self.planner = planner
         self.controller = Controller(MODEL, profile, start, planner=planner)
         self.peer = Peer()
-        self.line = None
+        self.connection = None
         if connect:
             self.connect()
         if motors:
@@ -146,18 +146,18 @@ class Harness:
 
     def connect(self):
         self.peer.ended = None
-        self.line = self.controller.connect('motion', self.peer)
+        self.connection = self.controller.connect('motion', self.peer)
 
     def disconnect(self):
-        self.line.closed()
+        self.connection.closed()
 
     def remote(self, *commands):
         """Return the answers of the remote port to commands, after a login."""
         peer = Peer()
-        line = self.controller.connect('remote', peer)
+        connection = self.controller.connect('remote', peer)
         for command in ('Login', *commands):
-            line.receive(f'${command}\r\n'.encode())
-        line.closed()
+            connection.receive(f'${command}\r\n'.encode())
+        connection.closed()
         return peer.take().decode().split('\r\n')[1:-1]
 
     @property
@@ -166,7 +166,7 @@ class Harness:
 
     def send(self, *frames):
         for data in frames:
-            self.line.receive(data)
+            self.connection.receive(data)
 
     def replies(self):
         """Return the replies since the last call."""

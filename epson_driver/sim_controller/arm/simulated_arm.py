@@ -13,14 +13,14 @@ from epson_driver.sim_controller.arm.recovery import Recovery
 from epson_driver.sim_controller.arm.servo import Servo
 
 
-class Mechanism:
+class SimulatedArm:
     """An arm that executes points, and its servos.
 
     Within `caps` it goes back to where the door interrupted it.
     """
 
-    def __init__(self, arm: Executor, servo: Servo, caps: LowPower) -> None:
-        self.arm = arm
+    def __init__(self, executor: Executor, servo: Servo, caps: LowPower) -> None:
+        self.executor = executor
         self.servo = servo
         self._caps = caps
         self._recovery: Recovery | None = None
@@ -29,25 +29,25 @@ class Mechanism:
     @property
     def in_motion(self) -> bool:
         """Whether it moves, or is about to."""
-        moves = not self.arm.still if self._recovery is None else not self._recovery.still
+        moves = not self.executor.still if self._recovery is None else not self._recovery.still
         return moves or not self.servo.settled
 
     @property
     def moving(self) -> bool:
         """Whether it moves or has somewhere to go, be it after a pause."""
-        return self.arm.moving or self.in_motion
+        return self.executor.moving or self.in_motion
 
     @property
     def commanded(self) -> Array:
         """Where the joints are to be now, shape (n,), rad."""
         if self._recovery is not None:
             return self._recovery.position
-        return self.arm.position if self._pushed is None else self._pushed
+        return self.executor.position if self._pushed is None else self._pushed
 
     def step(self, dt: float, execute: Callable[[float], None]) -> None:
         """Let `dt` ≥ 0 s pass; `execute` lets it pass for the arm and its program."""
         if self._recovery is not None:
-            if not self.arm.moving:  # its points are gone: there is nothing to go back for
+            if not self.executor.moving:  # its points are gone: there is nothing to go back for
                 self.brake_recovery()
             self._recovery.step(dt)
         else:
@@ -56,7 +56,7 @@ class Mechanism:
 
     def hold(self) -> None:
         """Brake on the path and stay there; the points are kept."""
-        self.arm.hold()
+        self.executor.hold()
         self.brake_recovery()
 
     def brake_recovery(self) -> None:
@@ -66,15 +66,15 @@ class Mechanism:
 
     def go_back(self) -> None:
         """Go slowly back to where the motion goes on; at once, if the arm is there."""
-        way = (self.commanded, self.arm.position)
-        self._recovery = Recovery(self.arm.limits, *way, self._caps)
+        way = (self.commanded, self.executor.position)
+        self._recovery = Recovery(self.executor.limits, *way, self._caps)
 
     def went_back(self) -> None:
         """Take note that the way back is over, or not wanted: it stands."""
         stands = self.commanded
         self._recovery = self._pushed = None
-        if not self.arm.moving and not np.array_equal(stands, self.arm.position):
-            self.arm.settle(stands)
+        if not self.executor.moving and not np.array_equal(stands, self.executor.position):
+            self.executor.settle(stands)
 
     def push(self, angles: Array, powered: bool) -> None:
         """Let the joints be elsewhere, shape (n,), rad, within the limits.
@@ -90,5 +90,5 @@ class Mechanism:
 
     def rest(self) -> None:
         """Take the place where it stands for its own, if it has no points to go to."""
-        if not self.in_motion and not self.arm.moving:
+        if not self.in_motion and not self.executor.moving:
             self.went_back()

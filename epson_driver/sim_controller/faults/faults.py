@@ -128,7 +128,7 @@ class Faults:
         self._active: list[ActiveFault] = []
         self._frozen: set[int] = set()
         self._started = 0
-        self._wires: dict[Disturbed, None] = {}
+        self._transports: dict[Disturbed, None] = {}
         self._serials: Counter[str] = Counter()
 
     # What a person asks for.
@@ -192,21 +192,21 @@ class Faults:
                 self._remove(active)
                 self._clock.after(0.0, self._actions.press_estop)
 
-    def refuses(self, port: str) -> bool:
+    def rejects(self, port: str) -> bool:
         """Return whether new connections to this port must be closed at once."""
         return any(active.fault.name == 'cut' for active in self._begun(port))
 
-    # What wires need.
+    # What transports need.
 
-    def attach(self, wire: Disturbed) -> int:
+    def attach(self, transport: Disturbed) -> int:
         """Let faults act on a connection; return its number among those of its port."""
-        self._wires[wire] = None
-        self._serials[wire.port] += 1
-        return self._serials[wire.port]
+        self._transports[transport] = None
+        self._serials[transport.port] += 1
+        return self._serials[transport.port]
 
-    def detach(self, wire: Disturbed) -> None:
+    def detach(self, transport: Disturbed) -> None:
         """Forget a connection. Twice is no error."""
-        self._wires.pop(wire, None)
+        self._transports.pop(transport, None)
 
     def disturbing(self, port: str) -> list[ActiveFault]:
         """Return the faults that act on messages of this port, in the order they were started."""
@@ -230,8 +230,10 @@ class Faults:
         _log.warning('fault: %s', active.text(self._clock.now))
         self._changed()
         if fault.name == 'cut':
-            for wire in [wire for wire in self._wires if wire.port in fault.ports]:
-                wire.cut()
+            for transport in [
+                transport for transport in self._transports if transport.port in fault.ports
+            ]:
+                transport.cut()
         elif fault.name == 'servo_error':
             self._remove(active)  # it has happened: only a reset ends what follows
             joint = int(fault.number('joint')) - 1
@@ -252,8 +254,8 @@ class Faults:
     def _changed(self, release: bool = False) -> None:
         """Let everything that faults act on know which are active now."""
         self._freeze()
-        for wire in list(self._wires):
-            wire.changed(release)
+        for transport in list(self._transports):
+            transport.changed(release)
 
     def _freeze(self) -> None:
         frozen: set[int] = set()

@@ -29,7 +29,7 @@ class _Held:
     one_byte: bool
 
 
-class Wire:
+class FaultyTransport:
     """One connection of a port. What is sent keeps its order, whatever disturbs it.
 
     `transmit` takes what goes into the socket at once; `hang_up` closes the connection and is

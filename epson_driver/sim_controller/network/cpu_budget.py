@@ -9,7 +9,7 @@ FIRST = 0.002
 """What it may use at once when it has just come, s: to come again and again does not pay."""
 
 
-class Share:
+class CpuBudget:
     """What a client has used lately. It pays for more than its share by waiting."""
 
     def __init__(self, now: float) -> None:

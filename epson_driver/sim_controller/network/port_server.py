@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 from epson_driver.profiles.profile import ServerProfile
 from epson_driver.sim_controller.client_connections import GRACE, NEWCOMERS, REMOTE_CLIENTS
-from epson_driver.sim_controller.network.cpu_budget import Share
+from epson_driver.sim_controller.network.cpu_budget import CpuBudget
 from epson_driver.sim_controller.network.pacer import Pacer
-from epson_driver.sim_controller.network.spare_descriptor import Spare
-from epson_driver.sim_controller.network.tcp_connection import Connection
+from epson_driver.sim_controller.network.spare_descriptor import SpareDescriptor
+from epson_driver.sim_controller.network.tcp_connection import TcpConnection
 from epson_driver.simple_message import FrameError
 
 HANDOVER = 0.1
@@ -89,7 +89,7 @@ class PortServer:
         clients = rules.max_clients
         self._admitted: deque[float] = deque([-GRACE] * NEWCOMERS, NEWCOMERS)
         """When the last clients came, as many as may be new where each gets in."""
-        self._spare = Spare()
+        self._spare = SpareDescriptor()
         """What a client gets in with when no descriptor is left, where each gets in."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
 
@@ -172,7 +172,7 @@ class PortServer:
         self._pause(listening, RETRY)
         if self._rules.max_clients is None:
             with self._pacer.present() as controller:
-                controller.lines.dismiss_remote(why)
+                controller.clients.dismiss_remote(why)
 
     def _pause(self, listening: socket.socket, seconds: float) -> None:
         """Accept nobody for a while."""
@@ -184,13 +184,13 @@ class PortServer:
         rules = self._rules
         reader, writer = await asyncio.open_connection(sock=sock, limit=rules.chunk)
         try:
-            connection = Connection(rules.name, reader, writer, rules.max_unsent, rules.chunk)
+            connection = TcpConnection(rules.name, reader, writer, rules.max_unsent, rules.chunk)
         except (OSError, TypeError):  # gone before it was served
             writer.transport.abort()
             return
         await self._attend(connection)
 
-    async def _attend(self, connection: Connection) -> None:
+    async def _attend(self, connection: TcpConnection) -> None:
         try:
             if self._places is not None:
                 async with asyncio.timeout(HANDOVER):
@@ -212,29 +212,29 @@ class PortServer:
         finally:
             connection.close()
 
-    async def _serve(self, connection: Connection) -> None:
+    async def _serve(self, connection: TcpConnection) -> None:
         with self._pacer.present() as controller:
-            line = controller.connect(self._rules.name, connection)
-        share = Share(asyncio.get_running_loop().time())
+            session = controller.connect(self._rules.name, connection)
+        budget = CpuBudget(asyncio.get_running_loop().time())
         try:
             while data := await connection.receive():
                 async with self._turn:
                     await asyncio.sleep(0)  # so it is a turn of the loop, and the next waits
                     with self._pacer.present():
                         began = time.thread_time()
-                        line.receive(data)
+                        session.receive(data)
                         used = time.thread_time() - began
-                await self._pay(share, used)
+                await self._pay(budget, used)
             if self._rules.half_closed:
                 await connection.lost()
         finally:
             with self._pacer.present():
-                line.closed()
+                session.closed()
 
-    async def _pay(self, share: Share, used: float) -> None:
+    async def _pay(self, budget: CpuBudget, used: float) -> None:
         """Let a client wait that used more than its share of the processor's time."""
         if self._rules.share is not None:
             own = self._rules.share / len(self._tasks)
-            wait = share.used(used, own, asyncio.get_running_loop().time())
+            wait = budget.used(used, own, asyncio.get_running_loop().time())
             if wait:
                 await asyncio.sleep(wait)

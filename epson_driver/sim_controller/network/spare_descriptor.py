@@ -5,7 +5,7 @@
 import os
 
 
-class Spare:
+class SpareDescriptor:
     """Keeps one descriptor back, or none: nothing is kept at first."""
 
     def __init__(self) -> None:

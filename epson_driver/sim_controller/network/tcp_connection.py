@@ -18,7 +18,7 @@ _KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER
 _log = logging.getLogger(__name__)
 
 
-class Connection:
+class TcpConnection:
     """Bytes to and from one client.
 
     A client that leaves more than `max_unsent` bytes unread is disconnected: memory stays

@@ -4,7 +4,7 @@
 
 from typing import TYPE_CHECKING
 
-from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.ports.session import Send
 from epson_driver.simple_message import FrameError, Framer
@@ -30,7 +30,7 @@ class MotionSession:
             while self._open and (frame := self._framer.next_frame()) is not None:
                 self._controller.program.receive(frame)
         except FrameError as error:
-            self._controller.show(Refusal(ErrorNumber.CORRUPT_MESSAGE, str(error)))
+            self._controller.show(Rejection(ErrorNumber.CORRUPT_MESSAGE, str(error)))
             self.closed()
             raise
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.sim_controller.programs.points import angles_refusal
+from epson_driver.sim_controller.programs.points import angles_rejection
 from epson_driver.simple_message import JointTrajPtFull, ValidFields
 from epson_driver.simple_message.motoman import Invalid
 
@@ -81,9 +81,9 @@ def next_wrong(point: JointTrajPtFull, before: float, limits: JointLimits) -> Wr
     if point.time <= before:
         sentence = f'time = {point.time:g} s: must be after {before:g} s, the point before'
         return Wrong(Invalid.DATA_TIME, sentence)
-    refusal = angles_refusal(np.array(point.positions[: len(limits.names)]), limits)
-    if refusal is not None:
-        return Wrong(Invalid.DATA_POSITION, refusal.sentence)
+    rejection = angles_rejection(np.array(point.positions[: len(limits.names)]), limits)
+    if rejection is not None:
+        return Wrong(Invalid.DATA_POSITION, rejection.sentence)
     return _speed_wrong(point, limits)
 
 

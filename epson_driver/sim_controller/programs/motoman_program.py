@@ -37,8 +37,8 @@ from collections.abc import Callable
 import numpy as np
 
 from epson_driver.sim_controller.arm.executor import Executor, Point
-from epson_driver.sim_controller.condition.errors import ErrorRegister, Refusal
-from epson_driver.sim_controller.condition.states import Event, Fault, RefusedError
+from epson_driver.sim_controller.condition.errors import ErrorRegister, Rejection
+from epson_driver.sim_controller.condition.states import Event, Fault, RejectedError
 from epson_driver.sim_controller.ports.requests import answer
 from epson_driver.sim_controller.programs.motoman_mode import Servos, TrajectoryMode
 from epson_driver.sim_controller.programs.motoman_points import (
@@ -92,7 +92,7 @@ class MotomanProgram:
         arm: Executor,
         pending_limit: int,
         errors: ErrorRegister,
-        blocked: Callable[[], Refusal | None],
+        blocked: Callable[[], Rejection | None],
         send: Callable[[Packet], None],
         began: Callable[[], None],
         servos: Servos,
@@ -132,7 +132,7 @@ class MotomanProgram:
         try:
             packet = decode(frame)
         except (HeaderError, BodyError) as error:
-            self._refuse_corrupt(frame, error)
+            self._reject_corrupt(frame, error)
             return
         if packet.comm_type is CommType.SERVICE_REPLY:
             return
@@ -285,14 +285,14 @@ class MotomanProgram:
     def _apply(self, event: Event, done: MotionReply) -> MotionReply:
         try:
             self._servos.apply(event)
-        except RefusedError as error:
+        except RejectedError as error:
             _log.warning('%s: %s', Command(done.command).name, error)
             return outcome(done, Result.FAILURE)
         return done
 
     # Replies.
 
-    def _refuse_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
+    def _reject_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
         if frame.comm_type == CommType.SERVICE_REPLY:
             return
         subcode = Invalid.MSGSIZE

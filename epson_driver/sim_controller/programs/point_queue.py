@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock, Timer
-from epson_driver.sim_controller.condition.errors import Refusal
+from epson_driver.sim_controller.condition.errors import Rejection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,14 +17,14 @@ class Entry:
 
     The arm goes to `point`; None: there is only something to answer. `reply_to` is the sequence of
     the request to answer; None: it was no request. `begins`: a trajectory begins with the point.
-    `refusal`: the point is never executed, and the motion ends for that reason. Its turn does not
-    come before the controller's time `ready_at`, s.
+    `rejection`: the point is never executed, and the motion ends for that reason. Its turn does
+    not come before the controller's time `ready_at`, s.
     """
 
     point: Point | None = None
     reply_to: int | None = None
     begins: bool = False
-    refusal: Refusal | None = None
+    rejection: Rejection | None = None
     ready_at: float = 0.0
 
 
@@ -47,7 +47,7 @@ class PointQueue:
         clock: Clock,
         answers_early: bool,
         answered: Callable[[Entry], None],
-        failed: Callable[[Refusal], None],
+        failed: Callable[[Rejection], None],
         began: Callable[[], None],
     ) -> None:
         self._arm = arm
@@ -122,7 +122,7 @@ class PointQueue:
         self._current = entry
         if entry.point is None:
             return
-        if entry.refusal is not None:
+        if entry.rejection is not None:
             if self._answers_early:
                 self._answered(entry)
             return
@@ -133,13 +133,13 @@ class PointQueue:
         self._arm.take(entry.point)
 
     def _done(self, entry: Entry) -> bool:
-        if entry.refusal is not None:
+        if entry.rejection is not None:
             return not self._arm.moving
         return entry.point is None or self._arm.done
 
     def _finish(self, entry: Entry) -> None:
-        if entry.refusal is not None:
-            self._failed(entry.refusal)
+        if entry.rejection is not None:
+            self._failed(entry.rejection)
             return
         self._current = None
         self._answered(entry)

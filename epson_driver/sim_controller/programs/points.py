@@ -5,7 +5,7 @@
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal, corrupt
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection, corrupt
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -53,7 +53,7 @@ def frame_fault(frame: Frame) -> str | None:
     return None
 
 
-def numbers_refusal(point: JointTrajPt, used: frozenset[str] = BOTH) -> Refusal | None:
+def numbers_rejection(point: JointTrajPt, used: frozenset[str] = BOTH) -> Rejection | None:
     """Return why the point's numbers make no sense, or None. Unused joints count too.
 
     `used`: which of velocity and duration are looked at.
@@ -62,12 +62,15 @@ def numbers_refusal(point: JointTrajPt, used: frozenset[str] = BOTH) -> Refusal 
         if not np.isfinite(angle):
             return corrupt(f'joints[{index}] = {angle} is not finite')
     for name in ('velocity', 'duration'):
-        if name in used and (refusal := _number_refusal(name, getattr(point, name))) is not None:
-            return refusal
+        if (
+            name in used
+            and (rejection := _number_rejection(name, getattr(point, name))) is not None
+        ):
+            return rejection
     return None
 
 
-def _number_refusal(name: str, value: float) -> Refusal | None:
+def _number_rejection(name: str, value: float) -> Rejection | None:
     if not np.isfinite(value):
         return corrupt(f'{name} = {value} is not finite')
     if value < 0.0:
@@ -82,15 +85,15 @@ def _number_refusal(name: str, value: float) -> Refusal | None:
     return None
 
 
-def limits_refusal(point: JointTrajPt, limits: JointLimits) -> Refusal | None:
+def limits_rejection(point: JointTrajPt, limits: JointLimits) -> Rejection | None:
     """Return which joint of the point is outside its limits, or None.
 
     A limit that was rounded to float32 on its way is still inside.
     """
-    return angles_refusal(np.array(point.joints[: len(limits.names)]), limits)
+    return angles_rejection(np.array(point.joints[: len(limits.names)]), limits)
 
 
-def angles_refusal(angles: Array, limits: JointLimits) -> Refusal | None:
+def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
     """Return which of the angles, shape (n,), rad, is outside its limits, or None."""
     low, high = limits.position_min, limits.position_max
     inside = (angles >= np.minimum(low, low.astype(np.float32))) & (
@@ -103,7 +106,7 @@ def angles_refusal(angles: Array, limits: JointLimits) -> Refusal | None:
         f'{limits.names[joint]} = {angles[joint]:.7g} {limits.units[joint]} is outside the limits '
         f'{low[joint]:.7g} … {high[joint]:.7g} {limits.units[joint]}'
     )
-    return Refusal(ErrorNumber.OUT_OF_RANGE, sentence)
+    return Rejection(ErrorNumber.OUT_OF_RANGE, sentence)
 
 
 def target_of(point: JointTrajPt, limits: JointLimits) -> Array:

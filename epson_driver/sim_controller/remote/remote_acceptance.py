@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.errors import TEXTS
-from epson_driver.sim_controller.condition.states import EStop, Event, RefusedError, Tasks, after
+from epson_driver.sim_controller.condition.states import EStop, Event, RejectedError, Tasks, after
 from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
 
 if TYPE_CHECKING:
@@ -83,9 +83,9 @@ TASKS_RUN = Need('tasks run', _tasks_run, _no_tasks)
 
 
 def check(controller: 'Controller', needs: Iterable[Need], event: Event | None) -> None:
-    """Raise RefusedError if the controller does not accept a command that does `event` now."""
+    """Raise RejectedError if the controller does not accept a command that does `event` now."""
     for need in needs:
         if not need.holds(controller):
-            raise RefusedError(need.sentence(controller))
+            raise RejectedError(need.sentence(controller))
     if event is not None:
         after(controller.condition, event)

@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.condition.states import Event, Power, RefusedError
+from epson_driver.sim_controller.condition.states import Event, Power, RejectedError
 from epson_driver.sim_controller.io.io_points import BYTE, WORD, IoError
 from epson_driver.sim_controller.remote import remote_acceptance as needs
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError, Need, check
@@ -81,8 +81,8 @@ def answer(dialogue: Dialogue, line: str) -> str:
         return f'#{name},{_obey(dialogue, line, name, rest if comma else None)}'
     except CommandError as error:
         number, dialogue.why = error.number, str(error)
-    except RefusedError as refusal:
-        number, dialogue.why = RemoteErrorNumber.NOT_READY, str(refusal)
+    except RejectedError as rejection:
+        number, dialogue.why = RemoteErrorNumber.NOT_READY, str(rejection)
     _log.warning('remote command %s refused (%d): %s', name, number, dialogue.why)
     return f'!{name},{number:d}'
 
@@ -147,8 +147,8 @@ def _get_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> str:
 def _home(dialogue: Dialogue, parameters: list[str]) -> None:
     robot(parameters)
     if dialogue.controller.spel.home is None:
-        raise RefusedError('no home position is defined: HomeSet')
-    raise RefusedError(f'Home: {NO_MOTION}')
+        raise RejectedError('no home position is defined: HomeSet')
+    raise RejectedError(f'Home: {NO_MOTION}')
 
 
 def _get_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[str]) -> str:

@@ -65,7 +65,7 @@ class SimCommand(NamedTuple):
 def simulate(controller: 'Controller', parameters: list[str]) -> str | None:
     """Obey `$Sim,parameters`; return its value, None where it has none.
 
-    Raises CommandError or RefusedError.
+    Raises CommandError or RejectedError.
     """
     name = parameters[0].lower() if parameters else ''
     if name not in SIM_COMMANDS:

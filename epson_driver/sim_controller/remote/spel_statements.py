@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.condition.states import Event, RefusedError
+from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.io.io_points import BYTE, IoError
 from epson_driver.sim_controller.remote import spel_settings
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
@@ -65,14 +65,14 @@ class Statement(NamedTuple):
 def execute(controller: 'Controller', statement: str) -> str | None:
     """Execute one statement; return the value that it prints, if it prints one.
 
-    Raises CommandError, or RefusedError for what the condition does not allow.
+    Raises CommandError, or RejectedError for what the condition does not allow.
     """
     parts = _STATEMENT.fullmatch(statement)
     if parts is None:
         raise CommandError(RemoteErrorNumber.FORMAT, f'{statement!r} is no statement')
     name = parts[1].lower()
     if name in _MOVING:
-        raise RefusedError(f'{_MOVING[name]}: {NO_MOTION}')
+        raise RejectedError(f'{_MOVING[name]}: {NO_MOTION}')
     if name not in _CANONICAL:
         raise wrong('statement', parts[1], f'must be one of {", ".join(STATEMENTS)}')
     return STATEMENTS[_CANONICAL[name]].run(controller, parts[2])

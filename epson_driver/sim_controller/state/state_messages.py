@@ -4,7 +4,7 @@
 
 from typing import TYPE_CHECKING
 
-from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.condition.states import REGIONS, EStop, Fault, Mode, Motors, Tasks
 from epson_driver.simple_message import (
     JointFeedback,
@@ -19,35 +19,35 @@ from epson_driver.simple_message import Mode as StatusMode
 if TYPE_CHECKING:
     from epson_driver.sim_controller.core import Controller
 
-NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Refusal] = {
-    EStop.PRESSED: Refusal(
+NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
+    EStop.PRESSED: Rejection(
         ErrorNumber.TASK_ABORTED, 'the E-stop is pressed: release it, reset, motors on'
     ),
-    EStop.LATCHED: Refusal(
+    EStop.LATCHED: Rejection(
         ErrorNumber.TASK_ABORTED, 'the E-stop is released but not reset: reset, motors on'
     ),
-    Fault.CRITICAL: Refusal(
+    Fault.CRITICAL: Rejection(
         ErrorNumber.TASK_ABORTED, 'a critical error aborted the motion task: boot the controller'
     ),
-    Fault.ERROR: Refusal(
+    Fault.ERROR: Rejection(
         ErrorNumber.TASK_ABORTED, 'an error aborted the motion task: reset, motors on'
     ),
-    Tasks.STOPPED: Refusal(ErrorNumber.TASK_ABORTED, 'the motion task is stopped: start it'),
-    Mode.MANUAL: Refusal(
+    Tasks.STOPPED: Rejection(ErrorNumber.TASK_ABORTED, 'the motion task is stopped: start it'),
+    Mode.MANUAL: Rejection(
         ErrorNumber.MOTORS_OFF, 'the key switch is at MANUAL: turn it to AUTO, motors on'
     ),
-    Motors.OFF: Refusal(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
-    Motors.BRAKING: Refusal(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
+    Motors.OFF: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
+    Motors.BRAKING: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
 }
 """Why a point is refused, the first that applies; points that come in a pause wait."""
 
 _MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
 
 
-def motion_refusal(controller: 'Controller') -> Refusal | None:
+def motion_rejection(controller: 'Controller') -> Rejection | None:
     """Return why the controller's condition forbids motion, or None."""
     states = {getattr(controller.condition, region) for region in REGIONS}
-    return next((refusal for state, refusal in NO_MOTION.items() if state in states), None)
+    return next((rejection for state, rejection in NO_MOTION.items() if state in states), None)
 
 
 def joint_position(controller: 'Controller') -> JointPosition:
@@ -72,7 +72,7 @@ def status(controller: 'Controller') -> Status:
     error = controller.error_number
     none = error is ErrorNumber.NONE
     runs = condition.tasks is Tasks.RUNNING
-    possible = runs and none and controller.motion_refusal() is None
+    possible = runs and none and controller.motion_rejection() is None
     return Status(
         drives_powered=_tri_state(condition.powered),
         e_stopped=_tri_state(condition.estopped),

@@ -6,7 +6,7 @@ from epson_driver.sim_controller.condition.errors import (
     ERRORS,
     TEXTS,
     ErrorNumber,
-    Refusal,
+    Rejection,
     corrupt,
 )
 
@@ -28,7 +28,7 @@ def test_what_no_document_confirms_is_marked():
     assert {number for number, text in ERRORS.items() if not text.confirmed} == FROM_MEMORY
 
 
-def test_a_refusal_keeps_its_number_when_it_is_said_what_it_is_about():
-    assert corrupt('wrong').about('point 3') == Refusal(
+def test_a_rejection_keeps_its_number_when_it_is_said_what_it_is_about():
+    assert corrupt('wrong').about('point 3') == Rejection(
         ErrorNumber.CORRUPT_MESSAGE, 'point 3: wrong'
     )

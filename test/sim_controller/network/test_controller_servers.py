@@ -119,14 +119,14 @@ async def test_a_second_motion_client_is_refused_and_the_first_goes_on(served):
     for _ in range(3):
         second, second_writer = await served.connect()
         second_writer.write(point(STOP))
-        assert await refused(second)
+        assert await rejected(second)
     assert await read_code(reader) == (0, SUCCESS)
     writer.write(point(1))
     assert await read_code(reader) == (1, SUCCESS)
     assert served.controller.condition.motors is Motors.ON
 
 
-async def refused(reader):
+async def rejected(reader):
     try:
         return await reader.read() == b''
     except ConnectionResetError:
@@ -183,7 +183,7 @@ async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(se
         served.controller.apply(Event.MOTORS_ON)
         reader, writer = await served.connect()
         writer.write(garbage)
-        assert await refused(reader)
+        assert await rejected(reader)
         assert served.controller.condition.motors is Motors.OFF
         assert served.controller.status().error_code == 8000
     served.controller.apply(Event.MOTORS_ON)
@@ -452,7 +452,7 @@ async def test_invariant_7_a_remote_line_without_end_closes_that_connection(serv
     reader, writer = await served.connect('remote')
     writer.write(b'$' + b'x' * 100_000)
     assert await reader.readline() == b'!,12\r\n'
-    assert await refused(reader)
+    assert await rejected(reader)
     assert await execute(HOST, served.ports.remote, ['GetStatus'], 20)
 
 

@@ -12,8 +12,12 @@ from support.event_loop import until
 from test_controller_servers import HOST, on_sockets, read_frame, refused
 
 from epson_driver.remote_ethernet.client import execute
-from epson_driver.sim_controller.client_connections import NEWCOMERS, REMOTE_CLIENTS, Line
-from epson_driver.sim_controller.network.cpu_budget import FIRST, SAVED, Share
+from epson_driver.sim_controller.client_connections import (
+    NEWCOMERS,
+    REMOTE_CLIENTS,
+    ClientConnection,
+)
+from epson_driver.sim_controller.network.cpu_budget import FIRST, SAVED, CpuBudget
 from epson_driver.sim_controller.network.port_server import WAITING, port_rules
 
 CROWD = 200
@@ -121,13 +125,13 @@ async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
         turn += 1
         loop.call_soon(next_turn)
 
-    def receive(line, data, real=Line.receive):
-        heard.append((turn, line, len(data)))
-        real(line, data)
+    def receive(connection, data, real=ClientConnection.receive):
+        heard.append((turn, connection, len(data)))
+        real(connection, data)
 
     loop.call_soon(next_turn)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Line, 'receive', receive)
+        patch.setattr(ClientConnection, 'receive', receive)
         for port in ('state', 'io', 'remote', 'motion'):
             for _ in range(1 if port == 'motion' else 5):
                 _, writer = await served.connect(port)
@@ -135,30 +139,30 @@ async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
         await until(lambda: len(heard) > 150)
     turns = [at for at, _, _ in heard]
     assert len(set(turns)) == len(turns)
-    lines = {line for _, line, _ in heard}
-    assert len(lines) == 16
-    assert all(size <= 128 for _, line, size in heard if line.port == 'remote')
-    assert all(size <= 1024 for _, line, size in heard if line.port != 'motion')
+    connections = {connection for _, connection, _ in heard}
+    assert len(connections) == 16
+    assert all(size <= 128 for _, connection, size in heard if connection.port == 'remote')
+    assert all(size <= 1024 for _, connection, size in heard if connection.port != 'motion')
 
 
 def test_who_uses_more_than_the_share_waits_for_it_and_who_is_quiet_saves_up():
-    share = Share(0.0)
-    assert share.used(FIRST, 0.1, 0.0) == 0.0
-    assert share.used(0.01, 0.1, 0.0) == pytest.approx(0.1)
-    assert share.used(0.01, 0.1, 0.1) == pytest.approx(0.1)
-    assert share.used(0.6 * SAVED, 0.1, 1000.0) == 0.0
-    assert share.used(0.4 * SAVED, 0.1, 1000.0) == pytest.approx(0.0)
-    assert share.used(SAVED, 0.1, 2000.0) == pytest.approx(0.0)  # no more than that is saved
-    assert share.used(0.01, 0.1, 2000.0) == pytest.approx(0.1)
+    budget = CpuBudget(0.0)
+    assert budget.used(FIRST, 0.1, 0.0) == 0.0
+    assert budget.used(0.01, 0.1, 0.0) == pytest.approx(0.1)
+    assert budget.used(0.01, 0.1, 0.1) == pytest.approx(0.1)
+    assert budget.used(0.6 * SAVED, 0.1, 1000.0) == 0.0
+    assert budget.used(0.4 * SAVED, 0.1, 1000.0) == pytest.approx(0.0)
+    assert budget.used(SAVED, 0.1, 2000.0) == pytest.approx(0.0)  # no more than that is saved
+    assert budget.used(0.01, 0.1, 2000.0) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize('clients', [1, 4, 16])
 def test_all_clients_of_a_port_together_keep_to_its_share(clients):
-    shares = [Share(0.0) for _ in range(clients)]
+    budgets = [CpuBudget(0.0) for _ in range(clients)]
     due = [0.0] * clients
     used = 0.0
     while min(due) < 100.0:
         index = due.index(min(due))
         used += 0.001
-        due[index] += max(shares[index].used(0.001, 0.2 / clients, due[index]), 1e-6)
+        due[index] += max(budgets[index].used(0.001, 0.2 / clients, due[index]), 1e-6)
     assert used == pytest.approx(0.2 * 100.0 + clients * FIRST, rel=0.01)

@@ -72,9 +72,11 @@ def test_what_a_client_sends_does_nothing_to_the_terminal(log, client):
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', ['motion', 'state', 'io'])
 def test_invariant_7_refused_messages_have_a_pace_on_every_port(log, port):
-    line = Harness(motors=False, connect=False).controller.connect(port, Peer())
+    connection = Harness(motors=False, connect=False).controller.connect(port, Peer())
     for kind in (11, 12, 13, 65_201, 999, 0, -1):  # too short for what they are
-        line.receive(b'\x0f\0\0\0' + kind.to_bytes(4, 'little', signed=True) + b'\2' + bytes(10))
+        connection.receive(
+            b'\x0f\0\0\0' + kind.to_bytes(4, 'little', signed=True) + b'\2' + bytes(10)
+        )
     for _ in range(MANY // 10):
-        line.receive(b'\x0f\0\0\0\x0b\0\0\0\2' + bytes(10))
+        connection.receive(b'\x0f\0\0\0\x0b\0\0\0\2' + bytes(10))
     assert 1 <= len(log.lines()) <= 3 * BURST

@@ -21,7 +21,7 @@ from support.program_harness import (
     rounded,
 )
 
-from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 
 FIRST, LAST, STOP = -1, -3, -4
 DOWNLOAD = profile('rc620').download
@@ -298,7 +298,7 @@ def test_an_abort_drops_the_rest_of_a_download_without_a_word():
 
 def test_without_motors_a_download_is_refused():
     b = harness()
-    b.blocked = Refusal(ErrorNumber.MOTORS_OFF, 'the motors are off')
+    b.blocked = Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off')
     messages = trajectory(5)
     b.send(*messages[:3])
     b.blocked = None

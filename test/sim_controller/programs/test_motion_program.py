@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points, refusals and stops on a manual clock; the client's bytes are made with struct."""
+"""Points, rejections and stops on a manual clock; the client's bytes are made with struct."""
 
 import math
 import struct
@@ -92,7 +92,7 @@ def test_duration_does_not_change_a_point_to_point_move():
     assert len(set(times)) == 1
 
 
-# ---- refusals
+# ---- rejections
 
 REFUSED = {
     'joint nan': (point(0, (NAN,)), 8000, 'joints[0] = nan is not finite'),
@@ -468,8 +468,8 @@ def test_big_endian_points_to_a_big_endian_controller():
 
     controller = Controller(load_robot_model('c3_a601s'), PROFILE, dialect=BIG_ENDIAN)
     peer = Peer()
-    line = controller.connect('motion', peer)
+    connection = controller.connect('motion', peer)
     controller.apply(Event.MOTORS_ON)
-    line.receive(point(0, order='>'))
+    connection.receive(point(0, order='>'))
     ((msg_type, comm_type, reply_code, body),) = split(peer.take(), '>')
     assert (msg_type, comm_type, reply_code, body) == (10, 3, SUCCESS, bytes(44))

@@ -20,7 +20,7 @@ from support.program_harness import (
     rounded,
 )
 
-from epson_driver.sim_controller.condition.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.programs.program import ProgramQuit
 
 STOP = -4
@@ -47,7 +47,7 @@ def test_the_form_of_a_reply_byte_by_byte(form, expected):
 
 
 @pytest.mark.parametrize(('form', 'length'), [('sequence', 60), ('zero', 60), ('header', 16)])
-def test_a_stop_and_a_refusal_are_answered_in_the_same_form(form, length):
+def test_a_stop_and_a_rejection_are_answered_in_the_same_form(form, length):
     harness = ProgramHarness(reply=form)
     harness.send(point(STOP))
     assert len(harness.take_sent()) == length
@@ -159,7 +159,7 @@ def test_what_is_left_of_a_step_goes_to_the_next_point():
 
 def test_a_refused_first_point_begins_nothing():
     harness = ProgramHarness()
-    harness.blocked = Refusal(ErrorNumber.MOTORS_OFF, 'the motors are off')
+    harness.blocked = Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off')
     harness.send(point(0, THERE))
     assert harness.codes() == [(0, FAILURE)]
     assert harness.events == []

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Remote Ethernet lines against the controller, without sockets: commands and refusals."""
+"""Remote Ethernet lines against the controller, without sockets: commands and rejections."""
 
 import re
 

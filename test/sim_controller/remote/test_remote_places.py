@@ -14,7 +14,7 @@ class Client:
     def __init__(self, harness, local=True, stays=2 * GRACE):
         self.harness = harness
         self.peer = Peer(local)
-        self.line = harness.controller.connect('remote', self.peer)
+        self.connection = harness.controller.connect('remote', self.peer)
         harness.step(stays, GRACE)
 
     @property
@@ -22,7 +22,7 @@ class Client:
         return self.peer.ended is not None
 
     def says(self, command):
-        self.line.receive(f'${command}\r\n'.encode())
+        self.connection.receive(f'${command}\r\n'.encode())
         self.harness.step(GRACE, GRACE)
         return self.peer.take().decode().strip()
 
@@ -48,7 +48,7 @@ def test_invariant_7_the_one_too_many_gets_in_and_the_one_idle_longest_makes_roo
         newest = Client(harness)
         assert newest.says('Login') == '#Login,0'
         assert newest.says('Sim,estop,press') == '#Sim,0'
-        newest.line.closed()
+        newest.connection.closed()
         assert gone(idle) == [0], count  # the place that was made is free again
     others = [Client(harness) for _ in range(REMOTE_CLIENTS)]
     assert gone(idle) == list(range(REMOTE_CLIENTS))
@@ -72,7 +72,7 @@ def test_of_those_logged_in_the_one_whose_last_command_is_oldest_makes_room(harn
         client.says('GetStatus')
     Client(harness)
     assert gone(idle) == [REMOTE_CLIENTS - 1]
-    idle[0].line.receive(b'$GetSt')  # half a command is none
+    idle[0].connection.receive(b'$GetSt')  # half a command is none
     newest = Client(harness)
     assert newest.peer.ended is None
 
@@ -112,4 +112,4 @@ def test_other_ports_keep_their_clients(harness):
     state = harness.controller.connect('state', Peer())
     with pytest.raises(TypeError, match='state port keeps its place'):
         _ = state.claim
-    harness.controller.lines.dismiss_remote('nobody is there: no error')
+    harness.controller.clients.dismiss_remote('nobody is there: no error')

@@ -125,8 +125,8 @@ def test_many_lines_leave_no_heap_of_timers():
     for _ in range(1000):
         remote.answers(b'$GetStatus\n$Logout\n$Login\n')
     assert len(remote.controller.clock._timers) < 10
-    remote.line.closed()
-    remote.line.closed()
+    remote.connection.closed()
+    remote.connection.closed()
     remote.harness.step(400.0, 10.0)
 
 
