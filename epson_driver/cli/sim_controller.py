@@ -23,6 +23,7 @@ from epson_driver.profiles.profile import (
 )
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.fault_kinds import Fault, FaultError
 from epson_driver.sim_controller.faults.fault_text import parse
@@ -53,7 +54,7 @@ def main() -> int:
         motion = dataclasses.replace(profile.motion, look_ahead=args.look_ahead)
         profile = dataclasses.replace(profile, motion=motion)
     planner = PlannerProcess(model.limits) if args.motion == 'smooth' else None
-    controller = Controller(
+    controller = new_controller(
         model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed
     )
     try:

@@ -6,7 +6,6 @@ A client connection is one client of one port: a transport, which may be faulty,
 """
 
 import logging
-from typing import TYPE_CHECKING
 
 from epson_driver.sim_controller.clock import Timer
 from epson_driver.sim_controller.condition.states import Event, Tasks
@@ -17,6 +16,7 @@ from epson_driver.sim_controller.condition.tasks import (
     Task,
     TaskState,
 )
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
 from epson_driver.sim_controller.ports.session import Client, Send, Session
@@ -25,9 +25,6 @@ from epson_driver.sim_controller.programs.program import ProgramQuit
 from epson_driver.sim_controller.remote.remote_session import RemoteSession
 from epson_driver.sim_controller.state.state_session import StateSession
 from epson_driver.simple_message import FrameError
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 _log = logging.getLogger(__name__)
 
@@ -55,8 +52,11 @@ _ENDING = (MOTION_SERVER, IO_SERVER)
 class ClientConnection(Session):
     """One client of one port."""
 
-    def __init__(self, controller: 'Controller', port: str, client: Client) -> None:
+    def __init__(
+        self, clients: 'ClientConnections', controller: Controller, port: str, client: Client
+    ) -> None:
         self.port = port
+        self._clients = clients
         self.local = client.local
         self._begun = controller.clock.now
         self._abort = client.abort
@@ -93,7 +93,7 @@ class ClientConnection(Session):
         A port whose task is aborted or stopped reads nothing where the profile says `silent`.
         """
         data = self._transport.receive(data)
-        if not data or not self._open or self._controller.clients.silent(self.port):
+        if not data or not self._open or self._clients.silent(self.port):
             return
         try:
             self._session.receive(data)
@@ -107,7 +107,7 @@ class ClientConnection(Session):
 
     def _quit(self, reason: Exception) -> None:
         _log.error('the program has ended: %s', reason)
-        self._controller.clients.quit()
+        self._clients.quit()
 
     def hang_up(self) -> None:
         """Close the connection: the client is gone at once, whatever is still read from it."""
@@ -118,7 +118,7 @@ class ClientConnection(Session):
         """Take note that the client is gone."""
         if self._open:
             self._open = False
-            self._controller.clients.gone(self)
+            self._clients.gone(self)
             self._session.closed()  # a client that has only shut its own side gets its answers
             self._transport.close()
 
@@ -126,10 +126,10 @@ class ClientConnection(Session):
 class ClientConnections:
     """All connections of one controller, and the ports that nobody serves."""
 
-    def __init__(self, controller: 'Controller') -> None:
+    def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._connections: list[ClientConnection] = []
-        self._dead: set[str] = set()
+        self._ended: set[str] = set()
         self._boot: Timer | None = None
 
     def connect(self, port: str, client: Client) -> ClientConnection:
@@ -144,13 +144,13 @@ class ClientConnections:
             reason = self._make_room(client)
         if reason is not None:
             raise ConnectionRefusedError(reason)
-        connection = ClientConnection(self._controller, port, client)
+        connection = ClientConnection(self, self._controller, port, client)
         self._connections.append(connection)
         return connection
 
-    def dead(self, task: Task) -> bool:
+    def ended(self, task: Task) -> bool:
         """Return whether the task has ended because its client has gone, or with the program."""
-        return any(_SERVERS[port] is task for port in self._dead)
+        return any(_SERVERS[port] is task for port in self._ended)
 
     def silent(self, port: str) -> bool:
         """Return whether the port's bytes are not read: its task is dead, its socket is not."""
@@ -160,17 +160,17 @@ class ClientConnections:
         """Take note that a client is gone; a program that does not reconnect serves no other."""
         self._connections.remove(connection)
         if not self._controller.profile.server.reconnect and _SERVERS[connection.port] is not None:
-            self._dead.add(connection.port)
+            self._ended.add(connection.port)
 
     def quit(self) -> None:
         """End the program, as SPEL+ `Quit All` in the thesis: motion and state port are dead."""
         self._controller.apply(Event.STOP)
-        self._dead |= {'motion', 'state'}
+        self._ended |= {'motion', 'state'}
         self.hang_up('motion', 'state')
 
-    def start(self) -> None:
+    def serve_all(self) -> None:
         """Serve all ports again."""
-        self._dead.clear()
+        self._ended.clear()
 
     def tasks_begin(self) -> None:
         """Close what nobody has read: the program opens its ports anew."""
@@ -210,13 +210,13 @@ class ClientConnections:
 
     def _booted(self) -> None:
         self._boot = None
-        self._dead.clear()
+        self._ended.clear()
         _log.info('booted')
 
     def _rejection(self, port: str) -> str | None:
         if self._boot is not None:
             return 'the controller boots'
-        if port in self._dead:
+        if port in self._ended:
             return 'the program that served it has ended: start it'
         if self._controller.faults.rejects(port):
             return 'cut, as asked for'
@@ -242,12 +242,19 @@ class ClientConnections:
         return task is not None and task.state(self._controller.condition) in ended
 
 
-def _open(controller: 'Controller', port: str, send: Send, client: Client) -> Session:
+def _open(controller: Controller, port: str, send: Send, client: Client) -> Session:
     match port:
         case 'motion':
-            return MotionSession(controller, send)
+            return MotionSession(controller, controller.dialect.byte_order, send)
         case 'state':
-            return StateSession(controller, send)
+            return StateSession(
+                controller,
+                controller.profile.state,
+                controller.state_period,
+                controller.dialect,
+                controller.clock,
+                send,
+            )
         case 'io':
             return IoSession(
                 controller.io,
@@ -257,10 +264,10 @@ def _open(controller: 'Controller', port: str, send: Send, client: Client) -> Se
                 lambda: _no_io(controller),
             )
         case 'remote':
-            return RemoteSession(controller, send, client.close)
+            return RemoteSession(controller, controller.clock, send, client.close)
     raise ValueError(f'{port} is no port')
 
 
-def _no_io(controller: 'Controller') -> str | None:
+def _no_io(controller: Controller) -> str | None:
     tasks = controller.condition.tasks
     return None if tasks is Tasks.RUNNING else f'the I/O server is {tasks.value}'

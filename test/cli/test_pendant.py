@@ -16,7 +16,7 @@ import pytest
 from epson_driver.cli import pendant, pendant_words
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 
@@ -28,7 +28,7 @@ def port():
     found = []
 
     async def serve():
-        controller = Controller(load_robot_model('c3_a601s'), load_controller_profile('rc620'))
+        controller = new_controller(load_robot_model('c3_a601s'), load_controller_profile('rc620'))
         servers = ControllerServers(controller)
         ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
         running = asyncio.create_task(servers.run())

@@ -21,8 +21,8 @@ from support.controller_harness import (
 )
 
 from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import EStop, Motors, Power, RejectedError, Tasks
-from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.simple_message import FrameError
 
@@ -59,7 +59,7 @@ def test_it_boots_with_the_motors_off_where_it_was_told_to_stand():
 @pytest.mark.parametrize('start', [(9.0,) + (0.0,) * 5, (np.nan,) * 6, (0.0,) * 5])
 def test_a_start_that_cannot_be_is_refused(start):
     with pytest.raises(ValueError, match=r'joint_1|target|start|5 joints'):
-        Controller(MODEL, PROFILE, np.array(start))
+        new_controller(MODEL, PROFILE, np.array(start))
 
 
 def test_status_while_it_moves_and_after():

@@ -26,8 +26,8 @@ from support.controller_harness import (
 )
 from support.examples import examples
 
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event, Motors, RejectedError, Tasks
-from epson_driver.sim_controller.core import Controller
 from epson_driver.simple_message import FrameError
 
 pytestmark = pytest.mark.invariant(1, 2, 3, 4)
@@ -74,7 +74,7 @@ class Sequences(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         planner = self.PLANNER and self.PLANNER()
-        self.controller = Controller(MODEL, RC620, planner=planner)
+        self.controller = new_controller(MODEL, RC620, planner=planner)
         self.state = Peer()
         self.controller.connect('state', self.state)
         self.peer, self.connection = Peer(), None

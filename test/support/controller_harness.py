@@ -16,8 +16,8 @@ import numpy as np
 from epson_driver.motion.smoother import plan
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.sim_controller.core import Controller
 
 MODEL = load_robot_model('c3_a601s')
 RC620 = load_controller_profile('rc620')
@@ -132,7 +132,7 @@ class Harness:
     def __init__(self, start=None, motors=True, profile=PROFILE, connect=True, planner=None):
         start = None if start is None else np.array(start)
         self.planner = planner
-        self.controller = Controller(MODEL, profile, start, planner=planner)
+        self.controller = new_controller(MODEL, profile, start, planner=planner)
         self.peer = Peer()
         self.connection = None
         if connect:

@@ -2,23 +2,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion port: one client's bytes to the motion program, its replies back."""
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.ports.session import Send
-from epson_driver.simple_message import FrameError, Framer
+from epson_driver.sim_controller.programs.program import Program
+from epson_driver.simple_message import ByteOrder, FrameError, Framer
 
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
+
+class MotionServer(Protocol):
+    """The controller, as far as its motion client reaches it."""
+
+    reply: Send | None
+    """Where replies go; None without a client."""
+
+    @property
+    def program(self) -> Program:
+        """What serves the client."""
+
+    def show(self, rejection: Rejection) -> None:
+        """Show in STATUS why something was rejected."""
+
+    def apply(self, event: Event) -> None:
+        """Let something happen to the controller."""
 
 
 class MotionSession:
     """The one motion client; when it is gone, however that came, the arm brakes."""
 
-    def __init__(self, controller: 'Controller', send: Send) -> None:
+    def __init__(self, controller: MotionServer, byte_order: ByteOrder, send: Send) -> None:
         self._controller = controller
-        self._framer = Framer(controller.dialect.byte_order)
+        self._framer = Framer(byte_order)
         self._open = True
         controller.reply = send
         controller.program.restart()

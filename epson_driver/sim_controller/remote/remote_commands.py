@@ -11,12 +11,12 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.states import Event, Power, RejectedError
 from epson_driver.sim_controller.io.io_points import BYTE, WORD, IoError
 from epson_driver.sim_controller.remote import remote_acceptance as needs
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError, Need, check
 from epson_driver.sim_controller.remote.remote_parameters import (
     expect,
@@ -32,9 +32,6 @@ from epson_driver.sim_controller.remote.spel_statements import NO_MOTION, execut
 from epson_driver.sim_controller.remote.status_words import flags
 from epson_driver.simple_message import IoType
 
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
-
 _log = logging.getLogger(__name__)
 
 _LAST_ADDRESS = 65_535
@@ -49,7 +46,7 @@ _SIMULATED = 'simulated'
 class Dialogue:
     """What is known of one remote client. `why` explains the last command that was refused."""
 
-    controller: 'Controller'
+    controller: ControllerInterface
     logged_in: bool = False
     why: str = ''
 

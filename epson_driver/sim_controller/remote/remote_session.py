@@ -8,15 +8,12 @@ hung up on, as a real controller does.
 
 import logging
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_commands import Dialogue, answer
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.clock import Timer
-    from epson_driver.sim_controller.core import Controller
 
 LINE_LIMIT = 256
 """Characters of a line without its end; one more, and the client is hung up on."""
@@ -33,9 +30,15 @@ _log = logging.getLogger(__name__)
 class RemoteSession:
     """Serves one remote client, with a login of its own. There may be several."""
 
-    def __init__(self, controller: 'Controller', send: Send, hang_up: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        controller: ControllerInterface,
+        clock: Clock,
+        send: Send,
+        hang_up: Callable[[], None],
+    ) -> None:
         self._dialogue = Dialogue(controller)
-        self._clock = controller.clock
+        self._clock = clock
         self._timeout = controller.profile.remote.session_timeout
         self._send = send
         self._hang_up = hang_up

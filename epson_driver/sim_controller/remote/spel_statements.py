@@ -8,22 +8,21 @@ Statements that would are refused: only the motion port moves this arm, where po
 import re
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.condition.spel_settings import SETTINGS
 from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.io.io_points import BYTE, IoError
-from epson_driver.sim_controller.remote import spel_settings
+from epson_driver.sim_controller.remote import spel_numbers
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 from epson_driver.sim_controller.remote.remote_parameters import expect, whole, wrong
 from epson_driver.sim_controller.remote.spel_functions import print_list
 from epson_driver.sim_controller.remote.status_words import error
 from epson_driver.simple_message import IoType
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 MOTION_STATEMENTS = (
     'Go',
@@ -59,10 +58,10 @@ class Statement(NamedTuple):
 
     usage: str
     text: str
-    run: Callable[['Controller', str], str | None]
+    run: Callable[[ControllerInterface, str], str | None]
 
 
-def execute(controller: 'Controller', statement: str) -> str | None:
+def execute(controller: ControllerInterface, statement: str) -> str | None:
     """Execute one statement; return the value that it prints, if it prints one.
 
     Raises CommandError, or RejectedError for what the condition does not allow.
@@ -82,12 +81,12 @@ def _list(text: str) -> list[str]:
     return [part.strip() for part in text.split(',')] if text else []
 
 
-def _set(name: str, controller: 'Controller', text: str) -> None:
-    spel_settings.change(controller, name, _list(text))
+def _set(name: str, controller: ControllerInterface, text: str) -> None:
+    spel_numbers.change(controller, name, _list(text))
 
 
-def _choice(name: str, events: dict[str, Event]) -> Callable[['Controller', str], None]:
-    def run(controller: 'Controller', text: str) -> None:
+def _choice(name: str, events: dict[str, Event]) -> Callable[[ControllerInterface, str], None]:
+    def run(controller: ControllerInterface, text: str) -> None:
         event = events.get(text.lower())
         if event is None:
             raise wrong(name, text, f'must be {" or ".join(events)}')
@@ -96,19 +95,19 @@ def _choice(name: str, events: dict[str, Event]) -> Callable[['Controller', str]
     return run
 
 
-def _reset(controller: 'Controller', text: str) -> None:
+def _reset(controller: ControllerInterface, text: str) -> None:
     expect(_list(text), 0)
     controller.apply(Event.RESET)
 
 
-def _if(controller: 'Controller', text: str) -> None:
+def _if(controller: ControllerInterface, text: str) -> None:
     if ' '.join(text.lower().split()) != 'error on then reset':
         raise wrong('If', text, 'only "If Error On Then Reset" is known')
     if error(controller):
         controller.apply(Event.RESET)
 
 
-def _switch(io_type: IoType, value: bool, controller: 'Controller', text: str) -> None:
+def _switch(io_type: IoType, value: bool, controller: ControllerInterface, text: str) -> None:
     parameters = _list(text)
     expect(parameters, 1)
     bit = whole('bit', parameters[0], 0, _LAST_ADDRESS)
@@ -118,7 +117,7 @@ def _switch(io_type: IoType, value: bool, controller: 'Controller', text: str) -
         raise CommandError(RemoteErrorNumber.PARAMETER, str(cause)) from cause
 
 
-def _out(io_type: IoType, controller: 'Controller', text: str) -> None:
+def _out(io_type: IoType, controller: ControllerInterface, text: str) -> None:
     parameters = _list(text)
     expect(parameters, 2)
     port = whole('port', parameters[0], 0, _LAST_ADDRESS)
@@ -129,7 +128,7 @@ def _out(io_type: IoType, controller: 'Controller', text: str) -> None:
         raise CommandError(RemoteErrorNumber.PARAMETER, str(cause)) from cause
 
 
-def _home_set(controller: 'Controller', text: str) -> None:
+def _home_set(controller: ControllerInterface, text: str) -> None:
     parameters, model = _list(text), controller.model
     expect(parameters, len(model.joint_names))
     pulses = [whole('pulses', each, -_LAST_PULSE, _LAST_PULSE) for each in parameters]
@@ -172,7 +171,7 @@ STATEMENTS: dict[str, Statement] = {
             f'set {setting.low:g} to {setting.high:g} {setting.unit}',
             partial(_set, name),
         )
-        for name, setting in spel_settings.SETTINGS.items()
+        for name, setting in SETTINGS.items()
     },
 }
 """What `$Execute` executes."""

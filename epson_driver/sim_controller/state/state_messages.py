@@ -1,11 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the state port tells of the controller, and why a point is refused: two views of one."""
+"""What the state port tells of the controller, and which conditions reject a point."""
 
-from typing import TYPE_CHECKING
-
+from epson_driver.motion import Array
+from epson_driver.profiles.profile import StateProfile
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
-from epson_driver.sim_controller.condition.states import REGIONS, EStop, Fault, Mode, Motors, Tasks
+from epson_driver.sim_controller.condition.states import (
+    REGIONS,
+    Condition,
+    EStop,
+    Fault,
+    Mode,
+    Motors,
+    Tasks,
+)
 from epson_driver.simple_message import (
     JointFeedback,
     JointPosition,
@@ -15,9 +23,6 @@ from epson_driver.simple_message import (
     joint_data,
 )
 from epson_driver.simple_message import Mode as StatusMode
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
     EStop.PRESSED: Rejection(
@@ -44,41 +49,52 @@ NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
 _MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
 
 
-def motion_rejection(controller: 'Controller') -> Rejection | None:
-    """Return why the controller's condition forbids motion, or None."""
-    states = {getattr(controller.condition, region) for region in REGIONS}
+def motion_rejection(condition: Condition) -> Rejection | None:
+    """Return why the condition forbids motion, or None."""
+    states = {getattr(condition, region) for region in REGIONS}
     return next((rejection for state, rejection in NO_MOTION.items() if state in states), None)
 
 
-def joint_position(controller: 'Controller') -> JointPosition:
-    """Return where the encoders say that the joints are."""
-    return JointPosition(0, joint_data(controller.servo.position.tolist()))
+def joint_position(position: Array) -> JointPosition:
+    """Return the message that the joints are at `position`, shape (n,), rad."""
+    return JointPosition(0, joint_data(position.tolist()))
 
 
-def joint_feedback(controller: 'Controller') -> JointFeedback:
-    """Return where the joints are and how fast, with the controller's time."""
+def joint_feedback(position: Array, velocity: Array, now: float) -> JointFeedback:
+    """Return the message that the joints are there and so fast.
+
+    position, velocity: shape (n,), rad, rad/s; now: the controller's time, s.
+    """
     return JointFeedback(
         0,
         ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY,
-        controller.clock.now,
-        joint_data(controller.servo.position.tolist()),
-        joint_data(controller.servo.velocity.tolist()),
+        now,
+        joint_data(position.tolist()),
+        joint_data(velocity.tolist()),
     )
 
 
-def status(controller: 'Controller') -> Status:
-    """Return the controller's status; what its profile does not tell is UNKNOWN."""
-    condition, told = controller.condition, controller.profile.state
-    error = controller.error_number
+def status(
+    condition: Condition,
+    error: ErrorNumber,
+    told: StateProfile,
+    *,
+    in_motion: bool,
+    accepts_points: bool,
+) -> Status:
+    """Return the status of a controller that shows `error`.
+
+    accepts_points: whether it would take a point in its condition. What the profile does not tell
+    is UNKNOWN.
+    """
     none = error is ErrorNumber.NONE
-    runs = condition.tasks is Tasks.RUNNING
-    possible = runs and none and controller.motion_rejection() is None
+    possible = condition.tasks is Tasks.RUNNING and none and accepts_points
     return Status(
         drives_powered=_tri_state(condition.powered),
         e_stopped=_tri_state(condition.estopped),
         error_code=error,
         in_error=_tri_state(not none),
-        in_motion=_tri_state(controller.in_motion) if told.in_motion else TriState.UNKNOWN,
+        in_motion=_tri_state(in_motion) if told.in_motion else TriState.UNKNOWN,
         mode=_MODES[condition.mode],
         motion_possible=_tri_state(possible) if told.motion_possible else TriState.UNKNOWN,
     )

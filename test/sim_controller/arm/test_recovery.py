@@ -18,7 +18,7 @@ from support.controller_harness import (
 )
 
 from epson_driver.sim_controller.condition.states import Motors, RejectedError, Tasks
-from epson_driver.sim_controller.core import SMALL_PUSH
+from epson_driver.sim_controller.core import MAX_PUSH
 
 DT = 0.004
 POINTS = [(0.1 * i, -0.08 * i, 0.05 * i, 0.0, 0.1 * i, 0.0) for i in range(1, 9)]
@@ -288,13 +288,13 @@ def test_points_that_come_in_a_pause_wait_for_continue():
 
 def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
     harness = Harness(profile=RC620)
-    harness.controller.disturb(2, 0.9 * SMALL_PUSH['rad'])
+    harness.controller.disturb(2, 0.9 * MAX_PUSH['rad'])
     assert harness.controller.in_motion
-    assert harness.joints[2] == pytest.approx(0.9 * SMALL_PUSH['rad'], abs=1e-6)
+    assert harness.joints[2] == pytest.approx(0.9 * MAX_PUSH['rad'], abs=1e-6)
     harness.rest()
     assert harness.joints[2] == 0.0
     assert harness.error == 0
-    harness.controller.disturb(2, 1.1 * SMALL_PUSH['rad'])
+    harness.controller.disturb(2, 1.1 * MAX_PUSH['rad'])
     assert harness.error == 5042
     assert harness.condition.motors is Motors.OFF
 
@@ -302,7 +302,7 @@ def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
 def test_pushes_with_power_add_up_to_an_error():
     harness = Harness(profile=RC620)
     for _ in range(2):
-        harness.controller.disturb(2, 0.9 * SMALL_PUSH['rad'])
+        harness.controller.disturb(2, 0.9 * MAX_PUSH['rad'])
     assert harness.error == 5042
 
 

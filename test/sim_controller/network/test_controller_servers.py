@@ -14,8 +14,8 @@ from support.event_loop import run, until
 
 from epson_driver.remote_ethernet.client import LOGINS, RemoteError, execute
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event, Motors
-from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 
 HOST = '127.0.0.1'
@@ -57,7 +57,7 @@ def on_sockets(test, real_time=False):
 @asynccontextmanager
 async def serving(profile=PROFILE, smooth=False):
     planner = PlannerProcess(MODEL.limits) if smooth else None
-    controller = Controller(MODEL, profile, planner=planner)
+    controller = new_controller(MODEL, profile, planner=planner)
     servers = ControllerServers(controller, planner=planner)
     served = Served(servers, controller, await servers.open(HOST, FREE))
     cycle = asyncio.create_task(servers.run())
@@ -394,7 +394,7 @@ def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog):
 
 @on_sockets
 async def test_big_and_small_ports_are_refused_with_their_name(served):
-    other = ControllerServers(Controller(MODEL, PROFILE))
+    other = ControllerServers(new_controller(MODEL, PROFILE))
     taken = Ports(0, served.ports.state, 0, 0)
     with pytest.raises(OSError, match=rf'state port {HOST}:{served.ports.state}: .*in use'):
         await other.open(HOST, taken)

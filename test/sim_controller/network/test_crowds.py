@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 from support.controller_harness import frame
 from support.event_loop import until
-from test_controller_servers import HOST, on_sockets, read_frame, refused
+from test_controller_servers import HOST, on_sockets, read_frame, rejected
 
 from epson_driver.remote_ethernet.client import execute
 from epson_driver.sim_controller.client_connections import (
@@ -52,7 +52,7 @@ def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port)
         server._admit = counted
         clients = await crowd(served, port)
         places = rules.max_clients or REMOTE_CLIENTS
-        ends = [asyncio.create_task(refused(reader)) for reader, _ in clients]
+        ends = [asyncio.create_task(rejected(reader)) for reader, _ in clients]
         await until(lambda: sum(end.done() for end in ends) >= CROWD - places)
         assert max(seen) <= most + NEWCOMERS  # one that makes room takes a few turns to go
         await until(lambda: len(server._tasks) == places)

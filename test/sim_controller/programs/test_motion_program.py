@@ -463,10 +463,10 @@ def test_headers_and_bodies_against_the_rules_are_answered_with_failure(sent, re
 
 def test_big_endian_points_to_a_big_endian_controller():
     from epson_driver.robots import load_robot_model
-    from epson_driver.sim_controller.core import Controller
+    from epson_driver.sim_controller.assembly import new_controller
     from epson_driver.simple_message import BIG_ENDIAN
 
-    controller = Controller(load_robot_model('c3_a601s'), PROFILE, dialect=BIG_ENDIAN)
+    controller = new_controller(load_robot_model('c3_a601s'), PROFILE, dialect=BIG_ENDIAN)
     peer = Peer()
     connection = controller.connect('motion', peer)
     controller.apply(Event.MOTORS_ON)

@@ -311,8 +311,8 @@ def test_what_the_python_package_epsonrc_sends(remote):
     assert remote('SetMotorsOn,0') == '#SetMotorsOn,0'
     for statement in statements:
         assert remote(f'Execute,"{statement}"') == '#Execute,0'
-    assert remote.controller.speed == pytest.approx(0.25)
-    assert remote.controller.accel == pytest.approx(0.6)
+    assert remote.controller.arm.executor.speed == pytest.approx(0.25)
+    assert remote.controller.arm.executor.accel == pytest.approx(0.6)
     assert remote.controller.condition.power is Power.HELD_LOW
     for statement in ('Go XY(1,2,3,0,-90,-90)', 'Move Here +X(5) +Y(0) +Z(0)'):
         assert remote(f'Execute,"{statement}"') == '!Execute,20'

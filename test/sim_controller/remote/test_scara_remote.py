@@ -10,8 +10,8 @@ from support.remote_harness import Remote
 
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import RejectedError
-from epson_driver.sim_controller.core import Controller
 
 MODEL = load_robot_model('gx4_c251s')
 START = np.array([0.5, -0.25, -0.05, 1.0])
@@ -19,7 +19,7 @@ START = np.array([0.5, -0.25, -0.05, 1.0])
 
 @pytest.fixture
 def remote() -> Remote:
-    controller = Controller(MODEL, load_controller_profile('rc700a'), START)
+    controller = new_controller(MODEL, load_controller_profile('rc700a'), START)
     return Remote(SimpleNamespace(controller=controller))
 
 
