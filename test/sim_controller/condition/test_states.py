@@ -382,7 +382,9 @@ def test_every_row_is_missed_and_every_change_of_it_noticed(monkeypatch, region,
 
 @pytest.mark.parametrize('row', REJECTIONS)
 def test_every_rejection_is_missed(monkeypatch, row):
-    monkeypatch.delitem(REJECTIONS, row)
+    # of a copy: a row that is put back comes last, and the order of the rows counts
+    others = {key: sentence for key, sentence in REJECTIONS.items() if key != row}
+    monkeypatch.setattr(states, 'REJECTIONS', others)
     assert some_story_fails()
 
 
