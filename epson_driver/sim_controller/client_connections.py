@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who is connected to which port, and through what faults.
+"""Which clients are connected to which port.
 
 A client connection is one client of one port: a transport, which may be faulty, and a session.
 """
@@ -28,14 +28,14 @@ from epson_driver.simple_message import FrameError
 
 _log = logging.getLogger(__name__)
 
-REMOTE_CLIENTS = 16
+MAX_REMOTE_CLIENTS = 16
 """How many remote clients are served at once. One more takes the place of another."""
 
-GRACE = 0.1
+GRACE_S = 0.1
 """How long a remote client keeps its place before it need make room, s: to be heard at all."""
 
-NEWCOMERS = REMOTE_CLIENTS // 2
-"""Of a full port, how many may have come within GRACE: the others give them their places."""
+MAX_NEWCOMERS = MAX_REMOTE_CLIENTS // 2
+"""Of a full port, how many may have come within GRACE_S: the others give them their places."""
 
 _SERVERS: dict[str, Task | None] = {
     'motion': MOTION_SERVER,
@@ -75,7 +75,7 @@ class ClientConnection(Session):
 
     @property
     def claim(self) -> tuple[bool, bool, bool, float]:
-        """How good a claim to its place a remote client has: the least one has to make room.
+        """How good a claim to its place a remote client has; the one with the least makes room.
 
         A client that has just come has the best one, then one of this machine, then one that is
         logged in, then the one that was heard last. No command is ever under way: each is answered
@@ -84,7 +84,7 @@ class ClientConnection(Session):
         session = self._session
         if not isinstance(session, RemoteSession):
             raise TypeError(f'a client of the {self.port} port keeps its place')
-        new = self._controller.clock.now < self._begun + GRACE
+        new = self._controller.clock.now < self._begun + GRACE_S
         return new, self.local, session.logged_in, session.heard
 
     def receive(self, data: bytes) -> None:
@@ -124,7 +124,7 @@ class ClientConnection(Session):
 
 
 class ClientConnections:
-    """All connections of one controller, and the ports that nobody serves."""
+    """All client connections of one controller, and the ports that nobody serves now."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -229,7 +229,7 @@ class ClientConnections:
     def _make_room(self, client: Client) -> str | None:
         """Have a place for one more remote client; return None, or why there is none."""
         held = self._remote
-        if len(held) < REMOTE_CLIENTS:
+        if len(held) < MAX_REMOTE_CLIENTS:
             return None
         if not client.local and all(connection.local for connection in held):
             return f'{len(held)} clients of this machine are connected'

@@ -190,7 +190,7 @@ class Controller:
             self._look_at_buttons()
 
     def _look_at_buttons(self) -> None:
-        """Let a door that is still open and an E-stop that is still pressed count again."""
+        """Apply again what is still so after reset and boot: a pressed E-stop, an open door."""
         if self.condition.estop is EStop.PRESSED:
             self.apply(Event.ESTOP_PRESS)
         if self.condition.door is Door.OPEN:
@@ -365,7 +365,7 @@ class Controller:
             self.arm.go_back()
 
     def _settle(self) -> None:
-        """Draw the conclusions from a standstill, if it is one."""
+        """If the arm stands, do what waits for that: motors off, going on slowly."""
         if self.in_motion:
             return
         self._tell_timing()
@@ -384,7 +384,7 @@ class Controller:
             self.apply(Event.STANDSTILL)
 
     def _set_power(self) -> None:
-        """Let the arm keep to its power; one that moves brakes on its path and goes on slowly."""
+        """Tell the arm whether power is low; one that moves brakes on its path, then goes on."""
         arm, low = self.arm.executor, self.condition.power is not Power.HIGH
         goes_on = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
         if low and not arm.low_power and goes_on and not arm.still:

@@ -13,13 +13,13 @@ import numpy as np
 
 from epson_driver.motion import Array
 
-LAST_JERK = 10.0
+SETTLE_JERK = 10.0
 """A joint is set to its command when the way left, made in one step, asks for less, rad/s³."""
 
-LEAST_WAY = 1e-12
+SETTLE_DISTANCE = 1e-12
 """rad; the same for steps that are very short."""
 
-SHORTEST_STEP = 1e-9
+MIN_STEP_S = 1e-9
 """Less time than this is none, s: what the command did in it counts in the next step."""
 
 
@@ -80,7 +80,7 @@ class Servo:
         if self._settled and unchanged:
             return
         self._settled = False
-        if dt < SHORTEST_STEP:
+        if dt < MIN_STEP_S:
             return
         before = commanded if self._pushed else self._command
         self._command, self._pushed = commanded.copy(), False
@@ -94,7 +94,7 @@ class Servo:
         way = behind + (before - self._actual - behind) * math.exp(-dt / self._lag)
         self._actual = commanded - way
         self._velocity = way / self._lag
-        if unchanged and float(np.abs(way).max()) <= max(LEAST_WAY, LAST_JERK * dt**3):
+        if unchanged and float(np.abs(way).max()) <= max(SETTLE_DISTANCE, SETTLE_JERK * dt**3):
             self._velocity = self._rest
             self._arrive(unchanged)
 

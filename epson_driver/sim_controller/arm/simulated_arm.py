@@ -16,7 +16,8 @@ from epson_driver.sim_controller.arm.servo import Servo
 class SimulatedArm:
     """An arm that executes points, and its servos.
 
-    Within `caps` it goes back to where the door interrupted it.
+    `executor` says where the joints are to be; the servos follow. After the door has interrupted
+    a motion, the arm goes back within `caps` to where that happened; the executor waits meanwhile.
     """
 
     def __init__(self, executor: Executor, servo: Servo, caps: LowPower) -> None:
@@ -45,7 +46,13 @@ class SimulatedArm:
         return self.executor.position if self._pushed is None else self._pushed
 
     def step(self, dt: float, execute: Callable[[float], None]) -> None:
-        """Let `dt` ≥ 0 s pass; `execute` lets it pass for the arm and its program."""
+        """Let `dt` ≥ 0 s pass.
+
+        The time is for whoever commands the joints now. On the way back after the door that is
+        the recovery. At all other times it is the executor, but it is `execute`, the program's
+        `step`, that gets the time: only the program knows the point that follows when one is done
+        within `dt`. Last, the servos follow what is commanded then.
+        """
         if self._recovery is not None:
             if not self.executor.moving:  # its points are gone: there is nothing to go back for
                 self.brake_recovery()
@@ -70,7 +77,7 @@ class SimulatedArm:
         self._recovery = Recovery(self.executor.limits, *way, self._caps)
 
     def went_back(self) -> None:
-        """Take note that the way back is over, or not wanted: it stands."""
+        """End the way back, whether the arm came to its end or not: it stands."""
         stands = self.commanded
         self._recovery = self._pushed = None
         if not self.executor.moving and not np.array_equal(stands, self.executor.position):
@@ -89,6 +96,6 @@ class SimulatedArm:
         self.servo.place(angles)
 
     def rest(self) -> None:
-        """Take the place where it stands for its own, if it has no points to go to."""
+        """Let the executor begin where the arm stands, if there are no points to go to."""
         if not self.in_motion and not self.executor.moving:
             self.went_back()

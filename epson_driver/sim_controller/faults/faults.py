@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults on demand: which are active, when they begin and end, and whom they strike.
+"""Faults on demand: which are active, when they begin and end, which messages they strike.
 
 The controller's clock says when, a seed decides what is random: each connection draws from a
 generator of its own, made of the seed, the fault and how many connections its port had before.
@@ -14,16 +14,16 @@ from typing import Protocol
 
 from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, is_reply
-from epson_driver.sim_controller.faults.fault_kinds import FAULTS, REMOTE, Fault, FaultError
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS, REMOTE_PORT, Fault, FaultError
 from epson_driver.sim_controller.faults.fault_text import parse, write
 
-MAX_ACTIVE = 16
+MAX_ACTIVE_FAULTS = 16
 """Faults at a time, those included that have not begun."""
 
-ANSWER_TIME = 0.1
+ANSWER_TIME_S = 0.1
 """What strikes the remote port begins that much later, s: the command is answered first."""
 
-__all__ = ['Actions', 'ActiveFault', 'Disturbed', 'Fault', 'FaultError', 'Faults', 'parse']
+__all__ = ['Actions', 'ActiveFault', 'Fault', 'FaultError', 'Faults', 'Transport', 'parse']
 
 _log = logging.getLogger(__name__)
 
@@ -47,8 +47,8 @@ class Actions(Protocol):
         """Go off, with its connections, and be up again in `seconds` s as after switching on."""
 
 
-class Disturbed(Protocol):
-    """A connection as faults see it; `wire.py` has it."""
+class Transport(Protocol):
+    """A connection as faults see it: `FaultyTransport`."""
 
     port: str
 
@@ -120,7 +120,7 @@ class Faults:
     `joints` is how many the robot has.
     """
 
-    def __init__(self, clock: Clock, seed: int, actions: Actions, joints: int = 6) -> None:
+    def __init__(self, clock: Clock, seed: int, actions: Actions, joints: int) -> None:
         self._clock = clock
         self._seed = seed
         self._actions = actions
@@ -128,7 +128,7 @@ class Faults:
         self._active: list[ActiveFault] = []
         self._frozen: set[int] = set()
         self._started = 0
-        self._transports: dict[Disturbed, None] = {}
+        self._transports: dict[Transport, None] = {}
         self._serials: Counter[str] = Counter()
 
     # What a person asks for.
@@ -142,16 +142,18 @@ class Faults:
         if joint > self._joints:
             rule = f'the robot has {self._joints} joints'
             raise FaultError(f'{fault.name}: joint = {joint}: {rule}')
-        if len(self._active) >= MAX_ACTIVE:
-            raise FaultError(f'{fault.name}: {MAX_ACTIVE} faults are active: clear some first')
+        if len(self._active) >= MAX_ACTIVE_FAULTS:
+            raise FaultError(
+                f'{fault.name}: {MAX_ACTIVE_FAULTS} faults are active: clear some first'
+            )
         self._started += 1
         own = fault.values.get('seed')
         seed = f'{self._seed} {self._started}' if own is None else f'own {own:.0f}'
         active = ActiveFault(fault, self._started, seed)
         self._active.append(active)
         delay = fault.number('after')
-        if REMOTE in fault.ports or fault.kind.boots:
-            delay = max(delay, ANSWER_TIME)
+        if REMOTE_PORT in fault.ports or fault.kind.boots:
+            delay = max(delay, ANSWER_TIME_S)
         if delay > 0.0:
             active.until = self._clock.after(delay, lambda: self._begin(active))
         else:
@@ -196,15 +198,15 @@ class Faults:
         """Return whether new connections to this port must be closed at once."""
         return any(active.fault.name == 'cut' for active in self._begun(port))
 
-    # What transports need.
+    # What transports ask.
 
-    def attach(self, transport: Disturbed) -> int:
+    def attach(self, transport: Transport) -> int:
         """Let faults act on a connection; return its number among those of its port."""
         self._transports[transport] = None
         self._serials[transport.port] += 1
         return self._serials[transport.port]
 
-    def detach(self, transport: Disturbed) -> None:
+    def detach(self, transport: Transport) -> None:
         """Forget a connection. Twice is no error."""
         self._transports.pop(transport, None)
 

@@ -12,23 +12,27 @@ from collections import deque
 from typing import NamedTuple
 
 from epson_driver.profiles.profile import ServerProfile
-from epson_driver.sim_controller.client_connections import GRACE, NEWCOMERS, REMOTE_CLIENTS
+from epson_driver.sim_controller.client_connections import (
+    GRACE_S,
+    MAX_NEWCOMERS,
+    MAX_REMOTE_CLIENTS,
+)
 from epson_driver.sim_controller.network.cpu_budget import CpuBudget
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.spare_descriptor import SpareDescriptor
 from epson_driver.sim_controller.network.tcp_connection import TcpConnection
 from epson_driver.simple_message import FrameError
 
-HANDOVER = 0.1
+HANDOVER_S = 0.1
 """How long a client waits for a place, s: one that reconnects meets its own end of before."""
 
-WAITING = 4
+MAX_WAITING_CLIENTS = 4
 """How many may wait for a place; who comes then is refused at once."""
 
 BACKLOG = 64
 """How many the system may keep until they are accepted, one in a turn of the loop."""
 
-RETRY = 0.05
+ACCEPT_RETRY_S = 0.05
 """How long nobody is accepted after the system could not, s."""
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE)
@@ -87,7 +91,7 @@ class PortServer:
         self._retry: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         clients = rules.max_clients
-        self._admitted: deque[float] = deque([-GRACE] * NEWCOMERS, NEWCOMERS)
+        self._admitted: deque[float] = deque([-GRACE_S] * MAX_NEWCOMERS, MAX_NEWCOMERS)
         """When the last clients came, as many as may be new where each gets in."""
         self._spare = SpareDescriptor()
         """What a client gets in with when no descriptor is left, where each gets in."""
@@ -132,8 +136,8 @@ class PortServer:
     def _accept(self, listening: socket.socket) -> None:
         """Take one client of those that the system keeps; what cannot be taken now stays there."""
         limit = self._rules.max_clients
-        if limit is None and len(self._tasks) >= REMOTE_CLIENTS:
-            wait = self._admitted[0] + GRACE - asyncio.get_running_loop().time()
+        if limit is None and len(self._tasks) >= MAX_REMOTE_CLIENTS:
+            wait = self._admitted[0] + GRACE_S - asyncio.get_running_loop().time()
             if wait > 0.0:  # too many have just come: let them be heard
                 self._pause(listening, wait)
                 return
@@ -149,7 +153,7 @@ class PortServer:
                 self._cannot(listening, error.strerror or str(error))
             return
         self._admitted.append(asyncio.get_running_loop().time())
-        if limit is not None and len(self._tasks) >= limit + WAITING:
+        if limit is not None and len(self._tasks) >= limit + MAX_WAITING_CLIENTS:
             sock.close()
             _log.warning(
                 '%s client %s:%d refused: as many wait for a place as may be',
@@ -169,7 +173,7 @@ class PortServer:
     def _cannot(self, listening: socket.socket, why: str) -> None:
         """Say what keeps clients out; the system would offer the same one all the time."""
         _log.error('%s port: nobody can be accepted now: %s', self._rules.name, why)
-        self._pause(listening, RETRY)
+        self._pause(listening, ACCEPT_RETRY_S)
         if self._rules.max_clients is None:
             with self._pacer.present() as controller:
                 controller.clients.dismiss_remote(why)
@@ -193,7 +197,7 @@ class PortServer:
     async def _attend(self, connection: TcpConnection) -> None:
         try:
             if self._places is not None:
-                async with asyncio.timeout(HANDOVER):
+                async with asyncio.timeout(HANDOVER_S):
                     await self._places.acquire()
             try:
                 _log.info('%s connected', connection.name)

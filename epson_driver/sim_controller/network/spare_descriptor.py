@@ -16,7 +16,7 @@ class SpareDescriptor:
         if self._descriptor is None:
             try:
                 self._descriptor = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
-            except OSError:  # none is left: the next who goes leaves one
+            except OSError:  # none is left: the next client that goes frees one
                 return
 
     def give(self) -> bool:

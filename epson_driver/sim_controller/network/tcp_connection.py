@@ -9,7 +9,7 @@ import socket
 import struct
 from contextlib import suppress
 
-CHUNK = 4096
+CHUNK_BYTES = 4096
 """Bytes taken at once, where the rules of a port say nothing else."""
 
 _KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
@@ -31,7 +31,7 @@ class TcpConnection:
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
         max_unsent: int,
-        chunk: int = CHUNK,
+        chunk: int = CHUNK_BYTES,
     ) -> None:
         host, port = writer.get_extra_info('peername')[:2]
         self.name = f'{name} client {host}:{port}'

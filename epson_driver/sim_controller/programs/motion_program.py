@@ -62,7 +62,7 @@ from epson_driver.simple_message import (
 STOP = SpecialSequence.STOP_TRAJECTORY
 STREAMING = SpecialSequence.START_TRAJECTORY_STREAMING
 
-POINT_SIZE = {Real.FLOAT32: 52, Real.FLOAT64: 100}
+POINT_BODY_BYTES = {Real.FLOAT32: 52, Real.FLOAT64: 100}
 """of a JOINT_TRAJ_PT's body, bytes"""
 
 
@@ -138,7 +138,7 @@ class MotionProgram:
             self._send(response)
 
     def step(self, dt: float) -> None:
-        """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
+        """Let `dt` s pass for the arm, see `Program.step`."""
         self._queue.step(dt)
 
     def abort(self) -> None:
@@ -177,7 +177,7 @@ class MotionProgram:
     def _receive_point(self, packet: Packet) -> None:
         point = packet.message
         if not isinstance(point, JointTrajPt) or packet.dialect.real is not self._real:
-            size = POINT_SIZE[self._real]
+            size = POINT_BODY_BYTES[self._real]
             self._reject(0, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
         elif self._concerns_download(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)

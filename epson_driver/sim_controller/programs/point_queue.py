@@ -13,7 +13,7 @@ from epson_driver.sim_controller.condition.errors import Rejection
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """One thing that is done in its turn.
+    """A point for the arm, or only a reply to send; each is done in its turn.
 
     The arm goes to `point`; None: there is only something to answer. `reply_to` is the sequence of
     the request to answer; None: it was no request. `begins`: a trajectory begins with the point.
@@ -28,7 +28,7 @@ class Entry:
     ready_at: float = 0.0
 
 
-TICK = 1e-9
+ROUNDING_S = 1e-9
 """Differences in time that rounding makes, s."""
 
 
@@ -79,7 +79,10 @@ class PointQueue:
         return entries, lost
 
     def step(self, dt: float) -> None:
-        """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
+        """Let `dt` s pass, see `Program.step`.
+
+        The arm returns what is left of it when a point is done; `advance` gives it the next.
+        """
         left: float | None = dt
         while left is not None:
             left = self._arm.step(left)
@@ -108,7 +111,7 @@ class PointQueue:
 
     def _is_ready(self, ready_at: float) -> bool:
         """Return whether it is that time; if not, `advance` will be called then."""
-        if ready_at <= self._clock.now + TICK:
+        if ready_at <= self._clock.now + ROUNDING_S:
             return True
         timer = self._timer
         if timer is None or timer.action is None or timer.due > ready_at:

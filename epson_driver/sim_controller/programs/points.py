@@ -17,10 +17,10 @@ from epson_driver.simple_message import (
 )
 from epson_driver.simple_message.framer import HEADER_SIZE
 
-SLOWEST = 1e-6
+MIN_VELOCITY = 1e-6
 """Smallest velocity field obeyed: below it a move would take days. 0 means: none given."""
 
-LONGEST = 86_400.0
+MAX_DURATION_S = 86_400.0
 """Longest duration field obeyed, s: a day."""
 
 
@@ -34,15 +34,15 @@ FIELDS_USED = {
 }
 """Which fields of a point count, besides the joints, by the profile's word for it."""
 
-POINT_LENGTH = 64
+POINT_LENGTH_BYTES = 64
 """The length prefix of a JOINT_TRAJ_PT."""
 
 
 def frame_fault(frame: Frame) -> str | None:
     """Return what is wrong with a frame for a program that knows JOINT_TRAJ_PT only, or None."""
     length = HEADER_SIZE + len(frame.body)
-    if length != POINT_LENGTH:
-        return f'length = {length}: must be {POINT_LENGTH}'
+    if length != POINT_LENGTH_BYTES:
+        return f'length = {length}: must be {POINT_LENGTH_BYTES}'
     for name, value, right in (
         ('msg_type', frame.msg_type, MessageType.JOINT_TRAJ_PT),
         ('comm_type', frame.comm_type, CommType.SERVICE_REQUEST),
@@ -76,12 +76,12 @@ def _number_rejection(name: str, value: float) -> Rejection | None:
     if value < 0.0:
         return corrupt(f'{name} = {value:g} is negative')
     if name == 'duration':
-        if value > LONGEST:
-            return corrupt(f'duration = {value:g} s is above {LONGEST:g} s')
+        if value > MAX_DURATION_S:
+            return corrupt(f'duration = {value:g} s is above {MAX_DURATION_S:g} s')
     elif value > 1.0:
         return corrupt(f'velocity = {value:g} is above 1, the fraction of the maximum joint speed')
-    elif 0.0 < value < SLOWEST:
-        return corrupt(f'velocity = {value:g} is below {SLOWEST:g}')
+    elif 0.0 < value < MIN_VELOCITY:
+        return corrupt(f'velocity = {value:g} is below {MIN_VELOCITY:g}')
     return None
 
 

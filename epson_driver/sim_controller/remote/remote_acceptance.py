@@ -23,20 +23,20 @@ class CommandError(Exception):
         self.number = number
 
 
-class Need(NamedTuple):
-    """Something that must be so; `sentence` says what is in the way if it is not."""
+class Requirement(NamedTuple):
+    """A condition for a command; `sentence` says what is in the way if it does not hold."""
 
     text: str
     holds: Predicate
     sentence: Callable[[ControllerInterface], str]
 
 
-def _is(flag: str, sentence: Callable[[ControllerInterface], str]) -> Need:
-    return Need(flag, FLAGS[flag], sentence)
+def _is(flag: str, sentence: Callable[[ControllerInterface], str]) -> Requirement:
+    return Requirement(flag, FLAGS[flag], sentence)
 
 
-def _no(flag: str, sentence: Callable[[ControllerInterface], str]) -> Need:
-    return Need(f'no {flag}', lambda controller: not FLAGS[flag](controller), sentence)
+def _no(flag: str, sentence: Callable[[ControllerInterface], str]) -> Requirement:
+    return Requirement(f'no {flag}', lambda controller: not FLAGS[flag](controller), sentence)
 
 
 def _not_ready(controller: ControllerInterface) -> str:
@@ -77,13 +77,15 @@ PAUSED = _is('Paused', _not_paused)
 NO_ESTOP = _no('EStop', _estopped)
 NO_SAFEGUARD = _no('Safeguard', lambda _: 'the safeguard door is open: close it first')
 NO_ERROR = _no('Error', _in_error)
-TASKS_RUN = Need('tasks run', _tasks_run, _no_tasks)
+TASKS_RUN = Requirement('tasks run', _tasks_run, _no_tasks)
 
 
-def check(controller: ControllerInterface, needs: Iterable[Need], event: Event | None) -> None:
+def check(
+    controller: ControllerInterface, requirements: Iterable[Requirement], event: Event | None
+) -> None:
     """Raise RejectedError if the controller does not accept a command that does `event` now."""
-    for need in needs:
-        if not need.holds(controller):
-            raise RejectedError(need.sentence(controller))
+    for requirement in requirements:
+        if not requirement.holds(controller):
+            raise RejectedError(requirement.sentence(controller))
     if event is not None:
         after(controller.condition, event)

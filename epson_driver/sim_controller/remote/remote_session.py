@@ -15,13 +15,13 @@ from epson_driver.sim_controller.ports.session import Send
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_commands import Dialogue, answer
 
-LINE_LIMIT = 256
+MAX_LINE_CHARACTERS = 256
 """Characters of a line without its end; one more, and the client is hung up on."""
 
-LOGIN_TIME = 300.0
+LOGIN_TIMEOUT_S = 300.0
 """How long a client may be connected without logging in, s."""
 
-_ROUNDING = 1e-6  # s
+_ROUNDING_S = 1e-6  # s
 _CR, _LF = b'\r'[0], b'\n'[0]
 
 _log = logging.getLogger(__name__)
@@ -68,11 +68,11 @@ class RemoteSession:
             if byte in (_CR, _LF):
                 if not (byte == _LF and after_cr):
                     self._answer()
-            elif len(self._line) < LINE_LIMIT:
+            elif len(self._line) < MAX_LINE_CHARACTERS:
                 self._line.append(byte)
             else:
                 self._send(b'!,%d\r\n' % RemoteErrorNumber.FORMAT)
-                self._end(f'a line of more than {LINE_LIMIT} characters')
+                self._end(f'a line of more than {MAX_LINE_CHARACTERS} characters')
 
     def closed(self) -> None:
         """Take note that the client is gone."""
@@ -96,7 +96,7 @@ class RemoteSession:
     @property
     def _patience(self) -> float:
         """How long the client may say nothing, s; 0: for ever."""
-        return self._timeout if self._dialogue.logged_in else LOGIN_TIME
+        return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
     def _watch(self) -> None:
         """Look when the client may have said nothing for too long.
@@ -112,7 +112,7 @@ class RemoteSession:
 
     def _look(self) -> None:
         self._timer = None
-        if self._patience and self._clock.now >= self._heard + self._patience - _ROUNDING:
+        if self._patience and self._clock.now >= self._heard + self._patience - _ROUNDING_S:
             self._end(f'nothing was said for {self._patience:g} s')
         else:
             self._watch()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`$Sim,…`: what needs a finger, a hand or a fault, and what only a simulation can tell.
+"""`$Sim,…`: buttons, door, pushes and faults, and what only a simulation can tell.
 
 An answer with several parts has `;` between them, and within a part `=` after its name.
 """
@@ -32,9 +32,9 @@ IO_KINDS = {
 _INPUTS = (IoType.DIGITAL_INPUT, IoType.ANALOG_INPUT)
 _ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
 
-_LAST_INDEX = 65_535
-_LARGEST = 2**31 - 1
-_FARTHEST = 360.0  # degrees, or mm
+_MAX_INDEX = 65_535
+_MAX_VALUE = 2**31 - 1
+_MAX_PUSH = 360.0  # degrees, or mm
 
 TASK_TYPES = {
     TaskType.NORMAL: 'Normal',
@@ -95,11 +95,11 @@ def _io(controller: ControllerInterface, parameters: list[str]) -> str | None:
     io_type = kinds.get(parameters[0].lower())
     if io_type is None:
         raise wrong('points', parameters[0], f'must be one of {", ".join(IO_KINDS)}')
-    index = whole('index', parameters[1], 0, _LAST_INDEX)
+    index = whole('index', parameters[1], 0, _MAX_INDEX)
     try:
         if len(parameters) < 3:
             return str(controller.io.read(io_type, index))
-        value = whole('value', parameters[2], -_LARGEST, _LARGEST)
+        value = whole('value', parameters[2], -_MAX_VALUE, _MAX_VALUE)
         change = controller.io.set_input if io_type in _INPUTS else controller.io.write
         change(io_type, index, value)
     except IoError as error:
@@ -121,7 +121,7 @@ def _points(controller: ControllerInterface, name: str) -> str:
 def _disturb(controller: ControllerInterface, parameters: list[str]) -> None:
     expect(parameters, 2)
     joint = whole('joint', parameters[0], 1, len(controller.model.joint_names))
-    push = real('degrees', parameters[1], -_FARTHEST, _FARTHEST)
+    push = real('degrees', parameters[1], -_MAX_PUSH, _MAX_PUSH)
     controller.disturb(joint - 1, push / float(controller.model.shown_per_unit[joint - 1]))
 
 

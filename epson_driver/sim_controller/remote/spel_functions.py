@@ -15,7 +15,7 @@ from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.errors import TEXTS, ErrorNumber
 from epson_driver.sim_controller.condition.spel_settings import SETTINGS
 from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
-from epson_driver.sim_controller.io.io_points import BYTE, WORD, IoError
+from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
 from epson_driver.sim_controller.remote import spel_numbers, status_words
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
@@ -25,8 +25,8 @@ from epson_driver.simple_message import IoType
 _REMOTE_ETHERNET = 26
 """CtrlInfo(5): the control device."""
 
-_LAST_TASK = 267
-_LAST_ADDRESS = 65_535
+_MAX_TASK = 267
+_MAX_ADDRESS = 65_535
 
 _ITEM = re.compile(r'\s*([A-Za-z]+\$?)\s*(?:\(([^()]*)\))?\s*(?:,|$)')
 
@@ -86,7 +86,7 @@ def _one(predicate: status_words.Predicate) -> Callable[..., str]:
 
 
 def _task_state(controller: ControllerInterface, arguments: Sequence[str]) -> str:
-    number = whole('task', arguments[0], 1, _LAST_TASK)
+    number = whole('task', arguments[0], 1, _MAX_TASK)
     states = {task.number: controller.task_state(task) for task in PROGRAM}
     return str(states.get(number, TaskState.NOT_RUNNING).value)
 
@@ -140,7 +140,7 @@ def _setting(name: str, controller: ControllerInterface, arguments: Sequence[str
 
 def _bits(io_type: IoType, width: int) -> Callable[..., str]:
     def value(controller: ControllerInterface, arguments: Sequence[str]) -> str:
-        index = whole('address', arguments[0], 0, _LAST_ADDRESS)
+        index = whole('address', arguments[0], 0, _MAX_ADDRESS)
         try:
             return str(controller.io.read_port(io_type, index, width))
         except IoError as error:
@@ -188,14 +188,14 @@ FUNCTIONS: dict[str, Function] = {
         for name, setting in SETTINGS.items()
     },
     'Sw': Function(1, 1, 'input bit', _bits(IoType.DIGITAL_INPUT, 1)),
-    'In': Function(1, 1, 'input port, 8 bits', _bits(IoType.DIGITAL_INPUT, BYTE)),
-    'InW': Function(1, 1, 'input word, 16 bits', _bits(IoType.DIGITAL_INPUT, WORD)),
+    'In': Function(1, 1, 'input port, 8 bits', _bits(IoType.DIGITAL_INPUT, BYTE_BITS)),
+    'InW': Function(1, 1, 'input word, 16 bits', _bits(IoType.DIGITAL_INPUT, WORD_BITS)),
     'Oport': Function(1, 1, 'output bit', _bits(IoType.DIGITAL_OUTPUT, 1)),
-    'Out': Function(1, 1, 'output port, 8 bits', _bits(IoType.DIGITAL_OUTPUT, BYTE)),
-    'OutW': Function(1, 1, 'output word, 16 bits', _bits(IoType.DIGITAL_OUTPUT, WORD)),
+    'Out': Function(1, 1, 'output port, 8 bits', _bits(IoType.DIGITAL_OUTPUT, BYTE_BITS)),
+    'OutW': Function(1, 1, 'output word, 16 bits', _bits(IoType.DIGITAL_OUTPUT, WORD_BITS)),
     'MemSw': Function(1, 1, 'memory bit', _bits(IoType.FLAG, 1)),
-    'MemIn': Function(1, 1, 'memory port, 8 bits', _bits(IoType.FLAG, BYTE)),
-    'MemInW': Function(1, 1, 'memory word, 16 bits', _bits(IoType.FLAG, WORD)),
+    'MemIn': Function(1, 1, 'memory port, 8 bits', _bits(IoType.FLAG, BYTE_BITS)),
+    'MemInW': Function(1, 1, 'memory word, 16 bits', _bits(IoType.FLAG, WORD_BITS)),
 }
 """What can be printed."""
 

@@ -15,7 +15,7 @@ import numpy as np
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.spel_settings import SETTINGS
 from epson_driver.sim_controller.condition.states import Event, RejectedError
-from epson_driver.sim_controller.io.io_points import BYTE, IoError
+from epson_driver.sim_controller.io.io_points import BYTE_BITS, IoError
 from epson_driver.sim_controller.remote import spel_numbers
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
@@ -47,8 +47,8 @@ MOTION_STATEMENTS = (
 
 NO_MOTION = 'only the motion port moves this arm'
 
-_LAST_ADDRESS = 65_535
-_LAST_PULSE = 2**31 - 1
+_MAX_ADDRESS = 65_535
+_MAX_PULSES = 2**31 - 1
 _HALF_PULSE = 0.5
 _STATEMENT = re.compile(r'\s*([A-Za-z]+[0-9]*[A-Za-z]*)\s*(.*?)\s*')
 
@@ -110,7 +110,7 @@ def _if(controller: ControllerInterface, text: str) -> None:
 def _switch(io_type: IoType, value: bool, controller: ControllerInterface, text: str) -> None:
     parameters = _list(text)
     expect(parameters, 1)
-    bit = whole('bit', parameters[0], 0, _LAST_ADDRESS)
+    bit = whole('bit', parameters[0], 0, _MAX_ADDRESS)
     try:
         controller.io.write(io_type, bit, int(value))
     except IoError as cause:
@@ -120,10 +120,10 @@ def _switch(io_type: IoType, value: bool, controller: ControllerInterface, text:
 def _out(io_type: IoType, controller: ControllerInterface, text: str) -> None:
     parameters = _list(text)
     expect(parameters, 2)
-    port = whole('port', parameters[0], 0, _LAST_ADDRESS)
-    value = whole('value', parameters[1], 0, 2**BYTE - 1)
+    port = whole('port', parameters[0], 0, _MAX_ADDRESS)
+    value = whole('value', parameters[1], 0, 2**BYTE_BITS - 1)
     try:
-        controller.io.write_port(io_type, port, BYTE, value)
+        controller.io.write_port(io_type, port, BYTE_BITS, value)
     except IoError as cause:
         raise CommandError(RemoteErrorNumber.PARAMETER, str(cause)) from cause
 
@@ -131,7 +131,7 @@ def _out(io_type: IoType, controller: ControllerInterface, text: str) -> None:
 def _home_set(controller: ControllerInterface, text: str) -> None:
     parameters, model = _list(text), controller.model
     expect(parameters, len(model.joint_names))
-    pulses = [whole('pulses', each, -_LAST_PULSE, _LAST_PULSE) for each in parameters]
+    pulses = [whole('pulses', each, -_MAX_PULSES, _MAX_PULSES) for each in parameters]
     ends = [
         limit * model.pulses_per_unit
         for limit in (model.limits.position_min, model.limits.position_max)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a SPEL+ controller says of itself, bit by bit: GetStatus, CtrlInfo, RobotInfo, Stat.
+"""The status words of a SPEL+ controller, bit by bit: GetStatus, CtrlInfo, RobotInfo, Stat.
 
 Each word is a table from bit to predicate. (SPEL+ language reference; RC+ user's guide, Remote
 Ethernet; the eleven flags of the RC700 generation.)

@@ -61,9 +61,9 @@ async def planning():
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """Have it start again at once, and give it the time that a busy machine needs."""
-    monkeypatch.setattr(planner_process, 'PAUSE', 0.0)
-    monkeypatch.setattr(planner_process, 'START_TIMEOUT', PATIENCE)
-    monkeypatch.setattr(planner_process, 'HUNG', PATIENCE)
+    monkeypatch.setattr(planner_process, 'RESTART_DELAY_S', 0.0)
+    monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', PATIENCE)
+    monkeypatch.setattr(planner_process, 'PLAN_TIMEOUT_S', PATIENCE)
 
 
 def test_its_plans_are_those_of_the_function():
@@ -142,7 +142,7 @@ def test_a_killed_planner_answers_none_tells_why_and_is_started_again():
 
 
 def test_one_that_does_not_answer_is_killed(monkeypatch):
-    monkeypatch.setattr(planner_process, 'HUNG', 0.2)
+    monkeypatch.setattr(planner_process, 'PLAN_TIMEOUT_S', 0.2)
 
     async def main():
         async with planning() as (planner, told):

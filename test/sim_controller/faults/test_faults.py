@@ -10,9 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.fault_harness import JOINTS, FaultHarness, answer
 
-from epson_driver.sim_controller.faults.fault_kinds import DATA_PORTS, FAULTS, REMOTE, FaultError
+from epson_driver.sim_controller.faults.fault_kinds import (
+    DATA_PORTS,
+    FAULTS,
+    REMOTE_PORT,
+    FaultError,
+)
 from epson_driver.sim_controller.faults.fault_text import describe, parameter_texts, parse, write
-from epson_driver.sim_controller.faults.faults import ANSWER_TIME, MAX_ACTIVE
+from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, MAX_ACTIVE_FAULTS
 
 HERE = Path(__file__)
 PAGE = HERE.parents[3] / 'docs' / 'faults.md'
@@ -117,7 +122,7 @@ def test_estop_at_point_cleared_before(harness):
 def test_reboot_begins_when_its_command_is_answered_and_ends_by_itself(harness):
     harness.start('reboot:for=4')
     assert calls(harness) == []
-    harness.wait(ANSWER_TIME)
+    harness.wait(ANSWER_TIME_S)
     assert calls(harness) == [('reboot', 4.0)]
     with pytest.raises(FaultError, match='reboot: it cannot be cleared'):
         harness.clear('reboot')
@@ -152,8 +157,8 @@ def test_every_fault_is_described_and_can_be_started_without_parameters(name, ha
     kind = FAULTS[name]
     assert kind.text.endswith('.')
     assert kind.parameters
-    assert set(kind.default_ports) <= set(kind.ports) <= {*DATA_PORTS, REMOTE}
-    assert REMOTE not in kind.default_ports
+    assert set(kind.default_ports) <= set(kind.ports) <= {*DATA_PORTS, REMOTE_PORT}
+    assert REMOTE_PORT not in kind.default_ports
     for parameter in kind.parameters:
         if parameter.default is not None:
             assert parameter.read(parameter.write(parameter.default)) == parameter.default
@@ -307,9 +312,11 @@ def test_clear_takes_one_name_or_all(harness):
 
 
 def test_so_many_faults_at_a_time(harness):
-    for _ in range(MAX_ACTIVE):
+    for _ in range(MAX_ACTIVE_FAULTS):
         harness.start('delay:after=100')
-    with pytest.raises(FaultError, match=f'delay: {MAX_ACTIVE} faults are active: clear some'):
+    with pytest.raises(
+        FaultError, match=f'delay: {MAX_ACTIVE_FAULTS} faults are active: clear some'
+    ):
         harness.start('delay')
     harness.clear()
     harness.start('delay')
@@ -329,7 +336,7 @@ def test_a_fault_of_the_remote_port_lets_its_command_be_answered_first(harness):
     harness.start('cut:port=remote,for=1')
     remote.send(b'#Sim,0\r\n')
     assert remote.taken() == [b'#Sim,0\r\n']
-    harness.wait(ANSWER_TIME)
+    harness.wait(ANSWER_TIME_S)
     assert (remote.hung_up, state.hung_up) == (1, 0)
     assert harness.faults.rejects('remote')
     harness.wait(1.0)
@@ -382,7 +389,7 @@ def page_tables():
         lines.append(f'| {" | ".join(cells)} |')
         common |= {each.name: each for each in kind.parameters if each.name not in common}
     lines += ['', '| parameter of several | meaning | allowed |', '|---|---|---|']
-    ports = ('which ports', f'{", ".join((*DATA_PORTS, REMOTE))}; several with +; all')
+    ports = ('which ports', f'{", ".join((*DATA_PORTS, REMOTE_PORT))}; several with +; all')
     rows = {key: (common[key].text, common[key].range) for key in COMMON if key in common}
     for key, (text, allowed) in {'port': ports, **rows}.items():
         lines.append(f'| `{key}` | {text} | {allowed} |')

@@ -10,7 +10,7 @@ from support.fault_harness import FaultHarness, answer, ask, state
 
 from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, byte_order, is_reply
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
-from epson_driver.sim_controller.faults.faulty_transport import MAX_HELD
+from epson_driver.sim_controller.faults.faulty_transport import MAX_HELD_BYTES
 from epson_driver.simple_message import BIG_ENDIAN, ByteOrder, FrameError, Framer
 
 LINK_FAULTS = [name for name, kind in FAULTS.items() if kind.ports]
@@ -398,7 +398,7 @@ def test_what_is_held_is_bounded(harness, text):
     for number in range(10_000):
         client.send(answer(number))
         most = max(most, client.transport.held)
-    assert MAX_HELD - 100 < most <= MAX_HELD
+    assert MAX_HELD_BYTES - 100 < most <= MAX_HELD_BYTES
     assert client.hung_up == 1
     assert client.transport.held == 0
     harness.wait(100.0)

@@ -13,12 +13,12 @@ from test_controller_servers import HOST, on_sockets, read_frame, rejected
 
 from epson_driver.remote_ethernet.client import execute
 from epson_driver.sim_controller.client_connections import (
-    NEWCOMERS,
-    REMOTE_CLIENTS,
+    MAX_NEWCOMERS,
+    MAX_REMOTE_CLIENTS,
     ClientConnection,
 )
-from epson_driver.sim_controller.network.cpu_budget import FIRST, SAVED, CpuBudget
-from epson_driver.sim_controller.network.port_server import WAITING, port_rules
+from epson_driver.sim_controller.network.cpu_budget import INITIAL_S, MAX_SAVED_S, CpuBudget
+from epson_driver.sim_controller.network.port_server import MAX_WAITING_CLIENTS, port_rules
 
 CROWD = 200
 
@@ -41,7 +41,11 @@ def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port)
         rules = next(
             each for each in port_rules(served.controller.profile.server) if each.name == port
         )
-        most = REMOTE_CLIENTS if rules.max_clients is None else rules.max_clients + WAITING
+        most = (
+            MAX_REMOTE_CLIENTS
+            if rules.max_clients is None
+            else rules.max_clients + MAX_WAITING_CLIENTS
+        )
         seen = []
         accept = server._admit
 
@@ -51,10 +55,10 @@ def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port)
 
         server._admit = counted
         clients = await crowd(served, port)
-        places = rules.max_clients or REMOTE_CLIENTS
+        places = rules.max_clients or MAX_REMOTE_CLIENTS
         ends = [asyncio.create_task(rejected(reader)) for reader, _ in clients]
         await until(lambda: sum(end.done() for end in ends) >= CROWD - places)
-        assert max(seen) <= most + NEWCOMERS  # one that makes room takes a few turns to go
+        assert max(seen) <= most + MAX_NEWCOMERS  # one that makes room takes a few turns to go
         await until(lambda: len(server._tasks) == places)
         assert sum(end.done() for end in ends) == CROWD - places
 
@@ -147,12 +151,14 @@ async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
 
 def test_who_uses_more_than_the_share_waits_for_it_and_who_is_quiet_saves_up():
     budget = CpuBudget(0.0)
-    assert budget.used(FIRST, 0.1, 0.0) == 0.0
+    assert budget.used(INITIAL_S, 0.1, 0.0) == 0.0
     assert budget.used(0.01, 0.1, 0.0) == pytest.approx(0.1)
     assert budget.used(0.01, 0.1, 0.1) == pytest.approx(0.1)
-    assert budget.used(0.6 * SAVED, 0.1, 1000.0) == 0.0
-    assert budget.used(0.4 * SAVED, 0.1, 1000.0) == pytest.approx(0.0)
-    assert budget.used(SAVED, 0.1, 2000.0) == pytest.approx(0.0)  # no more than that is saved
+    assert budget.used(0.6 * MAX_SAVED_S, 0.1, 1000.0) == 0.0
+    assert budget.used(0.4 * MAX_SAVED_S, 0.1, 1000.0) == pytest.approx(0.0)
+    assert budget.used(MAX_SAVED_S, 0.1, 2000.0) == pytest.approx(
+        0.0
+    )  # no more than that is saved
     assert budget.used(0.01, 0.1, 2000.0) == pytest.approx(0.1)
 
 
@@ -165,4 +171,4 @@ def test_all_clients_of_a_port_together_keep_to_its_share(clients):
         index = due.index(min(due))
         used += 0.001
         due[index] += max(budgets[index].used(0.001, 0.2 / clients, due[index]), 1e-6)
-    assert used == pytest.approx(0.2 * 100.0 + clients * FIRST, rel=0.01)
+    assert used == pytest.approx(0.2 * 100.0 + clients * INITIAL_S, rel=0.01)

@@ -7,7 +7,7 @@ import logging
 import pytest
 from support.controller_harness import Harness, Peer
 
-from epson_driver.sim_controller.network.stderr_log import BURST, StderrLog
+from epson_driver.sim_controller.network.stderr_log import BURST_LINES, StderrLog
 
 MANY = 20_000
 
@@ -49,15 +49,15 @@ def test_invariant_7_refused_remote_commands_have_a_pace_and_the_rest_is_counted
     log.now += 1.0
     client.receive(b'$Nothing\n' * MANY)
     lines = log.lines()
-    assert len(lines) == BURST + 1
+    assert len(lines) == BURST_LINES + 1
     assert all('there is no command Nothing' in line for line in lines)
-    assert lines[-1].endswith(f'(and {MANY - BURST} like it before)')
+    assert lines[-1].endswith(f'(and {MANY - BURST_LINES} like it before)')
 
 
 def test_other_lines_pass_while_one_kind_is_held_back(log, client):
     client.receive(b'$Login\n' + b'$Nothing\n' * MANY + b'$Sim,estop,press\n')
     lines = log.lines()
-    assert len(lines) == BURST + 1
+    assert len(lines) == BURST_LINES + 1
     assert 'E-stop press: ' in lines[-1]
 
 
@@ -79,4 +79,4 @@ def test_invariant_7_refused_messages_have_a_pace_on_every_port(log, port):
         )
     for _ in range(MANY // 10):
         connection.receive(b'\x0f\0\0\0\x0b\0\0\0\2' + bytes(10))
-    assert 1 <= len(log.lines()) <= 3 * BURST
+    assert 1 <= len(log.lines()) <= 3 * BURST_LINES

@@ -183,7 +183,8 @@ PARAMETERS = {
 
 
 @pytest.mark.parametrize(
-    ('name', 'need'), [(name, need.text) for name in COMMANDS for need in COMMANDS[name].needs]
+    ('name', 'need'),
+    [(name, need.text) for name in COMMANDS for need in COMMANDS[name].requirements],
 )
 def test_what_a_command_needs(name, need):
     remote = Remote()
@@ -200,11 +201,11 @@ def test_what_a_command_needs(name, need):
     assert why == f'#Sim,{sentence}'
 
 
-@pytest.mark.parametrize('name', [name for name in COMMANDS if COMMANDS[name].needs])
+@pytest.mark.parametrize('name', [name for name in COMMANDS if COMMANDS[name].requirements])
 def test_while_the_arm_moves_commands_that_need_ready_are_refused(name):
     remote = moving()
     answer = remote(name + PARAMETERS.get(name, ''))
-    needs = [need.text for need in COMMANDS[name].needs]
+    needs = [need.text for need in COMMANDS[name].requirements]
     if 'Ready' in needs:
         assert answer == f'!{name},20'
         assert remote('Sim,why') == '#Sim,the arm still moves: try again when it stands'
@@ -217,7 +218,9 @@ def test_while_the_arm_moves_commands_that_need_ready_are_refused(name):
 
 def test_the_manuals_acceptance_conditions():
     """RC+ user's guide, Remote Ethernet; SetMotorsOff is accepted in motion as well."""
-    needs = {name: ' '.join(need.text for need in COMMANDS[name].needs) for name in COMMANDS}
+    needs = {
+        name: ' '.join(need.text for need in COMMANDS[name].requirements) for name in COMMANDS
+    }
     sound = 'Auto no EStop no Safeguard no Error Ready'
     assert needs['Start'] == needs['Home'] == needs['Execute'] == sound
     assert needs['SetMotorsOn'] == 'Auto no EStop no Safeguard Ready'
