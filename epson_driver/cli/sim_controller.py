@@ -25,7 +25,7 @@ from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.faults.fault_kinds import Fault, FaultError
+from epson_driver.sim_controller.faults.fault_kinds import Fault
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.network.stderr_log import StderrLog
@@ -54,13 +54,13 @@ def main() -> int:
         motion = dataclasses.replace(profile.motion, look_ahead=args.look_ahead)
         profile = dataclasses.replace(profile, motion=motion)
     planner = PlannerProcess(model.limits) if args.motion == 'smooth' else None
-    controller = new_controller(
-        model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed
-    )
     try:
+        controller = new_controller(
+            model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed
+        )
         for fault in args.fault:
             controller.faults.start(fault)
-    except FaultError as error:
+    except ValueError as error:  # too many joints, or a fault that cannot be
         parser.error(str(error))
     ports = Ports(*[_port_of(args, name, profile) for name in Ports._fields])
     log = StderrLog()

@@ -20,7 +20,7 @@ from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
 from epson_driver.sim_controller.programs.points import clipped
 from epson_driver.sim_controller.programs.program import Program
-from epson_driver.simple_message import Dialect
+from epson_driver.simple_message import MAX_JOINTS, Dialect
 
 
 def new_controller(
@@ -37,9 +37,14 @@ def new_controller(
     `start` is where the arm stands at first, shape (n,), rad: zeros by default, or the nearest
     within the limits. With a `planner` the arm moves smoothly, without one point to point.
     `dialect` and `state_period`, s, are the profile's by default; `seed` is what the faults draw
-    from. Raises ValueError for a start outside the limits.
+    from. Raises ValueError for a start outside the limits, and for a robot with more joints than a
+    message carries.
     """
     limits = model.limits
+    if len(limits.names) > MAX_JOINTS:
+        raise ValueError(
+            f'{model.name}: {len(limits.names)} joints: a message carries at most {MAX_JOINTS}'
+        )
     where = clipped(np.zeros(len(limits.names)), limits) if start is None else start
     return Controller(
         model,

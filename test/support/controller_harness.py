@@ -129,10 +129,12 @@ class Harness:
     Point to point, or smooth with a planner.
     """
 
-    def __init__(self, start=None, motors=True, profile=PROFILE, connect=True, planner=None):
+    def __init__(
+        self, start=None, motors=True, profile=PROFILE, connect=True, planner=None, model=MODEL
+    ):
         start = None if start is None else np.array(start)
         self.planner = planner
-        self.controller = new_controller(MODEL, profile, start, planner=planner)
+        self.controller = new_controller(model, profile, start, planner=planner)
         self.peer = Peer()
         self.connection = None
         if connect:
@@ -211,7 +213,9 @@ class Harness:
 
     @property
     def joints(self):
-        return np.array(self.controller.joint_position().joints[: len(LIMITS.names)])
+        return np.array(
+            self.controller.joint_position().joints[: len(self.controller.model.joint_names)]
+        )
 
     @property
     def error(self):

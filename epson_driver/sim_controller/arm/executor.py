@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the motion program and the arm agree on: points in, motion out.
 
-There are two executors. `PointToPoint` goes from point to point, as SPEL+'s `Go`. `Streaming` takes
-points ahead of the arm and goes through them smoothly.
+There are two executors. `PointToPoint` goes from point to point, as SPEL+'s `Go`. `Streaming`
+takes points ahead of the arm and goes through them smoothly.
 """
 
 from dataclasses import dataclass
