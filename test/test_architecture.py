@@ -294,6 +294,37 @@ def test_no_import_hides_a_circle_from_python() -> None:
         assert 'TYPE_CHECKING' not in path.read_text(encoding='utf-8'), path
 
 
+WITH_UNDERSCORE = {'_asdict', '_exit', '_fields', '_make', '_replace'}
+"""Names of the standard library that are public all the same."""
+
+
+def private_uses(code: str) -> list[str]:
+    """Return the attributes that code takes from others although they are private."""
+    nodes = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute)]
+    return [
+        ast.unparse(node)
+        for node in nodes
+        if node.attr.startswith('_')
+        and not node.attr.endswith('__')
+        and node.attr not in WITH_UNDERSCORE
+        and ast.unparse(node.value) not in ('self', 'cls')
+    ]
+
+
+@pytest.mark.parametrize('folder', ['epson_driver/sim_controller', 'test/sim_controller'])
+def test_private_attributes_are_their_own_class_s_only(folder: str) -> None:
+    uses = {
+        path.relative_to(ROOT).as_posix(): private_uses(path.read_text(encoding='utf-8'))
+        for path in sorted((ROOT / folder).rglob('*.py'))
+    }
+    assert {path: found for path, found in uses.items() if found} == {}
+
+
+def test_private_uses_are_found() -> None:
+    code = 'self._a\ncls._b\nos._exit(0)\nx.__class__\nx._c = 1\nself.y._d()\nself._e._f\n'
+    assert private_uses(code) == ['x._c', 'self.y._d', 'self._e._f']
+
+
 def test_a_circle_is_found(tmp_path: Path) -> None:
     folder = tmp_path / PACKAGE / 'link'
     folder.mkdir(parents=True)

@@ -58,6 +58,11 @@ class Clock:
         self._most = MIN_TIMERS_TO_SWEEP
 
     @property
+    def timers(self) -> int:
+        """How many timers are kept, some cancelled ones included."""
+        return len(self._timers)
+
+    @property
     def next_due(self) -> float | None:
         """When the next timer acts, s; None if there is none."""
         while self._timers and self._timers[0][2].action is None:

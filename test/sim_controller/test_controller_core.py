@@ -160,7 +160,7 @@ def test_only_one_client():
     harness = Harness()
     with pytest.raises(ConnectionRefusedError, match='client already'):
         harness.connect()
-    assert len(harness.controller.faults._transports) == 1
+    assert harness.controller.faults.attached == 1
 
 
 @pytest.mark.invariant(3, 4)

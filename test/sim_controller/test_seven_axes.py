@@ -5,8 +5,8 @@
 import numpy as np
 import pytest
 from support.controller_harness import PROFILE, Harness, InlinePlanner, point
-from support.remote_harness import Remote
 from support.longer_arm import arm_model
+from support.remote_harness import Remote
 
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.faults.fault_kinds import FaultError

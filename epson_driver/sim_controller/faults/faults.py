@@ -200,6 +200,11 @@ class Faults:
 
     # What transports ask.
 
+    @property
+    def attached(self) -> int:
+        """On how many connections faults can act now."""
+        return len(self._transports)
+
     def attach(self, transport: Transport) -> int:
         """Let faults act on a connection; return its number among those of its port."""
         self._transports[transport] = None

@@ -97,6 +97,16 @@ class PortServer:
         """What a client gets in with when no descriptor is left, where each gets in."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
 
+    @property
+    def name(self) -> str:
+        """Which port it is."""
+        return self._rules.name
+
+    @property
+    def clients(self) -> int:
+        """How many clients are connected, or wait for a place."""
+        return len(self._tasks)
+
     async def open(self, host: str, port: int) -> int:
         """Listen, and return the port; 0 asks for any free one. Raises OSError that says where."""
         try:

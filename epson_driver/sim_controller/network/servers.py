@@ -50,6 +50,10 @@ class ControllerServers:
             await self.close()
             raise
 
+    def clients(self, port: str) -> int:
+        """Return how many clients of a port are connected, or wait for a place."""
+        return sum(server.clients for server in self._servers if server.name == port)
+
     async def run(self) -> None:
         """Let the controller's time pass, for ever."""
         if self._planner is None:

@@ -121,6 +121,16 @@ class MotionProgram:
         """Whether it waits for `resume`."""
         return self._queue.paused
 
+    @property
+    def waiting(self) -> int:
+        """How many points, and replies, wait for their turn."""
+        return len(self._queue)
+
+    @property
+    def downloaded(self) -> int:
+        """How many points are kept of the download under way."""
+        return len(self._download)
+
     def receive(self, frame: Frame) -> None:
         """Obey, queue or refuse one frame. Raises ProgramQuit if the profile says so."""
         if self._profile.corrupt == 'quit' and (fault := frame_fault(frame)) is not None:

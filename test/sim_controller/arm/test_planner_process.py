@@ -87,12 +87,17 @@ def test_its_plans_are_those_of_the_function():
     asyncio.run(main())
 
 
-def test_its_plans_keep_to_the_limits_they_were_asked_with():
+def test_its_plans_keep_to_the_limits_they_were_asked_with(monkeypatch):
     async def main():
         sizes = []
+
+        def recorded(value):
+            data = framed(value)
+            sizes.append(len(data))
+            return data
+
         async with planning() as (planner, told):
-            send = planner._child.send
-            planner._child.send = lambda value: (sizes.append(len(framed(value))), send(value))
+            monkeypatch.setattr(planner_process, 'framed', recorded)
             order = (LIMITS, SLOW, SLOW, LIMITS, LIMITS)
             for count, limits in enumerate(order, start=1):
                 planner.ask(a_request(), limits, told.answers.append)

@@ -365,7 +365,7 @@ def test_faults_that_come_and_go_leave_no_memory(harness):
         harness.clear()
         harness.wait(10.0)
     assert harness.faults.active() == []
-    assert not harness.faults._transports
+    assert harness.faults.attached == 0
     assert harness.clock.next_due is None
 
 

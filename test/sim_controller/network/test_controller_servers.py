@@ -199,9 +199,9 @@ def test_invariant_7_a_client_that_does_not_read_its_replies_is_disconnected(cap
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # full before TCP gives up
         sock.setblocking(False)
         await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.motion))
-        reader, writer = await asyncio.open_connection(sock=sock)
+        _, writer = await asyncio.open_connection(sock=sock)
         served.writers.append(writer)
-        reader._transport.pause_reading()
+        writer.transport.pause_reading()
         served.controller.apply(Event.MOTORS_ON)
         pings = frame(1, 2, 0, bytes(40)) * 1000
 
@@ -379,11 +379,10 @@ def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog):
             await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.state))
             good, _ = await served.connect('state')
             data = 0
-            server = served.servers._servers[1]
-            await until(lambda: len(server._tasks) == 2)
-            while len(server._tasks) == 2:  # the other one is served all the time
+            await until(lambda: served.servers.clients('state') == 2)
+            while served.servers.clients('state') == 2:  # the other one is served all the time
                 data += len((await read_frame(good))[3])
-            assert len(server._tasks) == 1
+            assert served.servers.clients('state') == 1
             for _ in range(20):
                 await read_frame(good)
             sock.close()

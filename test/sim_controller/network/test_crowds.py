@@ -4,6 +4,7 @@
 
 import asyncio
 import errno
+import socket
 from functools import partial
 
 import pytest
@@ -25,19 +26,14 @@ CROWD = 200
 on_sockets_in_real_time = partial(on_sockets, real_time=True)
 
 
-def server_of(served, port):
-    return next(each for each in served.servers._servers if each._rules.name == port)
-
-
 async def crowd(served, port, count=CROWD):
     return [await served.connect(port) for _ in range(count)]
 
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', ['motion', 'state', 'io', 'remote'])
-def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port):
+def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port, monkeypatch):
     async def test(served):
-        server = server_of(served, port)
         rules = next(
             each for each in port_rules(served.controller.profile.server) if each.name == port
         )
@@ -47,19 +43,20 @@ def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port)
             else rules.max_clients + MAX_WAITING_CLIENTS
         )
         seen = []
-        accept = server._admit
+        real = asyncio.open_connection
 
-        async def counted(sock):
-            seen.append(len(server._tasks))
-            await accept(sock)
+        async def counted(*where, **options):
+            if 'sock' in options:  # of a client that was accepted
+                seen.append(served.servers.clients(port))
+            return await real(*where, **options)
 
-        server._admit = counted
+        monkeypatch.setattr(asyncio, 'open_connection', counted)
         clients = await crowd(served, port)
         places = rules.max_clients or MAX_REMOTE_CLIENTS
         ends = [asyncio.create_task(rejected(reader)) for reader, _ in clients]
         await until(lambda: sum(end.done() for end in ends) >= CROWD - places)
         assert max(seen) <= most + MAX_NEWCOMERS  # one that makes room takes a few turns to go
-        await until(lambda: len(server._tasks) == places)
+        await until(lambda: served.servers.clients(port) == places)
         assert sum(end.done() for end in ends) == CROWD - places
 
     on_sockets(test, real_time=True)()
@@ -83,29 +80,21 @@ async def test_a_client_that_is_sent_away_makes_no_difference_to_the_others(serv
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize('number', [errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.EPROTO])
-def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(number, caplog):
+def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(
+    number, caplog, monkeypatch
+):
     async def test(served):
-        server = server_of(served, 'motion')
-        real = server._sock
         failures = 3
+        real = socket.socket.accept
 
-        class Failing:
-            def accept(self):
-                nonlocal failures
-                failures -= 1
-                if failures < 0:
-                    return real.accept()
-                raise OSError(number, 'as asked for')
+        def accept(listening):
+            nonlocal failures
+            failures -= 1
+            if failures < 0:
+                return real(listening)
+            raise OSError(number, 'as asked for')
 
-            def fileno(self):
-                return real.fileno()
-
-            def close(self):
-                real.close()
-
-        asyncio.get_running_loop().remove_reader(real)
-        server._sock = Failing()
-        server._listen()
+        monkeypatch.setattr(socket.socket, 'accept', accept)
         reader, writer = await served.connect()
         writer.write(frame(1, 2, 0))
         assert (await read_frame(reader))[:3] == (1, 3, 1)

@@ -187,14 +187,14 @@ def test_invariant_7_downloads_on_downloads_are_limited():
     b.program.pause()
     for _ in range(100):
         b.send(*trajectory(2))
-    assert len(b.program._queue) <= 15
+    assert b.program.waiting <= 15
 
 
 @pytest.mark.invariant(7)
 def test_invariant_7_a_download_without_an_end_is_limited():
     b = harness(buffer=10, overflow='drop')
     b.send(point(FIRST, HOME, TOPIC), *[point(1, THERE, TOPIC)] * 1000)
-    assert len(b.program._download) == 10
+    assert b.program.downloaded == 10
     b.step(1.0)
     assert b.events == []
 

@@ -144,7 +144,7 @@ def test_a_trajectory_that_begins_with_any_sequence_is_told_too():
 
 def test_a_program_that_is_restarted_by_the_beginning_takes_no_point():
     harness = ProgramHarness()
-    harness.program._queue._began = harness.program.restart
+    harness.began = harness.program.restart
     harness.send(point(0, THERE))
     assert harness.codes() == [(0, FAILURE)]
     assert not harness.arm.moving
@@ -443,7 +443,7 @@ def test_invariants_2_and_7_whatever_comes_in_whatever_order(name):
         harness.step(float(random.choice([0.0, 0.004, 0.3])), 0.02)
         assert (harness.arm.position >= LIMITS.position_min).all()
         assert (harness.arm.position <= LIMITS.position_max).all()
-        assert len(harness.program._queue) <= max(20, harness.profile.download.buffer) + 1
+        assert harness.program.waiting <= max(20, harness.profile.download.buffer) + 1
     harness.resume()
     harness.send(point(STOP))
     harness.rest()

@@ -124,7 +124,7 @@ def test_many_lines_leave_no_heap_of_timers():
     remote = Remote(secured('', 60.0))
     for _ in range(1000):
         remote.answers(b'$GetStatus\n$Logout\n$Login\n')
-    assert len(remote.controller.clock._timers) < 10
+    assert remote.controller.clock.timers < 10
     remote.connection.closed()
     remote.connection.closed()
     remote.harness.step(400.0, 10.0)
