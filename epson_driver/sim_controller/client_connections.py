@@ -32,10 +32,10 @@ MAX_REMOTE_CLIENTS = 16
 """How many remote clients are served at once. One more takes the place of another."""
 
 GRACE_S = 0.1
-"""How long a remote client keeps its place before it need make room, s: to be heard at all."""
+"""A remote client that came so recently, s, does not make room yet: it must get heard first."""
 
 MAX_NEWCOMERS = MAX_REMOTE_CLIENTS // 2
-"""Of a full port, how many may have come within GRACE_S: the others give them their places."""
+"""How many clients of a full remote port may be in their grace time at once."""
 
 _SERVERS: dict[str, Task | None] = {
     'motion': MOTION_SERVER,
@@ -115,7 +115,7 @@ class ClientConnection(Session):
         self.closed()
 
     def closed(self) -> None:
-        """Take note that the client is gone."""
+        """The client is gone."""
         if self._open:
             self._open = False
             self._clients.gone(self)
@@ -153,17 +153,17 @@ class ClientConnections:
         return any(_SERVERS[port] is task for port in self._ended)
 
     def silent(self, port: str) -> bool:
-        """Return whether the port's bytes are not read: its task is dead, its socket is not."""
+        """Return whether the port's bytes are not read: its task has ended, its socket is open."""
         return self._down(port) and self._controller.profile.server.aborted == 'silent'
 
     def gone(self, connection: ClientConnection) -> None:
-        """Take note that a client is gone; a program that does not reconnect serves no other."""
+        """Remove a closed connection; a program that does not reconnect serves no other."""
         self._connections.remove(connection)
         if not self._controller.profile.server.reconnect and _SERVERS[connection.port] is not None:
             self._ended.add(connection.port)
 
     def quit(self) -> None:
-        """End the program, as SPEL+ `Quit All` in the thesis: motion and state port are dead."""
+        """End the program, as SPEL+ `Quit All` in the thesis: motion and state server have ended."""
         self._controller.apply(Event.STOP)
         self._ended |= {'motion', 'state'}
         self.hang_up('motion', 'state')
@@ -173,12 +173,12 @@ class ClientConnections:
         self._ended.clear()
 
     def tasks_begin(self) -> None:
-        """Close what nobody has read: the program opens its ports anew."""
+        """Close connections that were not read meanwhile: the program opens its ports anew."""
         if self._controller.profile.server.aborted == 'silent':
             self.hang_up(*(port for port, task in _SERVERS.items() if task in _ENDING))
 
     def tasks_ended(self) -> None:
-        """Close what the profile closes when the Normal tasks end."""
+        """Close the connections that the profile closes when the Normal tasks end."""
         if self._controller.profile.server.aborted == 'close':
             self.hang_up(*(port for port in _SERVERS if self._down(port)))
 
@@ -227,7 +227,7 @@ class ClientConnections:
         return None
 
     def _make_room(self, client: Client) -> str | None:
-        """Have a place for one more remote client; return None, or why there is none."""
+        """Make room for one more remote client; return None, or why there is none."""
         held = self._remote
         if len(held) < MAX_REMOTE_CLIENTS:
             return None

@@ -70,11 +70,11 @@ _NO_PLANNER = Rejection(
 )
 
 MAX_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
-"""What the servo of a joint pushes back; more is a position error. By the joint's unit."""
+"""The largest push that the servo of a joint withstands, rad or m; more is a position error."""
 
 
 class Clients(Protocol):
-    """Who is connected to the ports, as far as the core has to do with it."""
+    """The clients of the ports, as the core needs them; `client_connections.py` implements it."""
 
     def connect(self, port: str, client: Client) -> Session:
         """Begin to serve a client. Raises ConnectionRefusedError: why nobody serves the port."""
@@ -89,13 +89,13 @@ class Clients(Protocol):
         """Serve all ports again: the program was started."""
 
     def tasks_begin(self) -> None:
-        """Take note that the Normal tasks run again after they had ended."""
+        """Called when the Normal tasks run again after they had ended."""
 
     def tasks_ended(self) -> None:
-        """Take note that the Normal tasks are stopped or aborted."""
+        """Called when the Normal tasks are stopped or aborted."""
 
     def ended(self, task: Task) -> bool:
-        """Return whether the task has ended with its client, or with the program."""
+        """Return whether a task has ended because its client went, or the program quit."""
 
     def boot(self, seconds: float) -> None:
         """Close all connections and take no others for `seconds`; then serve all ports."""
@@ -158,7 +158,7 @@ class Controller:
     # What people and clients do.
 
     def apply(self, event: Event) -> None:
-        """Let something happen to the controller. Raises RejectedError: why, and what to do."""
+        """Apply an event to the controller. Raises RejectedError: why not, and what to do."""
         before = self.condition
         off = before.motors is Motors.OFF
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
@@ -205,7 +205,7 @@ class Controller:
         return self.clients.connect(port, client)
 
     def raise_error(self, number: ErrorNumber, critical: bool = False) -> None:
-        """Let the controller itself fail: no power, tasks aborted, until a reset (or a boot)."""
+        """Put the controller in error: no power, tasks aborted, until a reset (or a boot)."""
         if self.condition.fault is not Fault.CRITICAL:
             self._error = number
         _log.error('error %d: %s', number, TEXTS[number])
@@ -257,7 +257,7 @@ class Controller:
         self.errors.enter(rejection)
 
     def planner_failed(self, reason: str) -> None:
-        """Take note that nobody plans: brake and end the trajectory, without a planner's help."""
+        """Brake and end the trajectory, as there is no planner now; braking needs none."""
         self.timing.planner_failures += 1
         self.show(Rejection(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
         self.program.restart()
@@ -328,7 +328,7 @@ class Controller:
         return state_messages.joint_feedback(servo.position, servo.velocity, self.clock.now)
 
     def status(self) -> Status:
-        """Return what STATUS says now."""
+        """Return the STATUS message of this moment."""
         return state_messages.status(
             self.condition,
             self.error_number,
@@ -393,7 +393,7 @@ class Controller:
         arm.low_power = low
 
     def trajectory_begins(self) -> None:
-        """Take note that a trajectory begins: the program sets its power."""
+        """Called when a trajectory begins: the program sets the power for it."""
         if self.profile.motion.power == 'high':
             self.apply(Event.PROGRAM_POWER_HIGH)
 
@@ -405,7 +405,7 @@ class Controller:
         return rejection
 
     def _tell_timing(self) -> None:
-        """Log what came too late in the motion that has ended."""
+        """Log the delays in the motion that has ended, if there were any."""
         sentence = self.timing.since(self._told)
         if sentence:
             _log.warning('in this motion: %s', sentence)

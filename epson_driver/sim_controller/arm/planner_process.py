@@ -22,16 +22,16 @@ from epson_driver.sim_controller.arm.planner_worker import LENGTH_PREFIX, framed
 from epson_driver.sim_controller.arm.streaming import Answer
 
 START_TIMEOUT_S = 60.0
-"""For a busy machine; it takes about half a second, s."""
+"""Time to start the process, s. It takes about 0.5 s; this is for a busy machine."""
 
 PLAN_TIMEOUT_S = 5.0
-"""A plan that takes longer than this (s) will not come."""
+"""After this time without a plan, s, the process counts as hung and is killed."""
 
 RESTART_DELAY_S = 1.0
-"""Before it is started again, s."""
+"""Pause before a process that has ended is started again, s."""
 
 _EXIT_TIMEOUT_S = 0.5
-"""For a process whose pipe has closed to end by itself, so that one knows how, s."""
+"""How long a process whose pipe has closed may take to end, s, so that its exit code is known."""
 
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 """One each: the matrices are small, and threads that spin would take the cycle's time."""

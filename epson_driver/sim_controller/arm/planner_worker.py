@@ -19,7 +19,7 @@ from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Smoother, plan
 
 LENGTH_PREFIX = struct.Struct('=I')
-"""What goes before a pickle."""
+"""The length of a pickle, which is sent before it."""
 
 
 def framed(value: object) -> bytes:

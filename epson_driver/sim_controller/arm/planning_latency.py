@@ -8,13 +8,13 @@ INITIAL_LATENCY_S = 0.04
 MIN_LATENCY_S = 0.01
 MAX_LATENCY_S = 0.15
 MARGIN_FACTOR = 1.3
-"""Times the longest of the recent plans."""
+"""The latency is the longest time of a recent plan times this."""
 
 LATE_FACTOR = 1.5
-"""Times the latency so far, after a plan that came too late."""
+"""After a plan that came too late, it is at least the latency before times this."""
 
 MAX_RECENT_PLANS = 32
-"""Plans: in motion there is one about every 30 ms."""
+"""How many plans are remembered; in motion there is one about every 30 ms."""
 
 
 class PlanningLatency:
@@ -25,7 +25,7 @@ class PlanningLatency:
         self._recent = deque([INITIAL_LATENCY_S / MARGIN_FACTOR], MAX_RECENT_PLANS)
 
     def took(self, seconds: float, late: bool = False) -> None:
-        """Take note of how long a plan took, and whether that was too long."""
+        """Adapt to a plan that took so long, s; `late`: it came too late to be used."""
         self._recent.append(seconds)
         wanted = MARGIN_FACTOR * max(self._recent)
         if late:

@@ -28,7 +28,7 @@ from epson_driver.sim_controller.arm.legs import Brake, Leg, Statement, Stop
 from epson_driver.sim_controller.arm.low_power import LowPower
 
 OVERLAP_SHARE = 0.5
-"""The share of the acceleration that each of two moves has that may overlap."""
+"""With CP each move has this share of the acceleration, so that two of them may overlap."""
 
 
 class PointToPoint:

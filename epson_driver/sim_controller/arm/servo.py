@@ -14,13 +14,13 @@ import numpy as np
 from epson_driver.motion import Array
 
 SETTLE_JERK = 10.0
-"""A joint is set to its command when the way left, made in one step, asks for less, rad/s³."""
+"""A joint is set to its command once that, within one step, needs less jerk than this, rad/s³."""
 
 SETTLE_DISTANCE = 1e-12
-"""rad; the same for steps that are very short."""
+"""A joint this close, rad, is set to its command however short the step is."""
 
 MIN_STEP_S = 1e-9
-"""Less time than this is none, s: what the command did in it counts in the next step."""
+"""A shorter step, s, counts as none: the command's change counts in the next step."""
 
 
 class Servo:
@@ -120,7 +120,7 @@ class Servo:
         self._pushed = True
 
     def place(self, position: Array) -> None:
-        """Let the joints stand elsewhere and stay there, shape (n,), rad: they have no power."""
+        """Put the joints, which have no power, elsewhere, shape (n,), rad; they stay there."""
         self._command = position.copy()
         self._arrive(settled=True)
         self._velocity = self._rest

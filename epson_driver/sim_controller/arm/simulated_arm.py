@@ -67,7 +67,7 @@ class SimulatedArm:
         self.brake_recovery()
 
     def brake_recovery(self) -> None:
-        """Brake on the way back, if that is where it is."""
+        """Brake, if the arm is on its way back."""
         if self._recovery is not None and not self._recovery.still:
             self._recovery.stop()
 
@@ -84,7 +84,7 @@ class SimulatedArm:
             self.executor.settle(stands)
 
     def push(self, angles: Array, powered: bool) -> None:
-        """Let the joints be elsewhere, shape (n,), rad, within the limits.
+        """Push the joints elsewhere, shape (n,), rad, within the limits.
 
         With power the servos push back; without, the arm stays there. It must stand then.
         """

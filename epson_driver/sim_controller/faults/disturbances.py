@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the faults of connections do to one message on its way to the client, by one table."""
+"""What the faults of connections do to a message on its way to the client, as a table."""
 
 import random
 import struct
@@ -34,22 +34,22 @@ Disturbance = Callable[[OutgoingMessage, Fault, random.Random], None]
 
 
 def lose(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -> None:
-    """Let it never arrive."""
+    """Drop the message."""
     outgoing.data = b''
 
 
 def delay(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Hold it for `seconds`."""
+    """Delay the message by `seconds`."""
     outgoing.delay += fault.number('seconds')
 
 
 def jitter(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> None:
-    """Hold it for a random time up to `seconds`."""
+    """Delay the message by a random time up to `seconds`."""
     outgoing.delay += chance.random() * fault.number('seconds')
 
 
 def coalesce(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Send it together with what else is sent in `seconds`."""
+    """Send the message together with all others of the next `seconds`."""
     outgoing.gather = max(outgoing.gather, fault.number('seconds'))
 
 

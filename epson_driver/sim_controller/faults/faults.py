@@ -21,7 +21,7 @@ MAX_ACTIVE_FAULTS = 16
 """Faults at a time, those included that have not begun."""
 
 ANSWER_TIME_S = 0.1
-"""What strikes the remote port begins that much later, s: the command is answered first."""
+"""A fault of the remote port begins so much later, s: the command is answered first."""
 
 __all__ = ['Actions', 'ActiveFault', 'Fault', 'FaultError', 'Faults', 'Transport', 'parse']
 
@@ -44,7 +44,7 @@ class Actions(Protocol):
         """Press the E-stop. It may be pressed already."""
 
     def reboot(self, seconds: float) -> None:
-        """Go off, with its connections, and be up again in `seconds` s as after switching on."""
+        """Switch off, closing all connections, and be up again after `seconds` s."""
 
 
 class Transport(Protocol):
@@ -53,7 +53,7 @@ class Transport(Protocol):
     port: str
 
     def changed(self, release: bool) -> None:
-        """Take note that other faults are active; with `release`, none may hold anything now."""
+        """Called when other faults are active; with `release`, send what none holds back now."""
 
     def cut(self) -> None:
         """Close the connection at once."""
@@ -75,7 +75,7 @@ class ActiveFault:
 
     @property
     def used_up(self) -> bool:
-        """Whether it has struck as many messages as it was to."""
+        """Whether it has acted on as many messages as asked for."""
         return self._left == 0
 
     def strikes(self, message: bytes) -> bool:
@@ -92,17 +92,17 @@ class ActiveFault:
         return True
 
     def point_reached(self) -> bool:
-        """Count a point of the arm; return whether it is the one."""
+        """Count a point that the arm begins; return whether it is the one asked for."""
         self._points -= 1
         return self._points == 0
 
     def chance(self, port: str, serial: int) -> random.Random:
-        """Return what a connection draws from, the same for the same seed."""
+        """Return the random generator for a connection, the same for the same seed."""
         # Made of a text: a text's hash is the same in every process only for this use.
         return random.Random(f'{self._seed} {self.fault.name} {port} {serial}')  # noqa: S311
 
     def text(self, now: float) -> str:
-        """Return what it is and how long yet, in one line without commas."""
+        """Return the fault and what is left of it, in one line without commas."""
         remark = ''
         if self.until is not None:
             seconds = max(self.until.due - now, 0.0)
@@ -220,7 +220,7 @@ class Faults:
         return [each for each in self._begun(port) if each.fault.name in DISTURBANCES]
 
     def struck(self, active: ActiveFault) -> None:
-        """Take note that a fault struck a message: it ends with the last of its count."""
+        """Called when a fault acted on a message: it ends with the last of its count."""
         if active.used_up:
             self._end(active)
 
@@ -259,7 +259,7 @@ class Faults:
         _log.warning('fault over: %s', write(active.fault))
 
     def _changed(self, release: bool = False) -> None:
-        """Let everything that faults act on know which are active now."""
+        """Tell encoders and connections which faults are active now."""
         self._freeze()
         for transport in list(self._transports):
             transport.changed(release)

@@ -93,7 +93,7 @@ class FaultyTransport:
             self._hang_up()
 
     def changed(self, release: bool = False) -> None:
-        """Take note that other faults are active; with `release`, send what none holds now."""
+        """Called when other faults are active; with `release`, send what none holds back now."""
         if self._closed:
             return
         known = dict(self._disturbing)

@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How much of the processor one client may use: the clock and the others go on beside it."""
+"""How much processor time one client may use, so that the clock and other clients go on."""
 
 MAX_SAVED_S = 0.1
-"""Time that a client may use at once after it was quiet, s."""
+"""The most processor time that a quiet client saves up, s."""
 
 INITIAL_S = 0.002
-"""What it may use at once when it has just come, s: to come again and again does not pay."""
+"""What a new client may use at once, s: little, so that to reconnect does not pay."""
 
 
 class CpuBudget:

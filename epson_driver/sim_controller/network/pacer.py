@@ -28,7 +28,7 @@ class Pacer:
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
-        """Give out the controller as it is at this moment; wake the clock if it is needed then."""
+        """Bring the controller up to this moment for use; then see when its next step is due."""
         self._catch_up()
         try:
             yield self._controller

@@ -24,22 +24,22 @@ from epson_driver.sim_controller.network.tcp_connection import TcpConnection
 from epson_driver.simple_message import FrameError
 
 HANDOVER_S = 0.1
-"""How long a client waits for a place, s: one that reconnects meets its own end of before."""
+"""How long a client waits for a place, s: when it reconnects, its old connection may still end."""
 
 MAX_WAITING_CLIENTS = 4
-"""How many may wait for a place; who comes then is refused at once."""
+"""How many clients may wait for a place; any further one is rejected at once."""
 
 BACKLOG = 64
-"""How many the system may keep until they are accepted, one in a turn of the loop."""
+"""How many connections the system may queue; one is accepted in each turn of the event loop."""
 
 ACCEPT_RETRY_S = 0.05
-"""How long nobody is accepted after the system could not, s."""
+"""Pause after the system could not accept a connection, s."""
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE)
 """The process, or the system, has no file descriptor left."""
 
 _GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)
-"""There is nobody to accept, or nobody any more."""
+"""No connection waits to be accepted, or it has gone meanwhile."""
 
 _log = logging.getLogger(__name__)
 
@@ -92,9 +92,9 @@ class PortServer:
         self._tasks: set[asyncio.Task[None]] = set()
         clients = rules.max_clients
         self._admitted: deque[float] = deque([-GRACE_S] * MAX_NEWCOMERS, MAX_NEWCOMERS)
-        """When the last clients came, as many as may be new where each gets in."""
+        """When the latest clients came, of a port where each client gets in."""
         self._spare = SpareDescriptor()
-        """What a client gets in with when no descriptor is left, where each gets in."""
+        """Lets a client in when no descriptor is left, of a port where each gets in."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
 
     @property
@@ -144,7 +144,7 @@ class PortServer:
             asyncio.get_running_loop().add_reader(self._sock, self._accept, self._sock)
 
     def _accept(self, listening: socket.socket) -> None:
-        """Take one client of those that the system keeps; what cannot be taken now stays there."""
+        """Accept one connection; the others stay queued in the system."""
         limit = self._rules.max_clients
         if limit is None and len(self._tasks) >= MAX_REMOTE_CLIENTS:
             wait = self._admitted[0] + GRACE_S - asyncio.get_running_loop().time()
@@ -181,7 +181,7 @@ class PortServer:
             self._spare.keep()
 
     def _cannot(self, listening: socket.socket, why: str) -> None:
-        """Say what keeps clients out; the system would offer the same one all the time."""
+        """Log why nobody can be accepted, and pause: the event loop would call at once again."""
         _log.error('%s port: nobody can be accepted now: %s', self._rules.name, why)
         self._pause(listening, ACCEPT_RETRY_S)
         if self._rules.max_clients is None:
@@ -246,7 +246,7 @@ class PortServer:
                 session.closed()
 
     async def _pay(self, budget: CpuBudget, used: float) -> None:
-        """Let a client wait that used more than its share of the processor's time."""
+        """Make a client wait that used more than its share of processor time."""
         if self._rules.share is not None:
             own = self._rules.share / len(self._tasks)
             wait = budget.used(used, own, asyncio.get_running_loop().time())

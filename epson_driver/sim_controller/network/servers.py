@@ -21,7 +21,7 @@ class Ports(NamedTuple):
 
 
 class ControllerServers:
-    """Everything that listens for one controller, and the process that plans for it, if any."""
+    """The listening ports of one controller, its real time, and its planner process if any."""
 
     def __init__(self, controller: Controller, planner: PlannerProcess | None = None) -> None:
         self._controller = controller

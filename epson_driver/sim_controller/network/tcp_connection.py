@@ -10,10 +10,10 @@ import struct
 from contextlib import suppress
 
 CHUNK_BYTES = 4096
-"""Bytes taken at once, where the rules of a port say nothing else."""
+"""Bytes read at once, unless the rules of a port say otherwise."""
 
 _KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
-"""A peer that is gone without a word is noticed after about 4 s; where the system has these."""
+"""With these a peer that vanished is noticed after about 4 s, on systems that have them."""
 
 _log = logging.getLogger(__name__)
 
@@ -71,7 +71,7 @@ class TcpConnection:
             return b''
 
     async def lost(self) -> None:
-        """Wait until nothing can be sent any more."""
+        """Wait until the connection is closed or lost."""
         with suppress(OSError):
             await self._writer.wait_closed()
 

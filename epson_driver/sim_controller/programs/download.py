@@ -64,7 +64,7 @@ class Download:
         return self._phase is _Phase.REJECTED
 
     def begin(self, comm_type: CommType) -> None:
-        """Take note that a new one comes; one that has not ended is forgotten."""
+        """Begin a new download; one that has not ended is forgotten."""
         self.forget()
         self._phase = _Phase.COLLECTING
         self._dropped = 0
@@ -89,7 +89,7 @@ class Download:
         self.busy_until = 0.0
 
     def end(self) -> list[JointTrajPt]:
-        """Take note of the last point; return all that are to be executed."""
+        """End the download; return all points that are to be executed."""
         if self._points and self._dropped:
             _log.warning('%d points of a download are lost: the buffer is full', self._dropped)
         self._phase = _Phase.NONE
@@ -97,7 +97,7 @@ class Download:
         return points
 
     def forget(self) -> None:
-        """Forget the points, and that there is a download."""
+        """Forget the download and its points."""
         if self._points:
             _log.warning('a download is dropped: it did not come to its end')
         self._points = []

@@ -25,11 +25,11 @@ class MotionServer(Protocol):
         """Show in STATUS why something was rejected."""
 
     def apply(self, event: Event) -> None:
-        """Let something happen to the controller."""
+        """Apply an event to the controller."""
 
 
 class MotionSession:
-    """The one motion client; when it is gone, however that came, the arm brakes."""
+    """The session of the one motion client. When it ends, for whatever reason, the arm brakes."""
 
     def __init__(self, controller: MotionServer, byte_order: ByteOrder, send: Send) -> None:
         self._controller = controller
@@ -50,7 +50,7 @@ class MotionSession:
             raise
 
     def closed(self) -> None:
-        """Take note that the client is gone: brake, motors off."""
+        """The client is gone: brake, motors off."""
         if self._open:
             self._open = False
             try:

@@ -43,7 +43,7 @@ class Servos(Protocol):
         """Its condition now."""
 
     def apply(self, event: Event) -> None:
-        """Let something happen to it. Raises RejectedError: why, and what to do."""
+        """Apply an event. Raises RejectedError: why not, and what to do."""
 
 
 class TrajectoryMode:
@@ -61,7 +61,7 @@ class TrajectoryMode:
         self._on = False
 
     def missing(self) -> NotReady | None:
-        """Return what is missing for motion, or None."""
+        """Return the first thing that motion lacks, or None."""
         condition = self._servos.condition
         blocked = self._blocked()
         ready = condition.motors is Motors.ON and condition.tasks is Tasks.RUNNING

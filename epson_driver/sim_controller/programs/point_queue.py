@@ -66,7 +66,7 @@ class PointQueue:
         return len(self._waiting)
 
     def append(self, entry: Entry) -> None:
-        """Let an entry wait for its turn, which `advance` gives it."""
+        """Queue an entry; `advance` begins it in its turn."""
         self._waiting.append(entry)
 
     def flush(self) -> tuple[list[Entry], bool]:
@@ -110,7 +110,7 @@ class PointQueue:
         return room and self._is_ready(entry.ready_at)
 
     def _is_ready(self, ready_at: float) -> bool:
-        """Return whether it is that time; if not, `advance` will be called then."""
+        """Return whether it is that time; if not, have `advance` called then."""
         if ready_at <= self._clock.now + ROUNDING_S:
             return True
         timer = self._timer

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a program on the motion port is to the controller: `MotionProgram`, or Motoman's."""
+"""The interface of a program on the motion port: `MotionProgram`, or `MotomanProgram`."""
 
 from collections.abc import Callable
 from typing import Protocol

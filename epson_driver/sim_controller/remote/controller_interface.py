@@ -60,7 +60,7 @@ class ControllerInterface(Protocol):
         """What came too late in its motion."""
 
     def apply(self, event: Event) -> None:
-        """Let something happen to it. Raises RejectedError: why, and what to do."""
+        """Apply an event. Raises RejectedError: why not, and what to do."""
 
     def task_state(self, task: Task) -> TaskState:
         """Return what a task is doing."""

@@ -44,7 +44,7 @@ _SIMULATED = 'simulated'
 
 @dataclass(slots=True)
 class Dialogue:
-    """What is known of one remote client. `why` explains the last command that was refused."""
+    """The state of one client's session. `why` explains the last command that was rejected."""
 
     controller: ControllerInterface
     logged_in: bool = False
@@ -254,7 +254,7 @@ _SOUND = (
     requirements.NO_ERROR,
     requirements.READY,
 )
-"""What must be so; the first that is not is told."""
+"""Requirements of commands; the first that does not hold is told."""
 
 
 _SPACES = {

@@ -9,7 +9,7 @@ from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 
 _MAX_CHARACTERS = 20
-"""More characters than any number here needs."""
+"""A number with more characters is rejected; none here needs so many."""
 
 
 def expect(parameters: Sequence[str], least: int, most: int | None = None) -> None:

@@ -75,7 +75,7 @@ class RemoteSession:
                 self._end(f'a line of more than {MAX_LINE_CHARACTERS} characters')
 
     def closed(self) -> None:
-        """Take note that the client is gone."""
+        """The client is gone: send nothing any more."""
         self._open = False
         self._line.clear()
         if self._timer is not None:
@@ -95,11 +95,11 @@ class RemoteSession:
 
     @property
     def _patience(self) -> float:
-        """How long the client may say nothing, s; 0: for ever."""
+        """How long the client may be silent, s; 0: for ever."""
         return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
     def _watch(self) -> None:
-        """Look when the client may have said nothing for too long.
+        """Set the timer that hangs up on a client that says nothing for too long.
 
         A timer that is there and not too late stays: there are few, whatever the client says.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""SPEL+ functions that can be printed, as a table: what a controller says of itself.
+"""SPEL+ functions that can be printed, as a table: state, settings, I/O of a controller.
 
 `print_list(controller, 'CtrlInfo(1), Agl(2)')` returns the values with a space between them, as
 SPEL+'s Print does. Truth is -1, as in SPEL+.
