@@ -163,7 +163,7 @@ class ClientConnections:
             self._ended.add(connection.port)
 
     def quit(self) -> None:
-        """End the program, as SPEL+ `Quit All` in the thesis: motion and state server have ended."""
+        """End the program, as SPEL+ `Quit All` in the thesis: motion and state server end."""
         self._controller.apply(Event.STOP)
         self._ended |= {'motion', 'state'}
         self.hang_up('motion', 'state')

@@ -37,7 +37,7 @@ class InvalidReason(NamedTuple):
     sentence: str
 
 
-def check_form(point: JointTrajPtFull) -> InvalidReason | None:
+def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
     """Return what is wrong with the point by itself, or None. Unused joints count too."""
     if point.robot_id != 0:
         return InvalidReason(
@@ -64,7 +64,7 @@ def check_form(point: JointTrajPtFull) -> InvalidReason | None:
     return None
 
 
-def check_start(
+def invalid_start(
     point: JointTrajPtFull, position: Array, limits: JointLimits
 ) -> InvalidReason | None:
     """Return what is wrong with point 0 of an arm that stands at `position`, shape (n,), rad."""
@@ -77,10 +77,12 @@ def check_start(
             f'{position[joint]:.7g} {unit}, more than {START_TOLERANCE:g} {unit} away'
         )
         return InvalidReason(Invalid.DATA_START_POS, sentence)
-    return _check_speed(point, limits)
+    return _invalid_speed(point, limits)
 
 
-def check_next(point: JointTrajPtFull, before: float, limits: JointLimits) -> InvalidReason | None:
+def invalid_next(
+    point: JointTrajPtFull, before: float, limits: JointLimits
+) -> InvalidReason | None:
     """Return what is wrong with a point that follows one of the time `before`, s, or None."""
     if point.time <= before:
         sentence = f'time = {point.time:g} s: must be after {before:g} s, the point before'
@@ -88,10 +90,10 @@ def check_next(point: JointTrajPtFull, before: float, limits: JointLimits) -> In
     rejection = angles_rejection(np.array(point.positions[: len(limits.names)]), limits)
     if rejection is not None:
         return InvalidReason(Invalid.DATA_POSITION, rejection.sentence)
-    return _check_speed(point, limits)
+    return _invalid_speed(point, limits)
 
 
-def _check_speed(point: JointTrajPtFull, limits: JointLimits) -> InvalidReason | None:
+def _invalid_speed(point: JointTrajPtFull, limits: JointLimits) -> InvalidReason | None:
     speeds = np.abs(np.array(point.velocities[: len(limits.names)]))
     # A limit that was rounded to float32 on its way is still allowed.
     above = speeds > np.maximum(limits.velocity, limits.velocity.astype(np.float32))

@@ -43,9 +43,9 @@ from epson_driver.sim_controller.ports.requests import answer
 from epson_driver.sim_controller.programs.motoman_mode import Servos, TrajectoryMode
 from epson_driver.sim_controller.programs.motoman_points import (
     InvalidReason,
-    check_form,
-    check_next,
-    check_start,
+    invalid_form,
+    invalid_next,
+    invalid_start,
 )
 from epson_driver.sim_controller.programs.motoman_replies import (
     invalid,
@@ -190,7 +190,7 @@ class MotomanProgram:
         missing = self._mode.missing()
         if missing is not None:
             return outcome(done, Result.NOT_READY, missing)
-        reason = check_form(point) or self._check_sequence(point.sequence)
+        reason = invalid_form(point) or self._invalid_sequence(point.sequence)
         if reason is not None:
             return invalid(done, reason)
         if point.sequence == 0 or self._last is None:
@@ -199,7 +199,7 @@ class MotomanProgram:
             return outcome(done, Result.BUSY)
         return self._go_on(point, self._last[1], done)
 
-    def _check_sequence(self, sequence: int) -> InvalidReason | None:
+    def _invalid_sequence(self, sequence: int) -> InvalidReason | None:
         following = None if self._last is None else self._last[0] + 1
         if sequence in (0, following):
             return None
@@ -209,7 +209,7 @@ class MotomanProgram:
     def _begin(self, point: JointTrajPtFull, done: MotionReply) -> MotionReply:
         if self._arm.moving:
             return invalid(done, InvalidReason(Invalid.DATA_START_POS, 'the arm still moves'))
-        reason = check_start(point, self._arm.position, self._arm.limits)
+        reason = invalid_start(point, self._arm.position, self._arm.limits)
         if reason is not None:
             return invalid(done, reason)
         self._last = (0, point.time)
@@ -218,7 +218,7 @@ class MotomanProgram:
 
     def _go_on(self, point: JointTrajPtFull, before: float, done: MotionReply) -> MotionReply:
         limits = self._arm.limits
-        reason = check_next(point, before, limits)
+        reason = invalid_next(point, before, limits)
         if reason is not None:
             return invalid(done, reason)
         self._last = (point.sequence, point.time)
