@@ -11,8 +11,8 @@ from pathlib import Path
 
 from epson_driver.driver.goal import goal_states
 from epson_driver.link import states as link
-from epson_driver.sim_controller import states as controller
-from epson_driver.sim_controller.tasks import PROGRAM, TASK_STATES
+from epson_driver.sim_controller.condition import states as controller
+from epson_driver.sim_controller.condition.tasks import PROGRAM, TASK_STATES
 
 DOCS = Path(__file__).parent
 BEGIN, END = '<!-- generated: begin -->\n', '<!-- generated: end -->\n'
@@ -67,7 +67,7 @@ def _controller() -> str:
     ]
     rows = '\n'.join(
         f'| {event.value} | {_region(state)}: {state.value} | {sentence} |'
-        for (event, state), sentence in controller.REFUSALS.items()
+        for (event, state), sentence in controller.REJECTIONS.items()
     )
     parts.append(f'### What is refused\n\n| event | in | the answer |\n|---|---|---|\n{rows}\n')
     heads = ' | '.join(f'{task.name} ({_words(task.type)})' for task in PROGRAM)

@@ -100,6 +100,25 @@ BESIDE = {
 """Who may import whom on the same layer."""
 
 SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
+    'sim_controller': {
+        'clock': NOTHING,
+        'condition': NOTHING,
+        'ports': NOTHING,
+        'arm': NOTHING,
+        'io': frozenset({'clock', 'ports'}),
+        'faults': frozenset({'clock', 'ports'}),
+        'state': frozenset({'clock', 'condition', 'ports'}),
+        'programs': frozenset({'arm', 'clock', 'condition', 'ports'}),
+        'remote': frozenset({'arm', 'clock', 'condition', 'faults', 'io', 'ports'}),
+        'core': frozenset(
+            {'arm', 'clock', 'condition', 'faults', 'io', 'ports', 'programs', 'state'}
+        ),
+        'client_connections': frozenset(
+            {'clock', 'condition', 'core', 'faults', 'io', 'ports', 'programs', 'remote', 'state'}
+        ),
+        'network': frozenset({'arm', 'client_connections', 'core'}),
+        'assembly': ANY_SIBLING,
+    },
     'driver': {
         'tasks': NOTHING,
         'outcome': NOTHING,
@@ -267,8 +286,43 @@ def circles(imports: dict[str, set[str]]) -> list[list[str]]:
 
 
 def test_no_circle_between_files() -> None:
-    found = circles(imports_of_files(ROOT))
-    assert [group for group in found if '.sim_controller.' not in group[0]] == []
+    assert circles(imports_of_files(ROOT)) == []
+
+
+def test_no_import_hides_a_circle_from_python() -> None:
+    for path in modules():
+        assert 'TYPE_CHECKING' not in path.read_text(encoding='utf-8'), path
+
+
+WITH_UNDERSCORE = {'_asdict', '_exit', '_fields', '_make', '_replace'}
+"""Names of the standard library that are public all the same."""
+
+
+def private_uses(code: str) -> list[str]:
+    """Return the attributes that code takes from others although they are private."""
+    nodes = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute)]
+    return [
+        ast.unparse(node)
+        for node in nodes
+        if node.attr.startswith('_')
+        and not node.attr.endswith('__')
+        and node.attr not in WITH_UNDERSCORE
+        and ast.unparse(node.value) not in ('self', 'cls')
+    ]
+
+
+@pytest.mark.parametrize('folder', ['epson_driver/sim_controller', 'test/sim_controller'])
+def test_private_attributes_are_their_own_class_s_only(folder: str) -> None:
+    uses = {
+        path.relative_to(ROOT).as_posix(): private_uses(path.read_text(encoding='utf-8'))
+        for path in sorted((ROOT / folder).rglob('*.py'))
+    }
+    assert {path: found for path, found in uses.items() if found} == {}
+
+
+def test_private_uses_are_found() -> None:
+    code = 'self._a\ncls._b\nos._exit(0)\nx.__class__\nx._c = 1\nself.y._d()\nself._e._f\n'
+    assert sorted(private_uses(code)) == ['self._e._f', 'self.y._d', 'x._c']
 
 
 def test_a_circle_is_found(tmp_path: Path) -> None:
@@ -355,6 +409,27 @@ def test_a_circle_is_found(tmp_path: Path) -> None:
             'driver.delivery imports driver.goal',
         ),
         ('driver/state/a.py', 'from ..tasks import b', 'driver.state imports driver.tasks'),
+        ('sim_controller/assembly.py', 'from epson_driver.sim_controller.core import x', ''),
+        (
+            'sim_controller/core.py',
+            'from epson_driver.sim_controller.client_connections import x',
+            'sim_controller.core imports sim_controller.client_connections',
+        ),
+        (
+            'sim_controller/core.py',
+            'from epson_driver.sim_controller.remote import status_words',
+            'sim_controller.core imports sim_controller.remote',
+        ),
+        (
+            'sim_controller/remote/a.py',
+            'from epson_driver.sim_controller.core import Controller',
+            'sim_controller.remote imports sim_controller.core',
+        ),
+        (
+            'sim_controller/arm/a.py',
+            'from epson_driver.sim_controller.programs.program import Program',
+            'sim_controller.arm imports sim_controller.programs',
+        ),
         ('driver/attic/a.py', 'from ..tasks import b', 'driver.attic has no row in SUBPACKAGES'),
         ('cli/a.py', 'from importlib import import_module\nimport_module("x")', ''),
         ('share.py', 'from pathlib import Path', ''),

@@ -38,7 +38,7 @@ def test_the_documented_commands_are_those_of_the_code():
         (
             usage(f'${name}', command.usage),
             command.text,
-            ', '.join(need.text for need in command.needs) or 'always',
+            ', '.join(need.text for need in command.requirements) or 'always',
         )
         for name, command in COMMANDS.items()
     ]

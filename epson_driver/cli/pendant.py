@@ -20,13 +20,13 @@ from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.faults.fault_text import describe
 
-_TIMEOUT = 5.0  # s
+_TIMEOUT_S = 5.0  # s
 
 _LOCAL = {'fault kinds': describe, 'completion': completion}
 """What is answered without a controller."""
 
 
-class _RefusedError(Exception):
+class _RejectedError(Exception):
     """The controller does not do it; the text says why."""
 
 
@@ -44,11 +44,11 @@ def main() -> int:
         parser.error(str(error))
     try:
         print(asyncio.run(_do(asked, args.host, args.port, args.password)))
-    except (RemoteError, _RefusedError) as error:
+    except (RemoteError, _RejectedError) as error:
         print(f'refused: {error}', file=sys.stderr)
         return 1
     except TimeoutError:
-        print(f'no answer from {args.host}:{args.port} in {_TIMEOUT:g} s', file=sys.stderr)
+        print(f'no answer from {args.host}:{args.port} in {_TIMEOUT_S:g} s', file=sys.stderr)
         return 1
     except ConnectionError as error:
         print(f'no controller: {error}', file=sys.stderr)
@@ -57,7 +57,7 @@ def main() -> int:
 
 
 async def _do(asked: Request | None, host: str, port: int, password: str) -> str:
-    async with logged_in(host, port, _TIMEOUT, password) as ask:
+    async with logged_in(host, port, _TIMEOUT_S, password) as ask:
         try:
             if asked is None:
                 return await status(ask)
@@ -75,8 +75,8 @@ async def _first_known(ask: Ask, commands: Sequence[str]) -> str:
         except RemoteError as error:
             unknown = error.number == RemoteErrorNumber.BAD_COMMAND
             if not unknown or not command.startswith('Sim,'):
-                raise _RefusedError(await _reason(ask, error)) from error
-    raise _RefusedError('this is no simulation: it is done by hand, at the controller')
+                raise _RejectedError(await _reason(ask, error)) from error
+    raise _RejectedError('this is no simulation: it is done by hand, at the controller')
 
 
 async def _reason(ask: Ask, error: RemoteError) -> str:

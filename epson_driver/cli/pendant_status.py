@@ -6,19 +6,17 @@ from collections.abc import Mapping, Sequence
 
 from epson_driver.cli.pendant_words import faults
 from epson_driver.remote_ethernet.client import Ask, RemoteError
-from epson_driver.sim_controller.errors import ERRORS
+from epson_driver.sim_controller.condition.errors import ERRORS
+from epson_driver.sim_controller.condition.states import EStop
 from epson_driver.sim_controller.remote.status_words import FLAGS
-from epson_driver.sim_controller.states import EStop
+from epson_driver.simple_message import MAX_JOINTS
 
 _ESTOP = {
     EStop.CLEAR.value: 'not active',
     EStop.PRESSED.value: 'pressed (release, then reset)',
     EStop.LATCHED.value: 'released, not reset (reset)',
 }
-_JOINTS = (6, 4)
-"""How many joints a robot has, most likely first."""
-
-_DIGITS = 5
+_MAX_DIGITS = 5
 """At most, of an error number."""
 
 _INDENT = '\n' + ' ' * 8
@@ -58,7 +56,7 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
-    known = number.isdecimal() and len(number) <= _DIGITS
+    known = number.isdecimal() and len(number) <= _MAX_DIGITS
     if not known or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
         raise ConnectionError(f"'{value[:40]}' is no status")
     named = zip(tuple(FLAGS)[-len(bits) :], bits, strict=True)
@@ -94,12 +92,19 @@ def _arm(flags: Sequence[str]) -> str:
 
 
 async def _joints(ask: Ask) -> str | None:
-    for count in _JOINTS:
-        functions = ','.join(f'Agl({joint})' for joint in range(1, count + 1))
-        for command in (f'Sim,print,{functions}', f'Execute,"Print {functions}"'):
-            values = await _if_known(ask, command)
-            if values:
-                return f'{" ".join(values.strip(chr(34)).split())} degrees'
+    """Return where the joints are, all at one moment; None if the controller does not tell now.
+
+    No command tells how many joints there are: each is asked for, until there is none.
+    """
+    for command in ('Sim,print,{}', 'Execute,"Print {}"'):
+        functions: list[str] = []
+        for joint in range(1, MAX_JOINTS + 1):
+            if not await _if_known(ask, command.format(f'Agl({joint})')):
+                break
+            functions.append(f'Agl({joint})')
+        values = functions and await _if_known(ask, command.format(','.join(functions)))
+        if values:
+            return f'{" ".join(values.strip(chr(34)).split())} degrees'
     return None
 
 

@@ -23,12 +23,13 @@ from epson_driver.profiles.profile import (
 )
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.faults.fault_kinds import Fault, FaultError
+from epson_driver.sim_controller.faults.fault_kinds import Fault
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.network.stderr_log import StderrLog
-from epson_driver.sim_controller.programs.points import angles_refusal, clipped
+from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.simple_message import ByteOrder, Dialect
 
 _PORTS = Ports()
@@ -53,13 +54,13 @@ def main() -> int:
         motion = dataclasses.replace(profile.motion, look_ahead=args.look_ahead)
         profile = dataclasses.replace(profile, motion=motion)
     planner = PlannerProcess(model.limits) if args.motion == 'smooth' else None
-    controller = Controller(
-        model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed
-    )
     try:
+        controller = new_controller(
+            model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed
+        )
         for fault in args.fault:
             controller.faults.start(fault)
-    except FaultError as error:
+    except ValueError as error:  # too many joints, or a fault that cannot be
         parser.error(str(error))
     ports = Ports(*[_port_of(args, name, profile) for name in Ports._fields])
     log = StderrLog()
@@ -125,9 +126,9 @@ def _start(text: str, limits: JointLimits) -> Array:
         raise _StartError(
             f'--start {shown(text)}: {start.size} angles for {len(limits.names)} joints'
         )
-    refusal = angles_refusal(start, limits)
-    if refusal is not None:
-        raise _StartError(f'--start: {refusal.sentence}')
+    rejection = angles_rejection(start, limits)
+    if rejection is not None:
+        raise _StartError(f'--start: {rejection.sentence}')
     return clipped(start, limits)
 
 

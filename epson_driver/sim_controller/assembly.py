@@ -1,33 +1,77 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which arm and which program a profile asks for."""
+"""The top of the simulated controller: puts it together from its parts, as its profile says."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
+
+import numpy as np
 
 from epson_driver.motion import Array
+from epson_driver.profiles.profile import ControllerProfile
+from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower
-from epson_driver.sim_controller.arm.mechanism import Mechanism
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
+from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
-from epson_driver.sim_controller.errors import ErrorRegister
+from epson_driver.sim_controller.client_connections import ClientConnections
+from epson_driver.sim_controller.core import Controller, Parts
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
+from epson_driver.sim_controller.programs.points import clipped
 from epson_driver.sim_controller.programs.program import Program
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
+from epson_driver.simple_message import MAX_JOINTS, Dialect
 
 
-def new_mechanism(controller: 'Controller', start: Array, planner: Planner | None) -> Mechanism:
+def new_controller(
+    model: RobotModel,
+    profile: ControllerProfile,
+    start: Array | None = None,
+    dialect: Dialect | None = None,
+    planner: Planner | None = None,
+    state_period: float | None = None,
+    seed: int = 0,
+) -> Controller:
+    """Return a controller that has just booted.
+
+    `start` is where the arm stands at first, shape (n,), rad: zeros by default, or the nearest
+    within the limits. With a `planner` the arm moves smoothly, without one point to point.
+    `dialect` and `state_period`, s, are the profile's by default; `seed` is what the faults draw
+    from. Raises ValueError for a start outside the limits, and for a robot with more joints than a
+    message carries.
+    """
+    limits = model.limits
+    if len(limits.names) > MAX_JOINTS:
+        raise ValueError(
+            f'{model.name}: {len(limits.names)} joints: a message carries at most {MAX_JOINTS}'
+        )
+    where = clipped(np.zeros(len(limits.names)), limits) if start is None else start
+    return Controller(
+        model,
+        profile,
+        where,
+        dialect or Dialect(profile.byte_order),
+        planner,
+        profile.state.period if state_period is None else state_period,
+        seed,
+        Parts(
+            arm=lambda controller: _new_arm(controller, where, planner),
+            program=_new_program,
+            clients=ClientConnections,
+        ),
+    )
+
+
+def _new_arm(controller: Controller, start: Array, planner: Planner | None) -> SimulatedArm:
     """Return an arm that is smooth if there is a planner, and goes point to point otherwise."""
     motion = controller.profile.motion
     caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
-    return Mechanism(_new_arm(controller, start, planner, caps), controller.servo, caps)
+    executor = _new_executor(controller, start, planner, caps)
+    return SimulatedArm(executor, controller.servo, caps)
 
 
-def _new_arm(
-    controller: 'Controller', start: Array, planner: Planner | None, caps: LowPower
+def _new_executor(
+    controller: Controller, start: Array, planner: Planner | None, caps: LowPower
 ) -> Executor:
     limits, profile = controller.model.limits, controller.profile
     motion, program = profile.motion, profile.program
@@ -59,26 +103,26 @@ def _new_arm(
     )
 
 
-def new_program(controller: 'Controller', arm: Executor, errors: ErrorRegister) -> Program:
+def _new_program(controller: Controller, arm: Executor) -> Program:
     """Return the program that the profile names."""
     profile = controller.profile
     if profile.program.kind == 'motoman':
         return MotomanProgram(
             arm,
             profile.motion.pending_limit,
-            errors,
-            controller.motion_refusal,
+            controller.errors,
+            controller.motion_rejection,
             controller.send_reply,
             controller.trajectory_begins,
             controller,
-            lambda: controller.lines.hang_up('motion'),
+            lambda: controller.clients.hang_up('motion'),
         )
     return MotionProgram(
         arm,
         profile.program,
         profile.motion.pending_limit,
-        errors,
-        controller.motion_refusal,
+        controller.errors,
+        controller.motion_rejection,
         controller.send_reply,
         controller.clock,
         controller.trajectory_begins,

@@ -8,17 +8,17 @@ from itertools import count
 
 Action = Callable[[], None]
 
-FEW = 64
-"""Timers that may wait before the cancelled ones among them are looked for."""
+MIN_TIMERS_TO_SWEEP = 64
+"""With fewer timers than this, those that were cancelled are not looked for."""
 
-MAX_CATCH_UP = 3
+MAX_CATCH_UP_PERIODS = 3
 """Periods that are made up for after a delay; what was missed before them is left out."""
 
 
-LATE = 0.002
-"""What is repeated acts at the end of a step that is no later than this, s.
+MAX_DELAY_S = 0.002
+"""A periodic timer may act so much later than it is due, s: at the end of the step.
 
-What it tells then is as new as it can be.
+What it sends then, the state of the arm, is as new as it can be.
 """
 
 
@@ -55,7 +55,12 @@ class Clock:
         self.now = 0.0
         self._timers: list[tuple[float, int, Timer]] = []
         self._numbers = count()
-        self._most = FEW
+        self._most = MIN_TIMERS_TO_SWEEP
+
+    @property
+    def timers(self) -> int:
+        """How many timers are kept, some cancelled ones included."""
+        return len(self._timers)
 
     @property
     def next_due(self) -> float | None:
@@ -76,13 +81,16 @@ class Clock:
         return self._set(Timer(self.now + first, action, period))
 
     def advance(self, until: float, passes: Callable[[float], None] = _nothing) -> None:
-        """Let the time be `until`, and what is due by then happen.
+        """Let the time be `until`, and let the timers that are due by then act.
 
-        An action sees the moment it is due as now (`LATE` apart), and may set further timers.
-        Before each, and at the end, `passes` is called with the time that has passed since, s.
+        The time goes from one timer to the next: before each of them acts, and once at the end,
+        `passes` is called with the time since the last call, s. The core lets that time pass for
+        the arm, so an action finds the arm where it is at `now`, the moment it is due (or at most
+        `MAX_DELAY_S` later). An action may set further timers; they act in the same call if they
+        are due by `until`.
         """
         while (due := self.next_due) is not None and due <= until:
-            late = self._timers[0][2].period is not None and until - due <= LATE
+            late = self._timers[0][2].period is not None and until - due <= MAX_DELAY_S
             self._pass(until if late else due, passes)
             if self.next_due == due:  # not cancelled by that
                 self._act(heapq.heappop(self._timers)[2], until)
@@ -98,7 +106,7 @@ class Clock:
         if timer.period is None:
             timer.action = None
         else:
-            missed = until - timer.due > MAX_CATCH_UP * timer.period
+            missed = until - timer.due > MAX_CATCH_UP_PERIODS * timer.period
             timer.due += timer.period
             self._set(timer)
             if missed:
@@ -113,7 +121,7 @@ class Clock:
         return timer
 
     def _drop_cancelled(self) -> None:
-        """Keep no more memory than the timers need that will act."""
+        """Forget cancelled timers, so that memory is bounded by those that will act."""
         self._timers = [entry for entry in self._timers if entry[2].action is not None]
         heapq.heapify(self._timers)
-        self._most = max(FEW, 2 * len(self._timers))
+        self._most = max(MIN_TIMERS_TO_SWEEP, 2 * len(self._timers))

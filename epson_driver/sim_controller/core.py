@@ -1,34 +1,37 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated controller without its sockets and its real time.
+"""The core of the simulated controller: its condition, and what follows for arm and program.
 
 What people do (`apply`), what clients send (`connect` and the sessions it opens) and time (`step`)
 come in as calls; bytes go out to the functions that were given. The same calls and the same seed
-give the same bytes.
+give the same bytes. `assembly.new_controller` puts arm, program and clients to it.
 """
 
 import copy
 import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from epson_driver.motion import Array
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
-from epson_driver.sim_controller import state_messages
+from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.servo import Servo
+from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner
-from epson_driver.sim_controller.assembly import new_mechanism, new_program
+from epson_driver.sim_controller.arm.timing import Timing
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.sim_controller.errors import TEXTS, ErrorNumber, ErrorRegister, Refusal
-from epson_driver.sim_controller.faults.faults import Faults
-from epson_driver.sim_controller.io.io_points import IoPoints
-from epson_driver.sim_controller.lines import Lines
-from epson_driver.sim_controller.programs.points import angles_refusal, clipped
-from epson_driver.sim_controller.remote.spel_memory import SpelMemory
-from epson_driver.sim_controller.remote.spel_settings import DEFAULTS_AFTER, defaults
-from epson_driver.sim_controller.session import Client, Send, Session
-from epson_driver.sim_controller.states import (
+from epson_driver.sim_controller.condition.errors import (
+    TEXTS,
+    ErrorNumber,
+    ErrorRegister,
+    Rejection,
+)
+from epson_driver.sim_controller.condition.spel_settings import DEFAULTS_AFTER, SpelSettings
+from epson_driver.sim_controller.condition.states import (
     ENDED,
     REGIONS,
     Condition,
@@ -39,12 +42,17 @@ from epson_driver.sim_controller.states import (
     Mode,
     Motors,
     Power,
-    RefusedError,
+    RejectedError,
     Tasks,
     after,
 )
-from epson_driver.sim_controller.tasks import Task, TaskState
-from epson_driver.sim_controller.timing import Timing
+from epson_driver.sim_controller.condition.tasks import Task, TaskState
+from epson_driver.sim_controller.faults.faults import Faults
+from epson_driver.sim_controller.io.io_points import IoPoints
+from epson_driver.sim_controller.ports.session import Client, Send, Session
+from epson_driver.sim_controller.programs.points import angles_rejection, clipped
+from epson_driver.sim_controller.programs.program import Program
+from epson_driver.sim_controller.state import state_messages
 from epson_driver.simple_message import (
     Dialect,
     JointFeedback,
@@ -57,55 +65,91 @@ from epson_driver.simple_message import Mode as StatusMode
 
 _log = logging.getLogger(__name__)
 
-_NO_PLANNER = Refusal(
+_NO_PLANNER = Rejection(
     ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
 )
 
-SMALL_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
-"""What the servo of a joint pushes back; more is a position error. By the joint's unit."""
+MAX_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
+"""The largest push that the servo of a joint withstands, rad or m; more is a position error."""
+
+
+class Clients(Protocol):
+    """The clients of the ports, as the core needs them; `client_connections.py` implements it."""
+
+    def connect(self, port: str, client: Client) -> Session:
+        """Begin to serve a client. Raises ConnectionRefusedError: why nobody serves the port."""
+
+    def hang_up(self, *ports: str) -> None:
+        """Close the connections of all clients of the ports."""
+
+    def dismiss_remote(self, why: str) -> None:
+        """Close the connection of the remote client with the least claim to it, if any."""
+
+    def serve_all(self) -> None:
+        """Serve all ports again: the program was started."""
+
+    def tasks_begin(self) -> None:
+        """Called when the Normal tasks run again after they had ended."""
+
+    def tasks_ended(self) -> None:
+        """Called when the Normal tasks are stopped or aborted."""
+
+    def ended(self, task: Task) -> bool:
+        """Return whether a task has ended because its client went, or the program quit."""
+
+    def boot(self, seconds: float) -> None:
+        """Close all connections and take no others for `seconds`; then serve all ports."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """How those parts of a controller are made that need the controller itself."""
+
+    arm: Callable[['Controller'], SimulatedArm]
+    program: Callable[['Controller', Executor], Program]
+    clients: Callable[['Controller'], Clients]
 
 
 class Controller:
-    """Everything that one controller is, but for sockets and real time.
+    """One controller, without sockets and real time. `assembly.new_controller` makes it.
 
-    `start` is where the arm stands at first, shape (n,), rad: zeros by default, or the nearest
-    within the limits. With a `planner` the arm moves smoothly, without one point to point.
-    `timing` counts what came too late. Raises ValueError for a start outside the limits.
+    `start` is where the arm stands at first, shape (n,), rad. `planner` is who plans smooth
+    motion, if anybody does. The state port sends every `state_period` s. `seed` is what the
+    faults draw from. `timing` counts what came too late. Raises ValueError for a start outside
+    the limits.
     """
 
     def __init__(
         self,
         model: RobotModel,
         profile: ControllerProfile,
-        start: Array | None = None,
-        dialect: Dialect | None = None,
-        planner: Planner | None = None,
-        state_period: float | None = None,
-        seed: int = 0,
+        start: Array,
+        dialect: Dialect,
+        planner: Planner | None,
+        state_period: float,
+        seed: int,
+        parts: Parts,
     ) -> None:
-        limits = model.limits
-        if start is None:
-            start = clipped(np.zeros(len(limits.names)), limits)
         self.model = model
         self.profile = profile
-        self.dialect = dialect or Dialect(profile.byte_order)
-        self.state_period = profile.state.period if state_period is None else state_period
+        self.dialect = dialect
+        self.state_period = state_period
         self.clock = Clock()
         mode = Mode.AUTO if profile.mode is StatusMode.AUTO else Mode.MANUAL
         self.condition: Condition = Condition(mode=mode)
         self.timing = Timing()
         self._told = Timing()
         self.io = IoPoints(profile.io)
-        self.faults = Faults(self.clock, seed, self, len(limits.names))
-        self.lines = Lines(self)
-        self.spel = SpelMemory()
-        self._errors = ErrorRegister()
+        self.faults = Faults(self.clock, seed, self, len(model.joint_names))
+        self.clients = parts.clients(self)
+        self.spel = SpelSettings(profile.motion.speed, profile.motion.accel)
+        self.errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
         self.servo = Servo(start, model.pulses_per_unit, servo.lag, servo.encoder)
-        self._mechanism = new_mechanism(self, start, planner)
+        self.arm = parts.arm(self)
         self.reply: Send | None = None  # where replies of the motion program go
-        self.program = new_program(self, self._mechanism.arm, self._errors)
+        self.program = parts.program(self, self.arm.executor)
         self._error = ErrorNumber.NONE  # of the controller itself, until it is reset
         self._begun = 0  # points that the faults know of
         self._slowing = False  # whether it brakes to go on at low power
@@ -114,30 +158,31 @@ class Controller:
     # What people and clients do.
 
     def apply(self, event: Event) -> None:
-        """Let something happen to the controller. Raises RefusedError: why, and what to do."""
+        """Apply an event to the controller. Raises RejectedError: why not, and what to do."""
         before = self.condition
         off = before.motors is Motors.OFF
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
             does = 'brakes' if off else 'moves'
-            raise RefusedError(f'the arm still {does}: try again when it stands')
+            raise RejectedError(f'the arm still {does}: try again when it stands')
         self.condition = after(before, event)
         if self.condition is not before:
             _log.info('%s: %s', event.value, _difference(before, self.condition))
         if event is Event.RESET:
-            self._errors.clear()
+            self.errors.clear()
             self._error = ErrorNumber.NONE
             self.io.reset()
         elif event is Event.MOTORS_ON:
-            self._errors.clear(ErrorNumber.MOTORS_OFF)
+            self.errors.clear(ErrorNumber.MOTORS_OFF)
         elif event is Event.START:
-            self._errors.clear(ErrorNumber.TASK_ABORTED)
-            self.lines.start()
+            self.errors.clear(ErrorNumber.TASK_ABORTED)
+            self.clients.serve_all()
         elif event is Event.BOOT:
             self.io.boot()
-            self._errors.clear()
+            self.errors.clear()
             self._error = ErrorNumber.NONE
         if event in DEFAULTS_AFTER:
-            defaults(self)
+            self.spel.forget()
+            self._keep_to_settings()
         self._react(before)
         self._set_power()
         self._settle()
@@ -145,18 +190,22 @@ class Controller:
             self._look_at_buttons()
 
     def _look_at_buttons(self) -> None:
-        """Let a door that is still open and an E-stop that is still pressed count again."""
+        """Apply again what is still so after reset and boot: a pressed E-stop, an open door."""
         if self.condition.estop is EStop.PRESSED:
             self.apply(Event.ESTOP_PRESS)
         if self.condition.door is Door.OPEN:
             self.apply(Event.DOOR_OPEN)
 
     def connect(self, port: str, client: Client) -> Session:
-        """Serve a client, as `Lines.connect` does."""
-        return self.lines.connect(port, client)
+        """Serve a client of `port`: motion, state, io or remote.
+
+        When its connection ends, whoever ended it, the session's `closed` must be called. Raises
+        ConnectionRefusedError, which says why, if nobody serves the port now.
+        """
+        return self.clients.connect(port, client)
 
     def raise_error(self, number: ErrorNumber, critical: bool = False) -> None:
-        """Let the controller itself fail: no power, tasks aborted, until a reset (or a boot)."""
+        """Put the controller in error: no power, tasks aborted, until a reset (or a boot)."""
         if self.condition.fault is not Fault.CRITICAL:
             self._error = number
         _log.error('error %d: %s', number, TEXTS[number])
@@ -164,30 +213,30 @@ class Controller:
 
     def reboot(self, seconds: float) -> None:
         """Switch off and on again; it takes `seconds`. Buttons, door and key stay as they are."""
-        self.lines.boot(seconds)
+        self.clients.boot(seconds)
         self.apply(Event.BOOT)
 
     def disturb(self, joint: int, push: float) -> None:
         """Push one joint (index from 0) by some rad or m, as somebody who leans on the arm.
 
         Without power the arm stays where it is pushed to. With power its servo pushes back; more
-        than `SMALL_PUSH` does not get through, but is a position error. Raises RefusedError for a
+        than `MAX_PUSH` does not get through, but is a position error. Raises RejectedError for a
         push out of the limits or while an arm without power still brakes.
         """
         pushed = self.servo.actual.copy()
         pushed[joint] += push
         limits = self.model.limits
-        refusal = angles_refusal(pushed, limits)
-        if refusal is not None:
-            raise RefusedError(refusal.sentence)
+        rejection = angles_rejection(pushed, limits)
+        if rejection is not None:
+            raise RejectedError(rejection.sentence)
         powered = self.condition.powered
-        small = SMALL_PUSH[limits.units[joint]]
-        if powered and abs(pushed - self._mechanism.commanded)[joint] > small:
+        small = MAX_PUSH[limits.units[joint]]
+        if powered and abs(pushed - self.arm.commanded)[joint] > small:
             self.raise_error(ErrorNumber.SERVO_ERROR)
             return
         if not powered and self.in_motion:
-            raise RefusedError('the arm still brakes: try again when it stands')
-        self._mechanism.push(clipped(pushed, limits), powered)
+            raise RejectedError('the arm still brakes: try again when it stands')
+        self.arm.push(clipped(pushed, limits), powered)
         self._settle()
 
     def freeze(self, joint: int | None) -> None:
@@ -203,82 +252,90 @@ class Controller:
         """Press the E-stop."""
         self.apply(Event.ESTOP_PRESS)
 
-    def show(self, refusal: Refusal) -> None:
+    def show(self, rejection: Rejection) -> None:
         """Show in STATUS why something was refused."""
-        self._errors.enter(refusal)
+        self.errors.enter(rejection)
 
     def planner_failed(self, reason: str) -> None:
-        """Take note that nobody plans: brake and end the trajectory, without a planner's help."""
+        """Brake and end the trajectory, as there is no planner now; braking needs none."""
         self.timing.planner_failures += 1
-        self.show(Refusal(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
+        self.show(Rejection(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
         self.program.restart()
 
     def task_state(self, task: Task) -> TaskState:
         """Return what a task is doing; one whose port nobody serves any more does not run."""
-        return TaskState.NOT_RUNNING if self.lines.dead(task) else task.state(self.condition)
+        return TaskState.NOT_RUNNING if self.clients.ended(task) else task.state(self.condition)
 
     # Time.
 
     def step(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass."""
+        """Let `dt` ≥ 0 s pass, for everything.
+
+        This is how time gets to the arm. The clock goes from one timer that is due to the next,
+        and before each lets the time up to it pass for the arm (`_move`), so that a timer finds
+        the arm where it is at that moment. The arm (`SimulatedArm.step`) hands the time on to the
+        program (`Program.step`), because only the program knows which point comes next: it steps
+        the executor, and where a point is done before the time is over, gives it the next point
+        for the rest. The servos follow what is commanded at the end.
+        """
         self.clock.advance(self.clock.now + dt, self._move)
 
     @property
     def in_motion(self) -> bool:
         """Whether the arm moves, or is about to."""
-        return self._mechanism.in_motion
+        return self.arm.in_motion
 
     @property
     def moving(self) -> bool:
         """Whether the arm moves or has somewhere to go, be it after a pause."""
-        return self._mechanism.moving
+        return self.arm.moving
 
     def _move(self, dt: float) -> None:
+        """Let `dt` ≥ 0 s pass for the arm, in which no timer is due."""
         if self.in_motion:
-            self._mechanism.step(dt, self.program.step)
+            self.arm.step(dt, self.program.step)
             self._settle()
-        while self._begun < self._mechanism.arm.begun:
+        while self._begun < self.arm.executor.begun:
             self._begun += 1
             self.faults.point_begun()
 
     # State.
 
-    @property
-    def speed(self) -> float:
-        """SPEL+ Speed, a fraction (0, 1] of the joints' speed, for point-to-point motion."""
-        return self._mechanism.arm.speed
+    def change_setting(self, name: str, numbers: tuple[float, ...]) -> None:
+        """Set the numbers of a SPEL+ statement, which must be in its range."""
+        self.spel.change(name, numbers)
+        self._keep_to_settings()
 
-    @speed.setter
-    def speed(self, value: float) -> None:
-        self._mechanism.arm.speed = value
-
-    @property
-    def accel(self) -> float:
-        """SPEL+ Accel, a fraction (0, 1] of the acceleration, for point-to-point motion."""
-        return self._mechanism.arm.accel
-
-    @accel.setter
-    def accel(self, value: float) -> None:
-        self._mechanism.arm.accel = value
+    def _keep_to_settings(self) -> None:
+        """Let the next statements of point-to-point motion be as fast as Speed and Accel say."""
+        self.arm.executor.speed = self.spel.speed
+        self.arm.executor.accel = self.spel.accel
 
     @property
     def error_number(self) -> ErrorNumber:
         """The error shown in STATUS; through an E-stop, that the motion task is aborted."""
         if self.condition.estopped:
             return ErrorNumber.TASK_ABORTED
-        return self._error or self._errors.number
+        return self._error or self.errors.number
 
     def joint_position(self) -> JointPosition:
         """Return where the encoders say that the joints are."""
-        return state_messages.joint_position(self)
+        return state_messages.joint_position(self.servo.position)
 
     def joint_feedback(self) -> JointFeedback:
         """Return where the joints are and how fast, with the controller's time."""
-        return state_messages.joint_feedback(self)
+        servo = self.servo
+        return state_messages.joint_feedback(servo.position, servo.velocity, self.clock.now)
 
     def status(self) -> Status:
-        """Return what STATUS says now."""
-        return state_messages.status(self)
+        """Return the STATUS message of this moment."""
+        return state_messages.status(
+            self.condition,
+            self.error_number,
+            self.profile.state,
+            in_motion=self.in_motion,
+            accepts_points=self.motion_rejection() is None,
+        )
 
     # What follows from a change of the condition.
 
@@ -286,49 +343,49 @@ class Controller:
         now = self.condition
         if now.tasks in ENDED and before.tasks not in ENDED:
             self.program.restart()
-            self.lines.tasks_ended()
+            self.clients.tasks_ended()
         elif now.motors in (Motors.OFF, Motors.BRAKING) and before.motors is not now.motors:
             self.program.abort()
         if now.tasks is before.tasks:
             return
         if before.tasks in ENDED and now.tasks not in ENDED:
-            self.lines.tasks_begin()
+            self.clients.tasks_begin()
         if now.tasks is Tasks.RECOVERING:
             self._recover()
         elif now.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER):
             self.program.pause()
-            self._mechanism.hold()
+            self.arm.hold()
         else:
-            self._mechanism.arm.resume()
+            self.arm.executor.resume()
             self.program.resume()
 
     def _recover(self) -> None:
         """Go back slowly to where the arm was interrupted, if it has power and a way to go on."""
-        if self.condition.motors is Motors.ON and self._mechanism.arm.moving:
-            self._mechanism.go_back()
+        if self.condition.motors is Motors.ON and self.arm.executor.moving:
+            self.arm.go_back()
 
     def _settle(self) -> None:
-        """Draw the conclusions from a standstill, if it is one."""
+        """If the arm stands, do what waits for that: motors off, going on slowly."""
         if self.in_motion:
             return
         self._tell_timing()
         if self._slowing:
             self._slowing = False
             if not self.condition.paused:
-                self._mechanism.arm.resume()
+                self.arm.executor.resume()
         if self.condition.tasks is Tasks.RECOVERING:
-            self._mechanism.went_back()
+            self.arm.went_back()
             self.apply(Event.RECOVERED)
-            if self._mechanism.arm.moving:
+            if self.arm.executor.moving:
                 self.trajectory_begins()  # it goes on, at its power
             return
-        self._mechanism.rest()
+        self.arm.rest()
         if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):
             self.apply(Event.STANDSTILL)
 
     def _set_power(self) -> None:
-        """Let the arm keep to its power; one that moves brakes on its path and goes on slowly."""
-        arm, low = self._mechanism.arm, self.condition.power is not Power.HIGH
+        """Tell the arm whether power is low; one that moves brakes on its path, then goes on."""
+        arm, low = self.arm.executor, self.condition.power is not Power.HIGH
         goes_on = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
         if low and not arm.low_power and goes_on and not arm.still:
             self._slowing = True
@@ -336,19 +393,19 @@ class Controller:
         arm.low_power = low
 
     def trajectory_begins(self) -> None:
-        """Take note that a trajectory begins: the program sets its power."""
+        """Called when a trajectory begins: the program sets the power for it."""
         if self.profile.motion.power == 'high':
             self.apply(Event.PROGRAM_POWER_HIGH)
 
-    def motion_refusal(self) -> Refusal | None:
+    def motion_rejection(self) -> Rejection | None:
         """Return why a point is refused in this condition, or None."""
-        refusal = state_messages.motion_refusal(self)
-        if refusal is None and self._planner is not None and not self._planner.ready:
+        rejection = state_messages.motion_rejection(self.condition)
+        if rejection is None and self._planner is not None and not self._planner.ready:
             return _NO_PLANNER
-        return refusal
+        return rejection
 
     def _tell_timing(self) -> None:
-        """Log what came too late in the motion that has ended."""
+        """Log the delays in the motion that has ended, if there were any."""
         sentence = self.timing.since(self._told)
         if sentence:
             _log.warning('in this motion: %s', sentence)

@@ -12,23 +12,29 @@ import threading
 from contextlib import suppress
 
 import pytest
+from support.longer_arm import arm_model
 
 from epson_driver.cli import pendant, pendant_words
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 
 
 @pytest.fixture
-def port():
+def model():
+    return load_robot_model('c3_a601s')
+
+
+@pytest.fixture
+def port(model):
     """Serve a controller from a thread; return its remote port."""
     ready = threading.Event()
     found = []
 
     async def serve():
-        controller = Controller(load_robot_model('c3_a601s'), load_controller_profile('rc620'))
+        controller = new_controller(model, load_controller_profile('rc620'))
         servers = ControllerServers(controller)
         ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
         running = asyncio.create_task(servers.run())
@@ -121,6 +127,15 @@ def test_status_of_a_controller_that_just_booted(done):
         'late:',
         'flags:  Auto Ready',
     ]
+
+
+class TestSevenAxes:
+    @pytest.fixture
+    def model(self, tmp_path):
+        return arm_model(tmp_path, 7)
+
+    def test_status_shows_all_joints(self, done):
+        assert 'joints: 0.000 0.000 0.000 0.000 0.000 0.000 0.000 degrees\n' in done('status')
 
 
 def test_door_mode_power_and_tasks(ask, done):
@@ -378,7 +393,8 @@ def test_status_of_a_real_controller(said):
     answers = {
         'GetStatus': '#GetStatus,00100000001,0000',
         'GetMotor,0': '#GetMotor,1,1,1',
-        'Execute,"Print Agl(1),Agl(2),Agl(3),Agl(4),Agl(5),Agl(6)"': '!Execute,20',
+        **{f'Execute,"Print Agl({joint})"': '#Execute," 0.000"' for joint in range(1, 5)},
+        'Execute,"Print Agl(5)"': '!Execute,20',
         'Execute,"Print Agl(1),Agl(2),Agl(3),Agl(4)"': '#Execute," 1.500  0.000 0.000 90.000"',
     }
     with Answers(answers) as real:

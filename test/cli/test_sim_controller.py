@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.longer_arm import arm_file
 from support.sim_process import COMMAND, FREE, connect, receive
 
 
@@ -222,4 +223,11 @@ def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):
     result = run(*FREE, *arguments)
     assert result.returncode == 2
     assert text in result.stderr
+    assert 'Traceback' not in result.stderr
+
+
+def test_a_robot_with_too_many_joints_is_refused_with_the_limit(tmp_path):
+    result = run(*FREE, '--robot', str(arm_file(tmp_path, 11)))
+    assert result.returncode == 2
+    assert '11 joints: a message carries at most 10' in result.stderr
     assert 'Traceback' not in result.stderr

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from support.sim_process import COMMAND, FREE, LINE, PORTS, connect, receive
 
-from epson_driver.sim_controller.network.stderr_log import BURST
+from epson_driver.sim_controller.network.stderr_log import BURST_LINES
 
 PENDANT = [*COMMAND[:-1], 'pendant']
 REFUSED = b'x\n$\x1b]0;owned\x07\n$Login,a\n$SetMotorsOn,\x9b9\n' * 500
@@ -159,8 +159,8 @@ def test_invariant_7_a_flood_of_refused_commands_neither_fills_the_log_nor_keeps
     assert b'Traceback' not in data
     assert not set(data) & {0x1B, 0x07, 0x9B}
     # a few kinds of lines (connected, gone, makes room, refused), each with its burst and its pace
-    assert data.count(b'refused (') <= BURST + 2 + _seconds(data)
-    assert size < 200 * 6 * (BURST + 2 + _seconds(data))
+    assert data.count(b'refused (') <= BURST_LINES + 2 + _seconds(data)
+    assert size < 200 * 6 * (BURST_LINES + 2 + _seconds(data))
     assert process.poll() is None
 
 

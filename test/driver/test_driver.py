@@ -24,7 +24,7 @@ from support.event_loop import now, run, until
 from epson_driver.cli import processes
 from epson_driver.driver.goal.execution import Settings
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import ByteOrder, Dialect, Real, Status
 
 # --- goals ------------------------------------------------------------------------------------

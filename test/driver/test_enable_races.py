@@ -18,8 +18,8 @@ from support.slow_remote import SlowRemote
 from epson_driver.driver import services
 from epson_driver.driver.services import ServiceError
 from epson_driver.profiles import load_controller_profile
+from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
-from epson_driver.sim_controller.states import Event
 
 pytestmark = pytest.mark.invariant(4)
 

@@ -29,8 +29,8 @@ from epson_driver.driver.goal.execution import Settings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.faults import parse
-from epson_driver.sim_controller.states import Event, RefusedError
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, SpecialSequence, decode
 
 PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
@@ -230,7 +230,7 @@ async def person(controller, event):
         while True:
             try:
                 controller.apply(event)
-            except RefusedError:
+            except RejectedError:
                 await asyncio.sleep(0.02)
             else:
                 return

@@ -137,7 +137,7 @@ class CutCell:
     async def returned(self, names):
         """Wait for the controller's return, then for the links: one attempt must do for each."""
         faults, driver = self.controller.faults, self.harness.driver
-        await until(lambda: not any(faults.refuses(name) for name in names))
+        await until(lambda: not any(faults.rejects(name) for name in names))
         at = now()
         histories = [self.histories[name] for name in names]
         await until(lambda: all(each.stays for each in self.histories.values()))

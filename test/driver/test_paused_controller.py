@@ -13,7 +13,7 @@ from epson_driver.driver.delivery.deliveries import delivery_rules
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.states import Event
 
 POSSIBLE = (1, 0, 0, 0, 0, 2, 1)
 NOT_POSSIBLE = (1, 0, 0, 0, 0, 2, 0)

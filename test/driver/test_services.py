@@ -12,9 +12,9 @@ from support.event_loop import run, until
 from epson_driver.driver import services
 from epson_driver.driver.outcome import End
 from epson_driver.driver.services import ServiceError
+from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import Ports
-from epson_driver.sim_controller.states import Event
 from epson_driver.simple_message import JointTrajPt
 
 

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Timers act in order, at their moment, once; cancelled ones never."""
 
-import sys
+import tracemalloc
 
 import pytest
 
-from epson_driver.sim_controller.clock import FEW, MAX_CATCH_UP, Clock
+from epson_driver.sim_controller.clock import MAX_CATCH_UP_PERIODS, MIN_TIMERS_TO_SWEEP, Clock
 
 
 @pytest.fixture
@@ -54,10 +54,13 @@ def test_time_does_not_go_back(clock):
 def test_cancelled_timers_take_no_memory(clock):
     acted = []
     clock.after(7200.0, lambda: acted.append(clock.now))
+    tracemalloc.start()
     for _ in range(50_000):
         clock.after(3600.0, lambda: pytest.fail('acted')).cancel()
-    assert len(clock._timers) <= FEW
-    assert sys.getsizeof(clock._timers) < 100 * FEW
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert clock.timers <= MIN_TIMERS_TO_SWEEP
+    assert held < 1000 * MIN_TIMERS_TO_SWEEP
     clock.advance(8000.0)
     assert acted == [7200.0]
 
@@ -78,7 +81,7 @@ def test_what_was_missed_in_a_long_step_is_left_out(clock):
     seen = []
     clock.every(0.1, lambda: seen.append(clock.now))
     clock.advance(60.0)
-    assert len(seen) <= MAX_CATCH_UP + 1
+    assert len(seen) <= MAX_CATCH_UP_PERIODS + 1
     assert seen[-1] == pytest.approx(60.0, abs=0.1)
 
 

@@ -21,9 +21,9 @@ from support.controller_harness import (
 )
 
 from epson_driver.profiles.profile import load_controller_profile
-from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.sim_controller.condition.states import EStop, Motors, Power, RejectedError, Tasks
 from epson_driver.sim_controller.faults.fault_text import parse
-from epson_driver.sim_controller.states import EStop, Motors, Power, RefusedError, Tasks
 from epson_driver.simple_message import FrameError
 
 HERE = (0.0,) * 6
@@ -59,7 +59,7 @@ def test_it_boots_with_the_motors_off_where_it_was_told_to_stand():
 @pytest.mark.parametrize('start', [(9.0,) + (0.0,) * 5, (np.nan,) * 6, (0.0,) * 5])
 def test_a_start_that_cannot_be_is_refused(start):
     with pytest.raises(ValueError, match=r'joint_1|target|start|5 joints'):
-        Controller(MODEL, PROFILE, np.array(start))
+        new_controller(MODEL, PROFILE, np.array(start))
 
 
 def test_status_while_it_moves_and_after():
@@ -81,7 +81,7 @@ def test_invariant_3_motors_off_in_mid_move_brakes_first():
     harness.send(point(0, HERE))
     assert harness.codes() == [(0, FAILURE)]
     assert harness.error == 4031
-    with pytest.raises(RefusedError, match='still brakes'):
+    with pytest.raises(RejectedError, match='still brakes'):
         harness.do('motors on')
     assert harness.rest() < 0.2
     assert harness.condition.motors is Motors.OFF
@@ -160,7 +160,7 @@ def test_only_one_client():
     harness = Harness()
     with pytest.raises(ConnectionRefusedError, match='client already'):
         harness.connect()
-    assert len(harness.controller.faults._wires) == 1
+    assert harness.controller.faults.attached == 1
 
 
 @pytest.mark.invariant(3, 4)
@@ -173,7 +173,7 @@ def test_invariant_3_and_4_estop_in_mid_move_and_the_way_back():
     assert (status.e_stopped, status.drives_powered, status.motion_possible) == (1, 0, 0)
     assert (status.error_code, status.in_error, status.in_motion) == (2261, 1, 1)
     harness.do('E-stop release')
-    with pytest.raises(RefusedError, match='still brakes'):
+    with pytest.raises(RejectedError, match='still brakes'):
         harness.do('reset')
     assert harness.rest() < 0.2
     assert controller.status().in_motion == 0
@@ -181,7 +181,7 @@ def test_invariant_3_and_4_estop_in_mid_move_and_the_way_back():
     harness.send(point(0, HERE))
     assert harness.codes() == [(0, FAILURE)]
     assert harness.error == 2261
-    with pytest.raises(RefusedError, match='reset'):
+    with pytest.raises(RejectedError, match='reset'):
         harness.do('motors on')
     harness.do('reset')
     assert controller.status().e_stopped == 0
@@ -268,7 +268,7 @@ def test_a_long_step_goes_through_all_points_that_wait():
 @pytest.mark.invariant(4)
 def test_invariant_4_a_client_that_is_hung_up_is_not_heard_any_more():
     harness = Harness(motors=True)
-    harness.controller.lines.hang_up('motion')
+    harness.controller.clients.hang_up('motion')
     assert harness.peer.ended == 'aborted'
     assert harness.condition.motors is Motors.OFF
     harness.do('motors on')
@@ -319,7 +319,7 @@ def test_no_motion_is_possible_without_a_planner():
 
 def test_a_reset_waits_for_the_arm():
     harness = moving_harness()
-    with pytest.raises(RefusedError, match='still moves'):
+    with pytest.raises(RejectedError, match='still moves'):
         harness.do('reset')
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.controller_harness import LIMITS, STOP, Harness, InlinePlanner, point
 from support.examples import examples
 
-from epson_driver.sim_controller.states import Motors, RefusedError
+from epson_driver.sim_controller.condition.states import Motors, RejectedError
 from epson_driver.simple_message import FrameError
 
 DT = 0.001
@@ -115,8 +115,8 @@ def assert_invariants(harness, actions):
                 harness.send(point(sequence, angles(arguments[0])))
             else:
                 harness.do(action)
-        except RefusedError as refusal:
-            assert len(str(refusal)) > 20  # noqa: PT017  the sentence
+        except RejectedError as rejection:
+            assert len(str(rejection)) > 20  # noqa: PT017  the sentence
         except FrameError:
             harness.connect()
         status = controller.status()

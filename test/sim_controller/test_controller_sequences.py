@@ -26,8 +26,8 @@ from support.controller_harness import (
 )
 from support.examples import examples
 
-from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.states import Event, Motors, RefusedError, Tasks
+from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.sim_controller.condition.states import Event, Motors, RejectedError, Tasks
 from epson_driver.simple_message import FrameError
 
 pytestmark = pytest.mark.invariant(1, 2, 3, 4)
@@ -74,10 +74,10 @@ class Sequences(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         planner = self.PLANNER and self.PLANNER()
-        self.controller = Controller(MODEL, RC620, planner=planner)
+        self.controller = new_controller(MODEL, RC620, planner=planner)
         self.state = Peer()
         self.controller.connect('state', self.state)
-        self.peer, self.line = Peer(), None
+        self.peer, self.connection = Peer(), None
         self.sequence = 0
         self.unanswered = 0
         self.before = self.joints()
@@ -94,7 +94,7 @@ class Sequences(RuleBasedStateMachine):
     def person(self, event):
         try:
             self.controller.apply(event)
-        except RefusedError as error:
+        except RejectedError as error:
             assert len(str(error).split()) > 2  # noqa: PT017  the sentence
         else:
             self.may_move |= event in ENABLES
@@ -105,7 +105,7 @@ class Sequences(RuleBasedStateMachine):
             self.person(event)
         self.time_passes(0.3)  # to brake, or to go back to where the door interrupted
         self.person(Event.MOTORS_ON)
-        if self.line is None:
+        if self.connection is None:
             self.client_connects()
         self.client_sends_points(number, data)
         self.time_passes(seconds)
@@ -131,7 +131,7 @@ class Sequences(RuleBasedStateMachine):
         for number, event in enumerate(way):
             self.person(event)
             self.time_passes(seconds)
-            if number == when and self.line is not None:
+            if number == when and self.connection is not None:
                 if meanwhile == 'nonsense':
                     self.client_sends_nonsense((9.0,))
                 elif meanwhile != 'nothing':
@@ -140,59 +140,59 @@ class Sequences(RuleBasedStateMachine):
                 self.somebody_pushes_the_arm(0, push)
                 self.time_passes(seconds)
 
-    @precondition(lambda self: self.line is None)
+    @precondition(lambda self: self.connection is None)
     @rule()
     def client_connects(self):
         self.peer = Peer()
-        self.line = self.controller.connect('motion', self.peer)
+        self.connection = self.controller.connect('motion', self.peer)
         self.sequence = self.unanswered = 0
 
-    @precondition(lambda self: self.line is not None)
+    @precondition(lambda self: self.connection is not None)
     @rule(number=st.integers(1, 5), data=st.data())
     def client_sends_points(self, number, data):
         for _ in range(number):
             joints = data.draw(angles)
-            self.line.receive(point(self.sequence, joints, data.draw(st.floats(0.0, 1.0))))
+            self.connection.receive(point(self.sequence, joints, data.draw(st.floats(0.0, 1.0))))
             self.sequence += 1
             self.unanswered += 1
         self.read_replies()
 
-    @precondition(lambda self: self.line is not None)
+    @precondition(lambda self: self.connection is not None)
     @rule()
     def client_stops(self):
-        self.line.receive(point(STOP))
+        self.connection.receive(point(STOP))
         self.unanswered += 1
         self.read_replies()
         assert self.unanswered == 0  # all that was pending is answered with it
 
-    @precondition(lambda self: self.line is not None)
+    @precondition(lambda self: self.connection is not None)
     @rule(joints=st.sampled_from([(9.0,), (float('nan'),), (0.0, -7.0), (1e30,)]))
     def client_sends_nonsense(self, joints):
-        self.line.receive(point(0, joints))
+        self.connection.receive(point(0, joints))
         self.unanswered += 1
         self.read_replies()
 
-    @precondition(lambda self: self.line is not None)
+    @precondition(lambda self: self.connection is not None)
     @rule(data=st.binary(min_size=1, max_size=200))
     def client_sends_garbage(self, data):
         try:
-            self.line.receive(b'\xff' + data)
+            self.connection.receive(b'\xff' + data)
             self.client_leaves()
         except FrameError:
             self.client_leaves()
 
-    @precondition(lambda self: self.line is not None)
+    @precondition(lambda self: self.connection is not None)
     @rule()
     def client_leaves(self):
-        self.line.closed()
-        self.line = None
+        self.connection.closed()
+        self.connection = None
         assert self.controller.condition.motors is not Motors.ON
 
     @rule(joint=st.integers(0, JOINTS - 1), angle=st.floats(-0.3, 0.3))
     def somebody_pushes_the_arm(self, joint, angle):
         try:
             self.controller.disturb(joint, angle)
-        except RefusedError:
+        except RejectedError:
             return
         self.before = self.joints()  # the person's motion, not the controller's
 
@@ -270,7 +270,7 @@ class Sequences(RuleBasedStateMachine):
 
     def teardown(self):
         """Whatever has happened, the arm comes to rest when everything is let go (invariant 3)."""
-        if self.line is not None:
+        if self.connection is not None:
             self.client_leaves()
         self.controller.apply(Event.ESTOP_PRESS)
         for _ in range(1000):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support.controller_harness import LIMITS, MODEL, RC620, STOP, InlinePlanner, Peer, point
 
-from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.fault_text import parse
-from epson_driver.sim_controller.states import Event, RefusedError
 from epson_driver.simple_message import FrameError
 
 PORTS = ('motion', 'state', 'io', 'remote')
@@ -18,28 +18,30 @@ PORTS = ('motion', 'state', 'io', 'remote')
 
 def run(seed, planner=None, inputs=7):
     """Live through a few seconds that are drawn from `inputs`; return the bytes of each port."""
-    controller = Controller(MODEL, RC620, planner=planner, seed=seed)
+    controller = new_controller(MODEL, RC620, planner=planner, seed=seed)
     random = np.random.default_rng(inputs)
     peers = {port: Peer() for port in PORTS}
-    lines = {port: controller.connect(port, peer) for port, peer in peers.items()}
+    connections = {port: controller.connect(port, peer) for port, peer in peers.items()}
     out = {port: bytearray() for port in PORTS}
     events = (Event.ESTOP_PRESS, Event.ESTOP_RELEASE, Event.RESET, Event.PAUSE, Event.CONTINUE)
     for fault in ('jitter 0.03', 'bit_errors 0.3 bits=3', 'coalesce 0.02 port=motion'):
         controller.faults.start(parse(fault))
-    lines['remote'].receive(b'$Login\r\n')
+    connections['remote'].receive(b'$Login\r\n')
     for index in range(80):
         chosen = [*events, *[Event.MOTORS_ON] * 5][random.integers(10)]
-        with suppress(RefusedError):
+        with suppress(RejectedError):
             controller.apply(chosen)
         joints = 0.2 * random.uniform(LIMITS.position_min, LIMITS.position_max)
         sequence = int(random.choice([0, index % 5, STOP]))
-        lines['motion'].receive(point(sequence, joints, float(random.uniform(0.0, 1.0)), 0.1))
-        lines['remote'].receive(b'$GetStatus\r\n')
+        connections['motion'].receive(
+            point(sequence, joints, float(random.uniform(0.0, 1.0)), 0.1)
+        )
+        connections['remote'].receive(b'$GetStatus\r\n')
         try:
-            lines['io'].receive(bytes(random.integers(0, 2, 16, dtype=np.uint8)))
+            connections['io'].receive(bytes(random.integers(0, 2, 16, dtype=np.uint8)))
         except FrameError:
-            lines['io'].closed()
-            lines['io'] = controller.connect('io', peers['io'])
+            connections['io'].closed()
+            connections['io'] = controller.connect('io', peers['io'])
         controller.step(float(random.uniform(0.0, 0.2)))
         for port, peer in peers.items():
             out[port] += peer.take()

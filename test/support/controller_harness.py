@@ -16,8 +16,8 @@ import numpy as np
 from epson_driver.motion.smoother import plan
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.sim_controller.condition.states import Event
 
 MODEL = load_robot_model('c3_a601s')
 RC620 = load_controller_profile('rc620')
@@ -129,12 +129,14 @@ class Harness:
     Point to point, or smooth with a planner.
     """
 
-    def __init__(self, start=None, motors=True, profile=PROFILE, connect=True, planner=None):
+    def __init__(
+        self, start=None, motors=True, profile=PROFILE, connect=True, planner=None, model=MODEL
+    ):
         start = None if start is None else np.array(start)
         self.planner = planner
-        self.controller = Controller(MODEL, profile, start, planner=planner)
+        self.controller = new_controller(model, profile, start, planner=planner)
         self.peer = Peer()
-        self.line = None
+        self.connection = None
         if connect:
             self.connect()
         if motors:
@@ -146,18 +148,18 @@ class Harness:
 
     def connect(self):
         self.peer.ended = None
-        self.line = self.controller.connect('motion', self.peer)
+        self.connection = self.controller.connect('motion', self.peer)
 
     def disconnect(self):
-        self.line.closed()
+        self.connection.closed()
 
     def remote(self, *commands):
         """Return the answers of the remote port to commands, after a login."""
         peer = Peer()
-        line = self.controller.connect('remote', peer)
+        connection = self.controller.connect('remote', peer)
         for command in ('Login', *commands):
-            line.receive(f'${command}\r\n'.encode())
-        line.closed()
+            connection.receive(f'${command}\r\n'.encode())
+        connection.closed()
         return peer.take().decode().split('\r\n')[1:-1]
 
     @property
@@ -166,7 +168,7 @@ class Harness:
 
     def send(self, *frames):
         for data in frames:
-            self.line.receive(data)
+            self.connection.receive(data)
 
     def replies(self):
         """Return the replies since the last call."""
@@ -211,7 +213,9 @@ class Harness:
 
     @property
     def joints(self):
-        return np.array(self.controller.joint_position().joints[: len(LIMITS.names)])
+        return np.array(
+            self.controller.joint_position().joints[: len(self.controller.model.joint_names)]
+        )
 
     @property
     def error(self):

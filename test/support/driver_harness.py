@@ -17,7 +17,7 @@ from epson_driver.driver.services import Services
 from epson_driver.motion import Trajectory
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from support.event_loop import now, until
 
@@ -171,7 +171,7 @@ async def simulated(dialect=None, profile='rc620'):
     """
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
-    controller = Controller(MODEL, profile, dialect=dialect)
+    controller = new_controller(MODEL, profile, dialect=dialect)
     servers = ControllerServers(controller)
     ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
     task = asyncio.create_task(servers.run())

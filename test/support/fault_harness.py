@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults, wires and a clock for tests, and a controller that only writes down what it is told."""
+"""Faults, transports and a clock for tests; a controller that writes down what it is actions."""
 
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.faults.faults import Faults, parse
-from epson_driver.sim_controller.faults.wire import Wire
+from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.simple_message import (
     LITTLE_ENDIAN,
     JointPosition,
@@ -35,7 +35,7 @@ def ask(number):
     return encode(request(Opaque(11, bytes([number]) * 52)), LITTLE_ENDIAN)
 
 
-class Told:
+class RecordedActions:
     """The controller's side of faults: writes down what it is told to do, and when."""
 
     def __init__(self, clock):
@@ -57,13 +57,13 @@ class Told:
 
 
 class Client:
-    """What arrives at the other end of a wire: (time, segment), and whether it was hung up."""
+    """What arrives at the other end: (time, segment), and whether the transport hung up."""
 
     def __init__(self, harness, port, byte_by_byte=False):
         self.harness = harness
         self.segments = []
         self.hung_up = 0
-        self.wire = Wire(
+        self.transport = FaultyTransport(
             port, harness.clock, harness.faults, self._take, self._end, byte_by_byte=byte_by_byte
         )
 
@@ -75,7 +75,7 @@ class Client:
 
     def send(self, *messages):
         for message in messages:
-            self.wire.send(message)
+            self.transport.send(message)
 
     def taken(self):
         """Return the segments since the last time, without their times."""
@@ -93,8 +93,8 @@ class FaultHarness:
 
     def __init__(self, seed=0):
         self.clock = Clock()
-        self.told = Told(self.clock)
-        self.faults = Faults(self.clock, seed, self.told, JOINTS)
+        self.actions = RecordedActions(self.clock)
+        self.faults = Faults(self.clock, seed, self.actions, JOINTS)
 
     def client(self, port='state', **options):
         return Client(self, port, **options)

@@ -11,7 +11,7 @@ class Remote:
     def __init__(self, harness=None, login='Login'):
         self.harness = harness or Harness(motors=False)
         self.peer = Peer()
-        self.line = self.harness.controller.connect('remote', self.peer)
+        self.connection = self.harness.controller.connect('remote', self.peer)
         if login:
             assert self(login) == '#Login,0'
 
@@ -26,7 +26,7 @@ class Remote:
 
     def answers(self, data):
         """Return the answers to bytes."""
-        self.line.receive(data)
+        self.connection.receive(data)
         text = self.peer.take().decode()
         assert not text or text.endswith('\r\n')
         return text.split('\r\n')[:-1]

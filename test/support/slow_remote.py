@@ -5,7 +5,7 @@
 import asyncio
 import contextlib
 
-from epson_driver.sim_controller.states import Event, RefusedError
+from epson_driver.sim_controller.condition.states import Event, RejectedError
 
 EVENTS = {
     '$SetMotorsOn,1': Event.MOTORS_ON,
@@ -57,6 +57,6 @@ class SlowRemote:
             self.obeyed.append(name)
             try:
                 self._controller.apply(EVENTS[line])
-            except RefusedError:
+            except RejectedError:
                 return f'!{name},20'
         return f'#{name},0'

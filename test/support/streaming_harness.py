@@ -10,7 +10,7 @@ from epson_driver.motion.smoother import MERGE_TOLERANCE, plan
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.streaming import Streaming
-from epson_driver.sim_controller.timing import Timing
+from epson_driver.sim_controller.arm.timing import Timing
 
 LIMITS = load_robot_model('c3_a601s').limits
 HOME = np.zeros(6)

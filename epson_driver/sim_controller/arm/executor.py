@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the motion program and the arm agree on: points in, motion out.
 
-Two keep to it. `PointToPoint` goes from point to point, as SPEL+'s `Go`. `Streaming` takes points
-ahead of the arm and goes through them smoothly.
+There are two executors. `PointToPoint` goes from point to point, as SPEL+'s `Go`. `Streaming`
+takes points ahead of the arm and goes through them smoothly.
 """
 
 from dataclasses import dataclass
@@ -91,4 +91,8 @@ class Executor(Protocol):
         """
 
     def step(self, dt: float) -> float | None:
-        """Let `dt` ≥ 0 s pass; return how much of it is left for the next point, s, or None."""
+        """Let `dt` ≥ 0 s pass, until a point is done or the arm rests.
+
+        Return how much of it is left for what follows, s: the program gives the next point and
+        steps again with that. None: all of it has passed.
+        """

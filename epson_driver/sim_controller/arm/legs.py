@@ -15,7 +15,7 @@ class Statement:
     """A `Go`: its target, fractions of the limits, when its motion may begin, s.
 
     duration: how long it takes at least, s; 0: no matter. executed: whether the program goes on
-    after it, though the arm may still decelerate. begun: whether it is the arm's way already.
+    after it, though the arm may still decelerate. begun: whether the arm has begun it.
     """
 
     target: Array

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What SPEL+'s Power Low does to a motion: slow, and the tool slower than a hand can step back.
+"""What SPEL+'s Power Low does to a motion: it is slow, and so slow that a person can step back.
 
 The tool's speed is bounded without the kinematics: a joint moves the tool by no more than its
 velocity times its reach, the largest distance of the tool from its axis (a prismatic joint: by its

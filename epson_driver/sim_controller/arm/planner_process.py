@@ -18,20 +18,20 @@ from typing import Any
 
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Request
-from epson_driver.sim_controller.arm.planner_worker import LENGTH, framed
+from epson_driver.sim_controller.arm.planner_worker import LENGTH_PREFIX, framed
 from epson_driver.sim_controller.arm.streaming import Answer
 
-START_TIMEOUT = 60.0
-"""For a busy machine; it takes about half a second, s."""
+START_TIMEOUT_S = 60.0
+"""Time to start the process, s. It takes about 0.5 s; this is for a busy machine."""
 
-HUNG = 5.0
-"""A plan that takes longer than this (s) will not come."""
+PLAN_TIMEOUT_S = 5.0
+"""After this time without a plan, s, the process counts as hung and is killed."""
 
-PAUSE = 1.0
-"""Before it is started again, s."""
+RESTART_DELAY_S = 1.0
+"""Pause before a process that has ended is started again, s."""
 
-_LAST_MOMENT = 0.5
-"""For a process whose pipe has closed to end by itself, so that one knows how, s."""
+_EXIT_TIMEOUT_S = 0.5
+"""How long a process whose pipe has closed may take to end, s, so that its exit code is known."""
 
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 """One each: the matrices are small, and threads that spin would take the cycle's time."""
@@ -69,11 +69,11 @@ class PlannerProcess:
         """Start the process and wait until it is ready. Raises PlannerError."""
         child = await _Child.started()
         try:
-            async with asyncio.timeout(START_TIMEOUT):
+            async with asyncio.timeout(START_TIMEOUT_S):
                 child.send(self._limits)
                 await child.receive()
         except TimeoutError:
-            raise PlannerError(f'the motion planner took over {START_TIMEOUT:g} s') from None
+            raise PlannerError(f'the motion planner took over {START_TIMEOUT_S:g} s') from None
         except PlannerError as error:
             raise PlannerError(f'the motion planner {error}') from None
         else:
@@ -89,7 +89,9 @@ class PlannerProcess:
         if self._child is None:
             raise RuntimeError('the planner is not ready')
         self._answer = answer
-        self._watchdog = asyncio.get_running_loop().call_later(HUNG, self._child.kill_hung)
+        self._watchdog = asyncio.get_running_loop().call_later(
+            PLAN_TIMEOUT_S, self._child.kill_hung
+        )
         told, self._limits = self._limits, limits
         self._child.send((request, None if limits is told else limits))
 
@@ -124,7 +126,7 @@ class PlannerProcess:
             await child.end()
 
     async def _start_again(self) -> None:
-        await asyncio.sleep(PAUSE)
+        await asyncio.sleep(RESTART_DELAY_S)
         try:
             await self.start()
         except PlannerError as error:
@@ -183,7 +185,7 @@ class _Child:
     async def receive(self) -> Any:
         """Return the next answer. Raises PlannerError that says how the process has ended."""
         try:
-            (length,) = LENGTH.unpack(await self._answers.readexactly(LENGTH.size))
+            (length,) = LENGTH_PREFIX.unpack(await self._answers.readexactly(LENGTH_PREFIX.size))
             data = await self._answers.readexactly(length)
         except (OSError, EOFError):
             raise PlannerError(await self._fate()) from None
@@ -200,11 +202,11 @@ class _Child:
 
     async def _fate(self) -> str:
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_LAST_MOMENT):
+            async with asyncio.timeout(_EXIT_TIMEOUT_S):
                 await self._process.wait()
         code = self._process.returncode
         if self._hung:
-            return f'did not answer for {HUNG:g} s'
+            return f'did not answer for {PLAN_TIMEOUT_S:g} s'
         if code is None:
             return 'closed its pipe'
         if code < 0:

@@ -18,14 +18,14 @@ from typing import Any, BinaryIO
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Smoother, plan
 
-LENGTH = struct.Struct('=I')
-"""What goes before a pickle."""
+LENGTH_PREFIX = struct.Struct('=I')
+"""The length of a pickle, which is sent before it."""
 
 
 def framed(value: object) -> bytes:
     """Return a value as it goes through a pipe."""
     data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-    return LENGTH.pack(len(data)) + data
+    return LENGTH_PREFIX.pack(len(data)) + data
 
 
 def main() -> None:
@@ -59,10 +59,10 @@ def _warm_up(limits: JointLimits) -> None:
 
 def _read(stream: BinaryIO) -> Any:
     """Return the next value, None at the end."""
-    prefix = stream.read(LENGTH.size)
-    if len(prefix) < LENGTH.size:
+    prefix = stream.read(LENGTH_PREFIX.size)
+    if len(prefix) < LENGTH_PREFIX.size:
         return None
-    (length,) = LENGTH.unpack(prefix)
+    (length,) = LENGTH_PREFIX.unpack(prefix)
     data = stream.read(length)
     return pickle.loads(data) if len(data) == length else None  # noqa: S301 - our own parent's
 

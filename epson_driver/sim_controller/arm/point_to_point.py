@@ -27,8 +27,8 @@ from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.legs import Brake, Leg, Statement, Stop
 from epson_driver.sim_controller.arm.low_power import LowPower
 
-OVERLAPPING = 0.5
-"""The share of the acceleration that each of two moves has that may overlap."""
+OVERLAP_SHARE = 0.5
+"""With CP each move has this share of the acceleration, so that two of them may overlap."""
 
 
 class PointToPoint:
@@ -274,7 +274,7 @@ class PointToPoint:
             speed = min(speed, self._caps.speed(self.limits, statement.target - start))
             most = self._caps.fraction
         # With CP two moves overlap: each may have half of what the arm can do.
-        accel = min(accel, OVERLAPPING * most if self._cp else most)
+        accel = min(accel, OVERLAP_SHARE * most if self._cp else most)
         way = (self.limits, start, statement.target)
         motion = go_in(*way, statement.duration, speed, accel)
         return Leg(statement, motion, self._now, speed, self.low_power)

@@ -13,14 +13,14 @@ import numpy as np
 
 from epson_driver.motion import Array
 
-LAST_JERK = 10.0
-"""A joint is set to its command when the way left, made in one step, asks for less, rad/s³."""
+SETTLE_JERK = 10.0
+"""A joint is set to its command once that, within one step, needs less jerk than this, rad/s³."""
 
-LEAST_WAY = 1e-12
-"""rad; the same for steps that are very short."""
+SETTLE_DISTANCE = 1e-12
+"""A joint this close, rad, is set to its command however short the step is."""
 
-SHORTEST_STEP = 1e-9
-"""Less time than this is none, s: what the command did in it counts in the next step."""
+MIN_STEP_S = 1e-9
+"""A shorter step, s, counts as none: the command's change counts in the next step."""
 
 
 class Servo:
@@ -80,7 +80,7 @@ class Servo:
         if self._settled and unchanged:
             return
         self._settled = False
-        if dt < SHORTEST_STEP:
+        if dt < MIN_STEP_S:
             return
         before = commanded if self._pushed else self._command
         self._command, self._pushed = commanded.copy(), False
@@ -94,7 +94,7 @@ class Servo:
         way = behind + (before - self._actual - behind) * math.exp(-dt / self._lag)
         self._actual = commanded - way
         self._velocity = way / self._lag
-        if unchanged and float(np.abs(way).max()) <= max(LEAST_WAY, LAST_JERK * dt**3):
+        if unchanged and float(np.abs(way).max()) <= max(SETTLE_DISTANCE, SETTLE_JERK * dt**3):
             self._velocity = self._rest
             self._arrive(unchanged)
 
@@ -120,7 +120,7 @@ class Servo:
         self._pushed = True
 
     def place(self, position: Array) -> None:
-        """Let the joints stand elsewhere and stay there, shape (n,), rad: they have no power."""
+        """Put the joints, which have no power, elsewhere, shape (n,), rad; they stay there."""
         self._command = position.copy()
         self._arrive(settled=True)
         self._velocity = self._rest

@@ -11,9 +11,9 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.planning_latency import PlanningLatency
-from epson_driver.sim_controller.timing import Timing
+from epson_driver.sim_controller.arm.timing import Timing
 
-ATTEMPTS = 10
+MAX_ATTEMPTS = 10
 """Plans from rest that may fail one after the other before that counts as a failure."""
 
 USES = {
@@ -279,6 +279,6 @@ class Streaming:
         self._smoother.latency = self._latency.value
         at_rest = request is not None and request.start is None
         self._in_vain = self._in_vain + 1 if plan is None and at_rest and not forgotten else 0
-        if self._in_vain >= ATTEMPTS:
+        if self._in_vain >= MAX_ATTEMPTS:
             self._in_vain = 0
-            self._failed(f'no way was found in {ATTEMPTS} attempts')
+            self._failed(f'no way was found in {MAX_ATTEMPTS} attempts')

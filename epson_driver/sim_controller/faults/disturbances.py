@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the faults of connections do to one message on its way to the client, by one table."""
+"""What the faults of connections do to a message on its way to the client, as a table."""
 
 import random
 import struct
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from epson_driver.sim_controller.faults.fault_kinds import Fault
 from epson_driver.simple_message import ByteOrder, CommType
 
-_WORD = 4
-_HEADER_END = 16
-_COMM_TYPE = 8
+_WORD_BYTES = 4
+_HEADER_BYTES = 16
+_COMM_TYPE_OFFSET = 8
 """Where the comm_type stands in a frame, after length and msg_type."""
 
 
 @dataclass(slots=True)
-class Passing:
+class OutgoingMessage:
     """One message on its way: what is left of it, and how it is to be sent.
 
     No `data`: it is lost. It is held for `delay` s; then, if `gather` > 0, until what is gathered
@@ -30,61 +30,61 @@ class Passing:
     one_byte: bool = False
 
 
-Disturbance = Callable[[Passing, Fault, random.Random], None]
+Disturbance = Callable[[OutgoingMessage, Fault, random.Random], None]
 
 
-def lose(passing: Passing, _fault: Fault, _chance: random.Random) -> None:
-    """Let it never arrive."""
-    passing.data = b''
+def lose(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -> None:
+    """Drop the message."""
+    outgoing.data = b''
 
 
-def delay(passing: Passing, fault: Fault, _chance: random.Random) -> None:
-    """Hold it for `seconds`."""
-    passing.delay += fault.number('seconds')
+def delay(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
+    """Delay the message by `seconds`."""
+    outgoing.delay += fault.number('seconds')
 
 
-def jitter(passing: Passing, fault: Fault, chance: random.Random) -> None:
-    """Hold it for a random time up to `seconds`."""
-    passing.delay += chance.random() * fault.number('seconds')
+def jitter(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> None:
+    """Delay the message by a random time up to `seconds`."""
+    outgoing.delay += chance.random() * fault.number('seconds')
 
 
-def coalesce(passing: Passing, fault: Fault, _chance: random.Random) -> None:
-    """Send it together with what else is sent in `seconds`."""
-    passing.gather = max(passing.gather, fault.number('seconds'))
+def coalesce(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
+    """Send the message together with all others of the next `seconds`."""
+    outgoing.gather = max(outgoing.gather, fault.number('seconds'))
 
 
-def one_byte(passing: Passing, _fault: Fault, _chance: random.Random) -> None:
+def one_byte(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -> None:
     """Send each byte by itself."""
-    passing.one_byte = True
+    outgoing.one_byte = True
 
 
-def bit_errors(passing: Passing, fault: Fault, chance: random.Random) -> None:
+def bit_errors(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> None:
     """Flip `bits` different bits in the share `rate` of the messages."""
     if chance.random() >= fault.number('rate'):
         return
-    data = bytearray(passing.data)
+    data = bytearray(outgoing.data)
     bits = 8 * len(data)
     for bit in chance.sample(range(bits), min(bits, int(fault.number('bits')))):
         data[bit // 8] ^= 1 << bit % 8
-    passing.data = bytes(data)
+    outgoing.data = bytes(data)
 
 
-def wrong_length(passing: Passing, fault: Fault, _chance: random.Random) -> None:
+def wrong_length(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
     """Write `value`, or the true length and `add`, where the length stands."""
-    order = byte_order(passing.data)
+    order = byte_order(outgoing.data)
     if order is None:  # another fault has been here before
         return
     value = fault.values['value']
-    length = len(passing.data) - _WORD + fault.number('add') if value is None else value
-    passing.data = struct.pack(order.value + 'i', int(length)) + passing.data[_WORD:]
+    length = len(outgoing.data) - _WORD_BYTES + fault.number('add') if value is None else value
+    outgoing.data = struct.pack(order.value + 'i', int(length)) + outgoing.data[_WORD_BYTES:]
 
 
-def wrong_byte_order(passing: Passing, _fault: Fault, _chance: random.Random) -> None:
+def wrong_byte_order(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -> None:
     """Reverse the bytes of every whole word."""
-    data = passing.data
-    end = len(data) - len(data) % _WORD
-    words = (data[start : start + _WORD][::-1] for start in range(0, end, _WORD))
-    passing.data = b''.join(words) + data[end:]
+    data = outgoing.data
+    end = len(data) - len(data) % _WORD_BYTES
+    words = (data[start : start + _WORD_BYTES][::-1] for start in range(0, end, _WORD_BYTES))
+    outgoing.data = b''.join(words) + data[end:]
 
 
 DISTURBANCES: dict[str, Disturbance] = {
@@ -104,10 +104,10 @@ DISTURBANCES: dict[str, Disturbance] = {
 
 def byte_order(message: bytes) -> ByteOrder | None:
     """Return the order in which the length of a whole message is right, None if in none."""
-    if len(message) < _WORD:
+    if len(message) < _WORD_BYTES:
         return None
     for order in ByteOrder:
-        if struct.unpack_from(order.value + 'i', message)[0] == len(message) - _WORD:
+        if struct.unpack_from(order.value + 'i', message)[0] == len(message) - _WORD_BYTES:
             return order
     return None
 
@@ -115,7 +115,7 @@ def byte_order(message: bytes) -> ByteOrder | None:
 def is_reply(message: bytes) -> bool:
     """Return whether a whole message answers a request, by its header."""
     order = byte_order(message)
-    if order is None or len(message) < _HEADER_END:
+    if order is None or len(message) < _HEADER_BYTES:
         return False
-    comm_type: int = struct.unpack_from(order.value + 'i', message, _COMM_TYPE)[0]
+    comm_type: int = struct.unpack_from(order.value + 'i', message, _COMM_TYPE_OFFSET)[0]
     return comm_type == CommType.SERVICE_REPLY

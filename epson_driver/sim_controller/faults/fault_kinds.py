@@ -15,11 +15,11 @@ from epson_driver.simple_message import MAX_JOINTS
 DATA_PORTS = ('motion', 'state', 'io')
 """The ports that carry messages; `all` of them by default."""
 
-REMOTE = 'remote'
+REMOTE_PORT = 'remote'
 """The port through which a person clears faults: disturbed only if it is named, and for a time."""
 
-LONGEST = 3600.0  # s
-MOST = 1_000_000
+MAX_SECONDS = 3600.0  # s
+MAX_COUNT = 1_000_000
 
 Value = float | None
 """A parameter's value; None: not given, and its text says what holds then."""
@@ -37,7 +37,7 @@ class Parameter:
     text: str
     default: Value
     low: float = 0.0
-    high: float = LONGEST
+    high: float = MAX_SECONDS
     unit: str = ''
     whole: bool = False
     choices: tuple[str, ...] = ()
@@ -109,7 +109,9 @@ SEED = Parameter(
     high=2**31 - 1,
     whole=True,
 )
-SKIP = Parameter('skip', 'messages that pass before the first it strikes', 0, 0, MOST, whole=True)
+SKIP = Parameter(
+    'skip', 'messages that pass before the first it strikes', 0, 0, MAX_COUNT, whole=True
+)
 
 
 def _for(default: float = 0.0, low: float = 0.0) -> Parameter:
@@ -119,7 +121,7 @@ def _for(default: float = 0.0, low: float = 0.0) -> Parameter:
 
 def _count(default: int) -> Parameter:
     text = 'messages it strikes, then it ends; 0: no limit'
-    return Parameter('count', text, default, 0, MOST, whole=True)
+    return Parameter('count', text, default, 0, MAX_COUNT, whole=True)
 
 
 def _seconds(text: str, default: float, high: float = 60.0) -> Parameter:
@@ -132,7 +134,7 @@ def _joint(text: str, default: int, low: int) -> Parameter:
 
 def _on_links(text: str, *parameters: Parameter) -> Kind:
     """Return a fault of connections, which may be asked for on the remote port too."""
-    return Kind(text, (*parameters, AFTER), (*DATA_PORTS, REMOTE), DATA_PORTS)
+    return Kind(text, (*parameters, AFTER), (*DATA_PORTS, REMOTE_PORT), DATA_PORTS)
 
 
 def _on_messages(
@@ -235,7 +237,7 @@ FAULTS: dict[str, Kind] = {
     'estop_at_point': _of_controller(
         'The E-stop is pressed when the arm begins to go to that point, counted since the fault '
         'began.',
-        Parameter('point', 'at which point, counted from 1', 1, 1, MOST, whole=True),
+        Parameter('point', 'at which point, counted from 1', 1, 1, MAX_COUNT, whole=True),
     ),
     'reboot': _of_controller(
         'The controller is switched off and on: all connections are closed, the remote ones too, '

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 from epson_driver.sim_controller.faults.fault_kinds import (
     FAULTS,
-    REMOTE,
+    REMOTE_PORT,
     Fault,
     FaultError,
     Kind,
@@ -20,7 +20,7 @@ from epson_driver.sim_controller.faults.fault_kinds import (
     Value,
 )
 
-_QUOTED = 40
+_MAX_QUOTED_CHARACTERS = 40
 """Characters of a wrong text that an error repeats."""
 
 
@@ -49,7 +49,7 @@ def parse(text: str) -> Fault:
         given[key] = value
     ports = _ports(name, kind, given.pop('port')) if 'port' in given else kind.default_ports
     values = {each.name: _value(name, each, given.get(each.name)) for each in kind.parameters}
-    if REMOTE in ports and not values.get('for'):
+    if REMOTE_PORT in ports and not values.get('for'):
         raise FaultError(
             f'{name}: port = remote needs for = … s, more than 0: nobody could clear it'
         )
@@ -108,7 +108,7 @@ def _value(name: str, parameter: Parameter, text: str | None) -> Value:
 def _ports(name: str, kind: Kind, text: str) -> tuple[str, ...]:
     """Return the ports named, in the table's order. `all` leaves out the remote port."""
     if text == 'all':
-        return tuple(port for port in kind.ports if port != REMOTE)
+        return tuple(port for port in kind.ports if port != REMOTE_PORT)
     named = text.split('+')
     if not set(named) <= set(kind.ports):
         rule = f'must be {", ".join(kind.ports)}, several of them with + between, or all'
@@ -117,4 +117,6 @@ def _ports(name: str, kind: Kind, text: str) -> tuple[str, ...]:
 
 
 def _quote(text: str) -> str:
-    return repr(text if len(text) <= _QUOTED else text[:_QUOTED] + '…')
+    return repr(
+        text if len(text) <= _MAX_QUOTED_CHARACTERS else text[:_MAX_QUOTED_CHARACTERS] + '…'
+    )

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults on demand: which are active, when they begin and end, and whom they strike.
+"""Faults on demand: which are active, when they begin and end, which messages they strike.
 
 The controller's clock says when, a seed decides what is random: each connection draws from a
 generator of its own, made of the seed, the fault and how many connections its port had before.
@@ -14,16 +14,16 @@ from typing import Protocol
 
 from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, is_reply
-from epson_driver.sim_controller.faults.fault_kinds import FAULTS, REMOTE, Fault, FaultError
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS, REMOTE_PORT, Fault, FaultError
 from epson_driver.sim_controller.faults.fault_text import parse, write
 
-MAX_ACTIVE = 16
+MAX_ACTIVE_FAULTS = 16
 """Faults at a time, those included that have not begun."""
 
-ANSWER_TIME = 0.1
-"""What strikes the remote port begins that much later, s: the command is answered first."""
+ANSWER_TIME_S = 0.1
+"""A fault of the remote port begins so much later, s: the command is answered first."""
 
-__all__ = ['Actions', 'ActiveFault', 'Disturbed', 'Fault', 'FaultError', 'Faults', 'parse']
+__all__ = ['Actions', 'ActiveFault', 'Fault', 'FaultError', 'Faults', 'Transport', 'parse']
 
 _log = logging.getLogger(__name__)
 
@@ -44,16 +44,16 @@ class Actions(Protocol):
         """Press the E-stop. It may be pressed already."""
 
     def reboot(self, seconds: float) -> None:
-        """Go off, with its connections, and be up again in `seconds` s as after switching on."""
+        """Switch off, closing all connections, and be up again after `seconds` s."""
 
 
-class Disturbed(Protocol):
-    """A connection as faults see it; `wire.py` has it."""
+class Transport(Protocol):
+    """A connection as faults see it: `FaultyTransport`."""
 
     port: str
 
     def changed(self, release: bool) -> None:
-        """Take note that other faults are active; with `release`, none may hold anything now."""
+        """Called when other faults are active; with `release`, send what none holds back now."""
 
     def cut(self) -> None:
         """Close the connection at once."""
@@ -75,7 +75,7 @@ class ActiveFault:
 
     @property
     def used_up(self) -> bool:
-        """Whether it has struck as many messages as it was to."""
+        """Whether it has acted on as many messages as asked for."""
         return self._left == 0
 
     def strikes(self, message: bytes) -> bool:
@@ -92,17 +92,17 @@ class ActiveFault:
         return True
 
     def point_reached(self) -> bool:
-        """Count a point of the arm; return whether it is the one."""
+        """Count a point that the arm begins; return whether it is the one asked for."""
         self._points -= 1
         return self._points == 0
 
     def chance(self, port: str, serial: int) -> random.Random:
-        """Return what a connection draws from, the same for the same seed."""
+        """Return the random generator for a connection, the same for the same seed."""
         # Made of a text: a text's hash is the same in every process only for this use.
         return random.Random(f'{self._seed} {self.fault.name} {port} {serial}')  # noqa: S311
 
     def text(self, now: float) -> str:
-        """Return what it is and how long yet, in one line without commas."""
+        """Return the fault and what is left of it, in one line without commas."""
         remark = ''
         if self.until is not None:
             seconds = max(self.until.due - now, 0.0)
@@ -120,7 +120,7 @@ class Faults:
     `joints` is how many the robot has.
     """
 
-    def __init__(self, clock: Clock, seed: int, actions: Actions, joints: int = 6) -> None:
+    def __init__(self, clock: Clock, seed: int, actions: Actions, joints: int) -> None:
         self._clock = clock
         self._seed = seed
         self._actions = actions
@@ -128,7 +128,7 @@ class Faults:
         self._active: list[ActiveFault] = []
         self._frozen: set[int] = set()
         self._started = 0
-        self._wires: dict[Disturbed, None] = {}
+        self._transports: dict[Transport, None] = {}
         self._serials: Counter[str] = Counter()
 
     # What a person asks for.
@@ -142,16 +142,18 @@ class Faults:
         if joint > self._joints:
             rule = f'the robot has {self._joints} joints'
             raise FaultError(f'{fault.name}: joint = {joint}: {rule}')
-        if len(self._active) >= MAX_ACTIVE:
-            raise FaultError(f'{fault.name}: {MAX_ACTIVE} faults are active: clear some first')
+        if len(self._active) >= MAX_ACTIVE_FAULTS:
+            raise FaultError(
+                f'{fault.name}: {MAX_ACTIVE_FAULTS} faults are active: clear some first'
+            )
         self._started += 1
         own = fault.values.get('seed')
         seed = f'{self._seed} {self._started}' if own is None else f'own {own:.0f}'
         active = ActiveFault(fault, self._started, seed)
         self._active.append(active)
         delay = fault.number('after')
-        if REMOTE in fault.ports or fault.kind.boots:
-            delay = max(delay, ANSWER_TIME)
+        if REMOTE_PORT in fault.ports or fault.kind.boots:
+            delay = max(delay, ANSWER_TIME_S)
         if delay > 0.0:
             active.until = self._clock.after(delay, lambda: self._begin(active))
         else:
@@ -192,28 +194,33 @@ class Faults:
                 self._remove(active)
                 self._clock.after(0.0, self._actions.press_estop)
 
-    def refuses(self, port: str) -> bool:
+    def rejects(self, port: str) -> bool:
         """Return whether new connections to this port must be closed at once."""
         return any(active.fault.name == 'cut' for active in self._begun(port))
 
-    # What wires need.
+    # What transports ask.
 
-    def attach(self, wire: Disturbed) -> int:
+    @property
+    def attached(self) -> int:
+        """On how many connections faults can act now."""
+        return len(self._transports)
+
+    def attach(self, transport: Transport) -> int:
         """Let faults act on a connection; return its number among those of its port."""
-        self._wires[wire] = None
-        self._serials[wire.port] += 1
-        return self._serials[wire.port]
+        self._transports[transport] = None
+        self._serials[transport.port] += 1
+        return self._serials[transport.port]
 
-    def detach(self, wire: Disturbed) -> None:
+    def detach(self, transport: Transport) -> None:
         """Forget a connection. Twice is no error."""
-        self._wires.pop(wire, None)
+        self._transports.pop(transport, None)
 
     def disturbing(self, port: str) -> list[ActiveFault]:
         """Return the faults that act on messages of this port, in the order they were started."""
         return [each for each in self._begun(port) if each.fault.name in DISTURBANCES]
 
     def struck(self, active: ActiveFault) -> None:
-        """Take note that a fault struck a message: it ends with the last of its count."""
+        """Called when a fault acted on a message: it ends with the last of its count."""
         if active.used_up:
             self._end(active)
 
@@ -230,8 +237,10 @@ class Faults:
         _log.warning('fault: %s', active.text(self._clock.now))
         self._changed()
         if fault.name == 'cut':
-            for wire in [wire for wire in self._wires if wire.port in fault.ports]:
-                wire.cut()
+            for transport in [
+                transport for transport in self._transports if transport.port in fault.ports
+            ]:
+                transport.cut()
         elif fault.name == 'servo_error':
             self._remove(active)  # it has happened: only a reset ends what follows
             joint = int(fault.number('joint')) - 1
@@ -250,10 +259,10 @@ class Faults:
         _log.warning('fault over: %s', write(active.fault))
 
     def _changed(self, release: bool = False) -> None:
-        """Let everything that faults act on know which are active now."""
+        """Tell encoders and connections which faults are active now."""
         self._freeze()
-        for wire in list(self._wires):
-            wire.changed(release)
+        for transport in list(self._transports):
+            transport.changed(release)
 
     def _freeze(self) -> None:
         frozen: set[int] = set()

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from epson_driver.profiles.io_profile import IoProfile, Point
 from epson_driver.simple_message import IoFeature, IoRange, IoResult, IoType
 
-BYTE = 8
-WORD = 16
+BYTE_BITS = 8
+WORD_BITS = 16
 WORD_GROUPS = 1000
 """Index of the group that is word port 0; below it are byte ports."""
 
@@ -226,7 +226,7 @@ class IoPoints:
             spans = [(0, len(self._values[io_type]))]
         else:
             points = len(self._values[bits])
-            spans = [(0, -(-points // BYTE)), (WORD_GROUPS, -(-points // WORD))]
+            spans = [(0, -(-points // BYTE_BITS)), (WORD_GROUPS, -(-points // WORD_BITS))]
         return [(start, count) for start, count in spans if count]
 
     def _there_are(self, io_type: IoType) -> str:
@@ -281,4 +281,4 @@ class IoPoints:
 
 def _port(group: int) -> tuple[int, int]:
     """Return port and width of a group."""
-    return (group - WORD_GROUPS, WORD) if group >= WORD_GROUPS else (group, BYTE)
+    return (group - WORD_GROUPS, WORD_BITS) if group >= WORD_GROUPS else (group, BYTE_BITS)

@@ -13,8 +13,8 @@ from typing import Any
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.io.io_points import IoError, IoPoints
 from epson_driver.sim_controller.io.io_stream import IoStream, timestamp
-from epson_driver.sim_controller.requests import answer, answer_frame, failure
-from epson_driver.sim_controller.session import Send
+from epson_driver.sim_controller.ports.requests import answer, answer_frame, failure
+from epson_driver.sim_controller.ports.session import Send
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -78,7 +78,7 @@ class IoSession:
         self._stream = IoStream(points, clock, self._publish, lambda: available() is not None)
         self._open = True
         self._told: str | None = None
-        self._refused: list[str] = []
+        self._rejected: list[str] = []
         self._answers: Mapping[type[Message], Callable[[Any], Message]] = {
             IoInfo: self._info,
             IoRead: self._read,
@@ -117,10 +117,12 @@ class IoSession:
             _log.info('the I/O port %s', 'answers' if reason is None else f'refuses: {reason}')
         if reason is not None:
             return failure(packet.msg_type)
-        self._refused.clear()
+        self._rejected.clear()
         body = own(packet.message)
-        if self._refused:
-            _log.warning('items refused: %d, the first: %s', len(self._refused), self._refused[0])
+        if self._rejected:
+            _log.warning(
+                'items refused: %d, the first: %s', len(self._rejected), self._rejected[0]
+            )
         return reply(body, ReplyCode.SUCCESS)
 
     def _info(self, message: IoInfo) -> IoInfoReply:
@@ -135,7 +137,7 @@ class IoSession:
         try:
             value = self._points.read(item.io_type, item.index)
         except IoError as error:
-            self._refused.append(str(error))
+            self._rejected.append(str(error))
             return IoReading(item.io_type, item.index, error.result, 0)
         return IoReading(item.io_type, item.index, IoResult.SUCCESS, value)
 
@@ -189,7 +191,7 @@ class IoSession:
         try:
             action(*arguments)
         except IoError as error:
-            self._refused.append(str(error))
+            self._rejected.append(str(error))
             return IoOutcome(io_type, index, error.result)
         return IoOutcome(io_type, index, IoResult.SUCCESS)
 

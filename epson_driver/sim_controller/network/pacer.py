@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's clock: real time for a core that has none."""
+"""Lets real time pass for the core, which has no clock of its own that runs."""
 
 import asyncio
 import math
@@ -11,10 +11,11 @@ from epson_driver.sim_controller.core import Controller
 
 
 class Pacer:
-    """Lets the time that really passed pass for the controller too.
+    """Steps the controller by the time that has really passed.
 
-    Everything else gets at the controller through `present`. Motion cycles that came a whole
-    period late are counted in the controller's `timing`.
+    It does so in every motion cycle while the arm moves, whenever a timer is due, and before
+    anything else is done with the controller, which is done within `present`. Motion cycles that
+    came a whole period late are counted in the controller's `timing`.
     """
 
     def __init__(self, controller: Controller, clock: Callable[[], float] | None = None) -> None:
@@ -27,7 +28,7 @@ class Pacer:
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
-        """Give out the controller as it is at this moment; wake the clock if it is needed then."""
+        """Bring the controller up to this moment for use; then see when its next step is due."""
         self._catch_up()
         try:
             yield self._controller

@@ -12,30 +12,34 @@ from collections import deque
 from typing import NamedTuple
 
 from epson_driver.profiles.profile import ServerProfile
-from epson_driver.sim_controller.lines import GRACE, NEWCOMERS, REMOTE_CLIENTS
-from epson_driver.sim_controller.network.connection import Connection
-from epson_driver.sim_controller.network.fairness import Share
+from epson_driver.sim_controller.client_connections import (
+    GRACE_S,
+    MAX_NEWCOMERS,
+    MAX_REMOTE_CLIENTS,
+)
+from epson_driver.sim_controller.network.cpu_budget import CpuBudget
 from epson_driver.sim_controller.network.pacer import Pacer
-from epson_driver.sim_controller.network.spare import Spare
+from epson_driver.sim_controller.network.spare_descriptor import SpareDescriptor
+from epson_driver.sim_controller.network.tcp_connection import TcpConnection
 from epson_driver.simple_message import FrameError
 
-HANDOVER = 0.1
-"""How long a client waits for a place, s: one that reconnects meets its own end of before."""
+HANDOVER_S = 0.1
+"""How long a client waits for a place, s: when it reconnects, its old connection may still end."""
 
-WAITING = 4
-"""How many may wait for a place; who comes then is refused at once."""
+MAX_WAITING_CLIENTS = 4
+"""How many clients may wait for a place; any further one is rejected at once."""
 
 BACKLOG = 64
-"""How many the system may keep until they are accepted, one in a turn of the loop."""
+"""How many connections the system may queue; one is accepted in each turn of the event loop."""
 
-RETRY = 0.05
-"""How long nobody is accepted after the system could not, s."""
+ACCEPT_RETRY_S = 0.05
+"""Pause after the system could not accept a connection, s."""
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE)
 """The process, or the system, has no file descriptor left."""
 
 _GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)
-"""There is nobody to accept, or nobody any more."""
+"""No connection waits to be accepted, or it has gone meanwhile."""
 
 _log = logging.getLogger(__name__)
 
@@ -87,11 +91,21 @@ class PortServer:
         self._retry: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         clients = rules.max_clients
-        self._admitted: deque[float] = deque([-GRACE] * NEWCOMERS, NEWCOMERS)
-        """When the last clients came, as many as may be new where each gets in."""
-        self._spare = Spare()
-        """What a client gets in with when no descriptor is left, where each gets in."""
+        self._admitted: deque[float] = deque([-GRACE_S] * MAX_NEWCOMERS, MAX_NEWCOMERS)
+        """When the latest clients came, of a port where each client gets in."""
+        self._spare = SpareDescriptor()
+        """Lets a client in when no descriptor is left, of a port where each gets in."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
+
+    @property
+    def name(self) -> str:
+        """Which port it is."""
+        return self._rules.name
+
+    @property
+    def clients(self) -> int:
+        """How many clients are connected, or wait for a place."""
+        return len(self._tasks)
 
     async def open(self, host: str, port: int) -> int:
         """Listen, and return the port; 0 asks for any free one. Raises OSError that says where."""
@@ -130,10 +144,10 @@ class PortServer:
             asyncio.get_running_loop().add_reader(self._sock, self._accept, self._sock)
 
     def _accept(self, listening: socket.socket) -> None:
-        """Take one client of those that the system keeps; what cannot be taken now stays there."""
+        """Accept one connection; the others stay queued in the system."""
         limit = self._rules.max_clients
-        if limit is None and len(self._tasks) >= REMOTE_CLIENTS:
-            wait = self._admitted[0] + GRACE - asyncio.get_running_loop().time()
+        if limit is None and len(self._tasks) >= MAX_REMOTE_CLIENTS:
+            wait = self._admitted[0] + GRACE_S - asyncio.get_running_loop().time()
             if wait > 0.0:  # too many have just come: let them be heard
                 self._pause(listening, wait)
                 return
@@ -149,7 +163,7 @@ class PortServer:
                 self._cannot(listening, error.strerror or str(error))
             return
         self._admitted.append(asyncio.get_running_loop().time())
-        if limit is not None and len(self._tasks) >= limit + WAITING:
+        if limit is not None and len(self._tasks) >= limit + MAX_WAITING_CLIENTS:
             sock.close()
             _log.warning(
                 '%s client %s:%d refused: as many wait for a place as may be',
@@ -167,12 +181,12 @@ class PortServer:
             self._spare.keep()
 
     def _cannot(self, listening: socket.socket, why: str) -> None:
-        """Say what keeps clients out; the system would offer the same one all the time."""
+        """Log why nobody can be accepted, and pause: the event loop would call at once again."""
         _log.error('%s port: nobody can be accepted now: %s', self._rules.name, why)
-        self._pause(listening, RETRY)
+        self._pause(listening, ACCEPT_RETRY_S)
         if self._rules.max_clients is None:
             with self._pacer.present() as controller:
-                controller.lines.dismiss_remote(why)
+                controller.clients.dismiss_remote(why)
 
     def _pause(self, listening: socket.socket, seconds: float) -> None:
         """Accept nobody for a while."""
@@ -184,16 +198,16 @@ class PortServer:
         rules = self._rules
         reader, writer = await asyncio.open_connection(sock=sock, limit=rules.chunk)
         try:
-            connection = Connection(rules.name, reader, writer, rules.max_unsent, rules.chunk)
+            connection = TcpConnection(rules.name, reader, writer, rules.max_unsent, rules.chunk)
         except (OSError, TypeError):  # gone before it was served
             writer.transport.abort()
             return
         await self._attend(connection)
 
-    async def _attend(self, connection: Connection) -> None:
+    async def _attend(self, connection: TcpConnection) -> None:
         try:
             if self._places is not None:
-                async with asyncio.timeout(HANDOVER):
+                async with asyncio.timeout(HANDOVER_S):
                     await self._places.acquire()
             try:
                 _log.info('%s connected', connection.name)
@@ -212,29 +226,29 @@ class PortServer:
         finally:
             connection.close()
 
-    async def _serve(self, connection: Connection) -> None:
+    async def _serve(self, connection: TcpConnection) -> None:
         with self._pacer.present() as controller:
-            line = controller.connect(self._rules.name, connection)
-        share = Share(asyncio.get_running_loop().time())
+            session = controller.connect(self._rules.name, connection)
+        budget = CpuBudget(asyncio.get_running_loop().time())
         try:
             while data := await connection.receive():
                 async with self._turn:
                     await asyncio.sleep(0)  # so it is a turn of the loop, and the next waits
                     with self._pacer.present():
                         began = time.thread_time()
-                        line.receive(data)
+                        session.receive(data)
                         used = time.thread_time() - began
-                await self._pay(share, used)
+                await self._pay(budget, used)
             if self._rules.half_closed:
                 await connection.lost()
         finally:
             with self._pacer.present():
-                line.closed()
+                session.closed()
 
-    async def _pay(self, share: Share, used: float) -> None:
-        """Let a client wait that used more than its share of the processor's time."""
+    async def _pay(self, budget: CpuBudget, used: float) -> None:
+        """Make a client wait that used more than its share of processor time."""
         if self._rules.share is not None:
             own = self._rules.share / len(self._tasks)
-            wait = share.used(used, own, asyncio.get_running_loop().time())
+            wait = budget.used(used, own, asyncio.get_running_loop().time())
             if wait:
                 await asyncio.sleep(wait)

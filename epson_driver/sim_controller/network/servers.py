@@ -21,7 +21,7 @@ class Ports(NamedTuple):
 
 
 class ControllerServers:
-    """Everything that listens for one controller, and the process that plans for it, if any."""
+    """The listening ports of one controller, its real time, and its planner process if any."""
 
     def __init__(self, controller: Controller, planner: PlannerProcess | None = None) -> None:
         self._controller = controller
@@ -49,6 +49,10 @@ class ControllerServers:
         except (OSError, PlannerError):
             await self.close()
             raise
+
+    def clients(self, port: str) -> int:
+        """Return how many clients of a port are connected, or wait for a place."""
+        return sum(server.clients for server in self._servers if server.name == port)
 
     async def run(self) -> None:
         """Let the controller's time pass, for ever."""

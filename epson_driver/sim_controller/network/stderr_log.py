@@ -16,12 +16,12 @@ from contextlib import suppress
 
 from epson_driver.log_lines import LogPace, PrintableFormatter, counted
 
-BURST = 20
+BURST_LINES = 20
 """Lines that each place in the code may write at once; then one a second."""
 
-_STDERR = 2  # the file descriptor
-_CAPACITY = 1000
-_LAST_WORDS = 0.5  # s
+_STDERR_DESCRIPTOR = 2  # the file descriptor
+_MAX_WAITING_LINES = 1000
+_FLUSH_TIMEOUT_S = 0.5  # s
 
 
 class StderrLog(logging.Handler):
@@ -35,7 +35,7 @@ class StderrLog(logging.Handler):
         self.setFormatter(PrintableFormatter('%(asctime)s %(levelname)s %(message)s'))
         self._clock = clock
         self._paces: dict[tuple[str, int], LogPace] = {}
-        self._lines: queue.Queue[bytes | None] = queue.Queue(_CAPACITY)
+        self._lines: queue.Queue[bytes | None] = queue.Queue(_MAX_WAITING_LINES)
         self._thread = threading.Thread(target=self._write, name='stderr log', daemon=True)
         self._thread.start()
 
@@ -43,7 +43,7 @@ class StderrLog(logging.Handler):
         """Hand the line to the thread, hold it back, or drop it."""
         where = (record.pathname, record.lineno)
         if where not in self._paces:
-            self._paces[where] = LogPace(BURST)
+            self._paces[where] = LogPace(BURST_LINES)
         held = self._paces[where].passes(self._clock())
         if held is None:
             return
@@ -55,11 +55,11 @@ class StderrLog(logging.Handler):
         """Write what waits, but not for longer than half a second."""
         with suppress(queue.Full):
             self._lines.put_nowait(None)
-            self._thread.join(_LAST_WORDS)
+            self._thread.join(_FLUSH_TIMEOUT_S)
 
     def _write(self) -> None:
         # Not sys.stderr: the interpreter must not find its lock taken when it ends.
         with suppress(OSError):
             while (line := self._lines.get()) is not None:
                 while line:
-                    line = line[os.write(_STDERR, line) :]
+                    line = line[os.write(_STDERR_DESCRIPTOR, line) :]

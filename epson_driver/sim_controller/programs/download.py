@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from epson_driver.profiles.profile import DownloadProfile
-from epson_driver.sim_controller.errors import Refusal, corrupt
+from epson_driver.sim_controller.condition.errors import Rejection, corrupt
 from epson_driver.simple_message import CommType, JointTrajPt, SpecialSequence
 
 _log = logging.getLogger(__name__)
@@ -31,7 +31,7 @@ class _Phase(Enum):
 
     NONE = 'no download is under way'
     COLLECTING = 'they are kept'
-    REFUSED = 'they are dropped until the last one'
+    REJECTED = 'they are dropped until the last one'
 
 
 @dataclass
@@ -53,24 +53,24 @@ class Download:
         """Return whether a point belongs to a download: it begins one, or goes on with it."""
         if sequence == FIRST:
             return comm_type is not CommType.SERVICE_REPLY
-        if sequence == 0 and self.refused and comm_type is CommType.SERVICE_REQUEST:
+        if sequence == 0 and self.rejected and comm_type is CommType.SERVICE_REQUEST:
             return False  # a stream begins
         under_way = self._phase is not _Phase.NONE and comm_type is self._comm_type
         return under_way and (sequence >= 0 or sequence == LAST)
 
     @property
-    def refused(self) -> bool:
+    def rejected(self) -> bool:
         """Whether the download under way was refused: what is left of it is dropped."""
-        return self._phase is _Phase.REFUSED
+        return self._phase is _Phase.REJECTED
 
     def begin(self, comm_type: CommType) -> None:
-        """Take note that a new one comes; one that has not ended is forgotten."""
+        """Begin a new download; one that has not ended is forgotten."""
         self.forget()
         self._phase = _Phase.COLLECTING
         self._dropped = 0
         self._comm_type = comm_type
 
-    def add(self, point: JointTrajPt, now: float) -> Refusal | None:
+    def add(self, point: JointTrajPt, now: float) -> Rejection | None:
         """Keep one more point; return why the whole download cannot be kept, or None."""
         self.busy_until = max(self.busy_until, now) + self.profile.dead_time
         if len(self._points) < self.profile.buffer:
@@ -81,15 +81,15 @@ class Download:
         self._dropped += 1
         return None
 
-    def refuse(self) -> None:
+    def reject(self) -> None:
         """Forget the points; those that still come of this download are dropped."""
         if self._phase is _Phase.COLLECTING:
-            self._phase = _Phase.REFUSED
+            self._phase = _Phase.REJECTED
         self._points = []
         self.busy_until = 0.0
 
     def end(self) -> list[JointTrajPt]:
-        """Take note of the last point; return all that are to be executed."""
+        """End the download; return all points that are to be executed."""
         if self._points and self._dropped:
             _log.warning('%d points of a download are lost: the buffer is full', self._dropped)
         self._phase = _Phase.NONE
@@ -97,7 +97,7 @@ class Download:
         return points
 
     def forget(self) -> None:
-        """Forget the points, and that there is a download."""
+        """Forget the download and its points."""
         if self._points:
             _log.warning('a download is dropped: it did not come to its end')
         self._points = []

@@ -30,20 +30,20 @@ from collections.abc import Callable
 from epson_driver.profiles.profile import ProgramProfile
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.sim_controller.errors import ErrorRegister, Refusal, corrupt
+from epson_driver.sim_controller.condition.errors import ErrorRegister, Rejection, corrupt
+from epson_driver.sim_controller.ports.requests import answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
 from epson_driver.sim_controller.programs.points import (
     FIELDS_USED,
     frame_fault,
-    limits_refusal,
-    numbers_refusal,
+    limits_rejection,
+    numbers_rejection,
     sequence_of,
     target_of,
 )
 from epson_driver.sim_controller.programs.program import ProgramQuit, SendPacket
 from epson_driver.sim_controller.programs.replies import REPLIES
-from epson_driver.sim_controller.requests import answer, failure
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -62,7 +62,7 @@ from epson_driver.simple_message import (
 STOP = SpecialSequence.STOP_TRAJECTORY
 STREAMING = SpecialSequence.START_TRAJECTORY_STREAMING
 
-POINT_SIZE = {Real.FLOAT32: 52, Real.FLOAT64: 100}
+POINT_BODY_BYTES = {Real.FLOAT32: 52, Real.FLOAT64: 100}
 """of a JOINT_TRAJ_PT's body, bytes"""
 
 
@@ -88,7 +88,7 @@ class MotionProgram:
         profile: ProgramProfile,
         pending_limit: int,
         errors: ErrorRegister,
-        blocked: Callable[[], Refusal | None],
+        blocked: Callable[[], Rejection | None],
         send: SendPacket,
         clock: Clock,
         began: Callable[[], None] = _nothing,
@@ -121,6 +121,16 @@ class MotionProgram:
         """Whether it waits for `resume`."""
         return self._queue.paused
 
+    @property
+    def waiting(self) -> int:
+        """How many points, and replies, wait for their turn."""
+        return len(self._queue)
+
+    @property
+    def downloaded(self) -> int:
+        """How many points are kept of the download under way."""
+        return len(self._download)
+
     def receive(self, frame: Frame) -> None:
         """Obey, queue or refuse one frame. Raises ProgramQuit if the profile says so."""
         if self._profile.corrupt == 'quit' and (fault := frame_fault(frame)) is not None:
@@ -130,7 +140,7 @@ class MotionProgram:
         try:
             packet = decode(frame)
         except (HeaderError, BodyError) as error:
-            self._refuse_corrupt(frame, error)
+            self._reject_corrupt(frame, error)
             return
         if packet.msg_type == MessageType.JOINT_TRAJ_PT:
             self._receive_point(packet)
@@ -138,13 +148,13 @@ class MotionProgram:
             self._send(response)
 
     def step(self, dt: float) -> None:
-        """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
+        """Let `dt` s pass for the arm, see `Program.step`."""
         self._queue.step(dt)
 
     def abort(self) -> None:
         """Brake, and answer all points that are not answered yet with FAILURE."""
         entries, lost = self._queue.flush()
-        self._download.refuse()
+        self._download.reject()
         sequences = [  # None: of a download
             None if entry.reply_to is None else entry.point.sequence
             for entry in entries
@@ -177,15 +187,15 @@ class MotionProgram:
     def _receive_point(self, packet: Packet) -> None:
         point = packet.message
         if not isinstance(point, JointTrajPt) or packet.dialect.real is not self._real:
-            size = POINT_SIZE[self._real]
-            self._refuse(0, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
+            size = POINT_BODY_BYTES[self._real]
+            self._reject(0, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
         elif self._concerns_download(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)
         elif packet.comm_type is CommType.TOPIC and self._topics:
             self._errors.enter(corrupt('no download is under way').about(_name(point)))
         elif packet.comm_type is not CommType.SERVICE_REQUEST:
             sentence = f'JOINT_TRAJ_PT must be a request, not a {packet.comm_type.name.lower()}'
-            self._refuse(point.sequence, corrupt(sentence))
+            self._reject(point.sequence, corrupt(sentence))
         elif self._is_stop(point.sequence):
             self._stop(point.sequence)
         else:
@@ -201,25 +211,25 @@ class MotionProgram:
         if self._profile.stop_works:
             self.restart()
             self._answer(sequence, ReplyCode.SUCCESS)
-        elif (refusal := self._queue_refusal()) is not None:
-            self._refuse(sequence, refusal)
+        elif (rejection := self._queue_rejection()) is not None:
+            self._reject(sequence, rejection)
         else:
             self._queue.append(Entry(reply_to=sequence))
             self._queue.advance()
 
     def _receive_request(self, point: JointTrajPt) -> None:
         self._download.forget()
-        outside = limits_refusal(point, self._limits)
+        outside = limits_rejection(point, self._limits)
         late = self._profile.late_failure or not self._profile.check_limits
-        refusal = (
+        rejection = (
             self._blocked()
-            or self._sequence_refusal(point)
-            or numbers_refusal(point, self._used)
+            or self._sequence_rejection(point)
+            or numbers_rejection(point, self._used)
             or (None if late else outside)
-            or self._queue_refusal()
+            or self._queue_rejection()
         )
-        if refusal is not None:
-            self._refuse(point.sequence, refusal.about(_name(point)))
+        if rejection is not None:
+            self._reject(point.sequence, rejection.about(_name(point)))
             return
         self._errors.clear()
         self._topics = False
@@ -230,7 +240,7 @@ class MotionProgram:
         self._queue.append(Entry(self._point(point, sequence), point.sequence, begins, reason))
         self._queue.advance()
 
-    def _sequence_refusal(self, point: JointTrajPt) -> Refusal | None:
+    def _sequence_rejection(self, point: JointTrajPt) -> Rejection | None:
         if point.sequence == LAST:
             return corrupt('no download is under way')
         if point.sequence < 0 and point.sequence != STREAMING:
@@ -241,7 +251,7 @@ class MotionProgram:
         expected = '0' if following is None else f'{following}, or 0 for a new trajectory'
         return corrupt(f'out of sequence: it must be {expected}')
 
-    def _queue_refusal(self) -> Refusal | None:
+    def _queue_rejection(self) -> Rejection | None:
         if len(self._queue) < self._pending_limit:
             return None
         return corrupt(f'{len(self._queue)} points wait already, the most that can')
@@ -259,9 +269,9 @@ class MotionProgram:
             self._download.begin(comm_type)
             self._topics = comm_type is CommType.TOPIC
             self._accepted = None
-        refused = self._download.refused
-        if not refused and (refusal := self._download_refusal(point, reply_to)) is not None:
-            self._errors.enter(refusal.about(_name(point)))
+        refused = self._download.rejected
+        if not refused and (rejection := self._download_rejection(point, reply_to)) is not None:
+            self._errors.enter(rejection.about(_name(point)))
             self.abort()
             refused = True
         points = self._download.end() if point.sequence == LAST else []
@@ -274,18 +284,18 @@ class MotionProgram:
         self._execute(points)
         self._queue.advance()
 
-    def _download_refusal(self, point: JointTrajPt, reply_to: int | None) -> Refusal | None:
+    def _download_rejection(self, point: JointTrajPt, reply_to: int | None) -> Rejection | None:
         check = self._profile.check_limits
         return (
             self._blocked()
-            or numbers_refusal(point, self._used)
-            or (limits_refusal(point, self._limits) if check else None)
-            or (self._queue_refusal() if reply_to is not None else None)
+            or numbers_rejection(point, self._used)
+            or (limits_rejection(point, self._limits) if check else None)
+            or (self._queue_rejection() if reply_to is not None else None)
             or self._download.add(point, self._clock.now)
-            or (self._room_refusal() if point.sequence == LAST else None)
+            or (self._room_rejection() if point.sequence == LAST else None)
         )
 
-    def _room_refusal(self) -> Refusal | None:
+    def _room_rejection(self) -> Rejection | None:
         """Return why the whole download cannot wait behind what waits already, or None."""
         most = max(self._pending_limit, self._profile.download.buffer)
         if len(self._queue) + len(self._download) <= most:
@@ -295,31 +305,31 @@ class MotionProgram:
     def _execute(self, points: list[JointTrajPt]) -> None:
         """Have the points of a download executed when the program is done with them."""
         for index, point in enumerate(points):
-            outside = limits_refusal(point, self._limits)
+            outside = limits_rejection(point, self._limits)
             reason = None if outside is None else outside.about(_name(point))
             target = self._point(point, index)
             self._queue.append(Entry(target, None, index == 0, reason, self._download.busy_until))
 
     # Replies.
 
-    def _refuse_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
-        refusal = corrupt(f'message type {frame.msg_type}: {error}')
+    def _reject_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
+        rejection = corrupt(f'message type {frame.msg_type}: {error}')
         if frame.msg_type == MessageType.JOINT_TRAJ_PT:
-            self._refuse(sequence_of(frame), refusal)
+            self._reject(sequence_of(frame), rejection)
             return
-        self._errors.enter(refusal)
+        self._errors.enter(rejection)
         if frame.msg_type > 0:
             self._send(failure(frame.msg_type))
         else:  # a reply of that type would be as invalid
             self._answer(0, ReplyCode.FAILURE)
 
-    def _refuse(self, sequence: int, refusal: Refusal) -> None:
-        self._errors.enter(refusal)
+    def _reject(self, sequence: int, rejection: Rejection) -> None:
+        self._errors.enter(rejection)
         self.abort()
         self._answer(sequence, ReplyCode.FAILURE)
 
-    def _fail(self, refusal: Refusal) -> None:
-        self._errors.enter(refusal)
+    def _fail(self, rejection: Rejection) -> None:
+        self._errors.enter(rejection)
         self.abort()
 
     def _answer_success(self, entry: Entry) -> None:

@@ -2,23 +2,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion port: one client's bytes to the motion program, its replies back."""
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-from epson_driver.sim_controller.errors import ErrorNumber, Refusal
-from epson_driver.sim_controller.session import Send
-from epson_driver.sim_controller.states import Event
-from epson_driver.simple_message import FrameError, Framer
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
+from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.programs.program import Program
+from epson_driver.simple_message import ByteOrder, FrameError, Framer
 
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
+
+class MotionServer(Protocol):
+    """The controller, as far as its motion client reaches it."""
+
+    reply: Send | None
+    """Where replies go; None without a client."""
+
+    @property
+    def program(self) -> Program:
+        """What serves the client."""
+
+    def show(self, rejection: Rejection) -> None:
+        """Show in STATUS why something was rejected."""
+
+    def apply(self, event: Event) -> None:
+        """Apply an event to the controller."""
 
 
 class MotionSession:
-    """The one motion client; when it is gone, however that came, the arm brakes."""
+    """The session of the one motion client. When it ends, for whatever reason, the arm brakes."""
 
-    def __init__(self, controller: 'Controller', send: Send) -> None:
+    def __init__(self, controller: MotionServer, byte_order: ByteOrder, send: Send) -> None:
         self._controller = controller
-        self._framer = Framer(controller.dialect.byte_order)
+        self._framer = Framer(byte_order)
         self._open = True
         controller.reply = send
         controller.program.restart()
@@ -30,12 +45,12 @@ class MotionSession:
             while self._open and (frame := self._framer.next_frame()) is not None:
                 self._controller.program.receive(frame)
         except FrameError as error:
-            self._controller.show(Refusal(ErrorNumber.CORRUPT_MESSAGE, str(error)))
+            self._controller.show(Rejection(ErrorNumber.CORRUPT_MESSAGE, str(error)))
             self.closed()
             raise
 
     def closed(self) -> None:
-        """Take note that the client is gone: brake, motors off."""
+        """The client is gone: brake, motors off."""
         if self._open:
             self._open = False
             try:

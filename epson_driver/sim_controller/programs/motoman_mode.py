@@ -6,14 +6,14 @@ import logging
 from collections.abc import Callable
 from typing import Protocol
 
-from epson_driver.sim_controller.errors import ErrorNumber, ErrorRegister, Refusal
-from epson_driver.sim_controller.states import (
+from epson_driver.sim_controller.condition.errors import ErrorNumber, ErrorRegister, Rejection
+from epson_driver.sim_controller.condition.states import (
     Condition,
     Event,
     Fault,
     Mode,
     Motors,
-    RefusedError,
+    RejectedError,
     Tasks,
 )
 from epson_driver.simple_message.motoman import NotReady
@@ -43,7 +43,7 @@ class Servos(Protocol):
         """Its condition now."""
 
     def apply(self, event: Event) -> None:
-        """Let something happen to it. Raises RefusedError: why, and what to do."""
+        """Apply an event. Raises RejectedError: why not, and what to do."""
 
 
 class TrajectoryMode:
@@ -53,7 +53,7 @@ class TrajectoryMode:
     """
 
     def __init__(
-        self, servos: Servos, errors: ErrorRegister, blocked: Callable[[], Refusal | None]
+        self, servos: Servos, errors: ErrorRegister, blocked: Callable[[], Rejection | None]
     ) -> None:
         self._servos = servos
         self._errors = errors
@@ -61,7 +61,7 @@ class TrajectoryMode:
         self._on = False
 
     def missing(self) -> NotReady | None:
-        """Return what is missing for motion, or None."""
+        """Return the first thing that motion lacks, or None."""
         condition = self._servos.condition
         blocked = self._blocked()
         ready = condition.motors is Motors.ON and condition.tasks is Tasks.RUNNING
@@ -95,7 +95,7 @@ class TrajectoryMode:
                 self._servos.apply(Event.RESET)
             if self._servos.condition.motors is not Motors.ON:
                 self._servos.apply(Event.MOTORS_ON)
-        except RefusedError as error:
+        except RejectedError as error:
             _log.warning('START_TRAJ_MODE: %s', error)
             return self.missing()
         self._on = True

@@ -12,14 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.sim_controller.programs.points import angles_refusal
+from epson_driver.sim_controller.programs.points import angles_rejection
 from epson_driver.simple_message import JointTrajPtFull, ValidFields
 from epson_driver.simple_message.motoman import Invalid
 
 REQUIRED = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
 """What every point must carry."""
 
-LONGEST = 4 * 3600.0
+MAX_TIME_S = 4 * 3600.0
 """Time from which on a point is refused, s: float32 is too coarse for longer trajectories."""
 
 START_TOLERANCE = 5e-4
@@ -30,25 +30,27 @@ its version. This is 30 pulses, for every joint of every robot.
 """
 
 
-class Wrong(NamedTuple):
+class InvalidReason(NamedTuple):
     """Why a point is INVALID: the subcode for the client, a sentence for people."""
 
     subcode: Invalid
     sentence: str
 
 
-def form_wrong(point: JointTrajPtFull) -> Wrong | None:
+def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
     """Return what is wrong with the point by itself, or None. Unused joints count too."""
     if point.robot_id != 0:
-        return Wrong(Invalid.GROUPNO, f'robot_id = {point.robot_id}: there is only group 0')
+        return InvalidReason(
+            Invalid.GROUPNO, f'robot_id = {point.robot_id}: there is only group 0'
+        )
     missing = REQUIRED & ~point.valid_fields
     if missing:
         names = ', '.join(str(field.name).lower() for field in REQUIRED if field & missing)
         sentence = f'valid_fields = {point.valid_fields}: without {names}'
-        return Wrong(Invalid.DATA_INSUFFICIENT, sentence)
-    if not 0.0 <= point.time < LONGEST:
-        sentence = f'time = {point.time:g} s: must be from 0 to below {LONGEST:g} s'
-        return Wrong(Invalid.DATA_TIME, sentence)
+        return InvalidReason(Invalid.DATA_INSUFFICIENT, sentence)
+    if not 0.0 <= point.time < MAX_TIME_S:
+        sentence = f'time = {point.time:g} s: must be from 0 to below {MAX_TIME_S:g} s'
+        return InvalidReason(Invalid.DATA_TIME, sentence)
     fields = [
         ('positions', point.positions, Invalid.DATA_POSITION),
         ('velocities', point.velocities, Invalid.DATA_SPEED),
@@ -58,11 +60,13 @@ def form_wrong(point: JointTrajPtFull) -> Wrong | None:
     for name, values, subcode in fields:
         for index, value in enumerate(values):
             if not np.isfinite(value):
-                return Wrong(subcode, f'{name}[{index}] = {value} is not finite')
+                return InvalidReason(subcode, f'{name}[{index}] = {value} is not finite')
     return None
 
 
-def start_wrong(point: JointTrajPtFull, position: Array, limits: JointLimits) -> Wrong | None:
+def invalid_start(
+    point: JointTrajPtFull, position: Array, limits: JointLimits
+) -> InvalidReason | None:
     """Return what is wrong with point 0 of an arm that stands at `position`, shape (n,), rad."""
     off = np.abs(np.array(point.positions[: len(position)]) - position)
     joint = int(np.argmax(off))
@@ -72,22 +76,24 @@ def start_wrong(point: JointTrajPtFull, position: Array, limits: JointLimits) ->
             f'{limits.names[joint]} = {point.positions[joint]:.7g} {unit}, but it stands at '
             f'{position[joint]:.7g} {unit}, more than {START_TOLERANCE:g} {unit} away'
         )
-        return Wrong(Invalid.DATA_START_POS, sentence)
-    return _speed_wrong(point, limits)
+        return InvalidReason(Invalid.DATA_START_POS, sentence)
+    return _invalid_speed(point, limits)
 
 
-def next_wrong(point: JointTrajPtFull, before: float, limits: JointLimits) -> Wrong | None:
+def invalid_next(
+    point: JointTrajPtFull, before: float, limits: JointLimits
+) -> InvalidReason | None:
     """Return what is wrong with a point that follows one of the time `before`, s, or None."""
     if point.time <= before:
         sentence = f'time = {point.time:g} s: must be after {before:g} s, the point before'
-        return Wrong(Invalid.DATA_TIME, sentence)
-    refusal = angles_refusal(np.array(point.positions[: len(limits.names)]), limits)
-    if refusal is not None:
-        return Wrong(Invalid.DATA_POSITION, refusal.sentence)
-    return _speed_wrong(point, limits)
+        return InvalidReason(Invalid.DATA_TIME, sentence)
+    rejection = angles_rejection(np.array(point.positions[: len(limits.names)]), limits)
+    if rejection is not None:
+        return InvalidReason(Invalid.DATA_POSITION, rejection.sentence)
+    return _invalid_speed(point, limits)
 
 
-def _speed_wrong(point: JointTrajPtFull, limits: JointLimits) -> Wrong | None:
+def _invalid_speed(point: JointTrajPtFull, limits: JointLimits) -> InvalidReason | None:
     speeds = np.abs(np.array(point.velocities[: len(limits.names)]))
     # A limit that was rounded to float32 on its way is still allowed.
     above = speeds > np.maximum(limits.velocity, limits.velocity.astype(np.float32))
@@ -99,4 +105,4 @@ def _speed_wrong(point: JointTrajPtFull, limits: JointLimits) -> Wrong | None:
         f'{limits.names[joint]}: {point.velocities[joint]:.7g} {unit}/s is above the limit, '
         f'{limits.velocity[joint]:.7g} {unit}/s'
     )
-    return Wrong(Invalid.DATA_SPEED, sentence)
+    return InvalidReason(Invalid.DATA_SPEED, sentence)

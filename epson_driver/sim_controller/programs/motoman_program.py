@@ -37,13 +37,15 @@ from collections.abc import Callable
 import numpy as np
 
 from epson_driver.sim_controller.arm.executor import Executor, Point
-from epson_driver.sim_controller.errors import ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorRegister, Rejection
+from epson_driver.sim_controller.condition.states import Event, Fault, RejectedError
+from epson_driver.sim_controller.ports.requests import answer
 from epson_driver.sim_controller.programs.motoman_mode import Servos, TrajectoryMode
 from epson_driver.sim_controller.programs.motoman_points import (
-    Wrong,
-    form_wrong,
-    next_wrong,
-    start_wrong,
+    InvalidReason,
+    invalid_form,
+    invalid_next,
+    invalid_start,
 )
 from epson_driver.sim_controller.programs.motoman_replies import (
     invalid,
@@ -52,8 +54,6 @@ from epson_driver.sim_controller.programs.motoman_replies import (
     unreadable,
 )
 from epson_driver.sim_controller.programs.points import clipped
-from epson_driver.sim_controller.requests import answer
-from epson_driver.sim_controller.states import Event, Fault, RefusedError
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -92,7 +92,7 @@ class MotomanProgram:
         arm: Executor,
         pending_limit: int,
         errors: ErrorRegister,
-        blocked: Callable[[], Refusal | None],
+        blocked: Callable[[], Rejection | None],
         send: Callable[[Packet], None],
         began: Callable[[], None],
         servos: Servos,
@@ -132,7 +132,7 @@ class MotomanProgram:
         try:
             packet = decode(frame)
         except (HeaderError, BodyError) as error:
-            self._refuse_corrupt(frame, error)
+            self._reject_corrupt(frame, error)
             return
         if packet.comm_type is CommType.SERVICE_REPLY:
             return
@@ -144,7 +144,7 @@ class MotomanProgram:
             self._answer(self._obey(packet))
 
     def step(self, dt: float) -> None:
-        """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
+        """Let `dt` s pass for the arm, see `Program.step`."""
         left: float | None = dt
         while left is not None:
             left = self._arm.step(left)
@@ -174,12 +174,12 @@ class MotomanProgram:
         message, done = packet.message, success(packet)
         if not isinstance(message, MotionCtrl | JointTrajPtFull):
             sentence = f'message type {packet.msg_type} is none of this program'
-            return invalid(done, Wrong(Invalid.MSGTYPE, sentence))
+            return invalid(done, InvalidReason(Invalid.MSGTYPE, sentence))
         if packet.comm_type is not CommType.SERVICE_REQUEST:
             sentence = f'it must be a request, not a {packet.comm_type.name.lower()}'
-            return invalid(done, Wrong(Invalid.MSGHEADER, sentence))
+            return invalid(done, InvalidReason(Invalid.MSGHEADER, sentence))
         if packet.dialect.real is not Real.FLOAT32:
-            return invalid(done, Wrong(Invalid.MSGSIZE, 'its reals must be float32'))
+            return invalid(done, InvalidReason(Invalid.MSGSIZE, 'its reals must be float32'))
         if isinstance(message, MotionCtrl):
             return self._commands.get(message.command, _unknown)(done)
         return self._receive_point(message, done)
@@ -190,37 +190,37 @@ class MotomanProgram:
         missing = self._mode.missing()
         if missing is not None:
             return outcome(done, Result.NOT_READY, missing)
-        wrong = form_wrong(point) or self._sequence_wrong(point.sequence)
-        if wrong is not None:
-            return invalid(done, wrong)
+        reason = invalid_form(point) or self._invalid_sequence(point.sequence)
+        if reason is not None:
+            return invalid(done, reason)
         if point.sequence == 0 or self._last is None:
             return self._begin(point, done)
         if not self._arm.has_room and len(self._waiting) >= self._pending_limit:
             return outcome(done, Result.BUSY)
         return self._go_on(point, self._last[1], done)
 
-    def _sequence_wrong(self, sequence: int) -> Wrong | None:
+    def _invalid_sequence(self, sequence: int) -> InvalidReason | None:
         following = None if self._last is None else self._last[0] + 1
         if sequence in (0, following):
             return None
         expected = '0' if following is None else f'{following}, or 0 for a new trajectory'
-        return Wrong(Invalid.SEQUENCE, f'sequence = {sequence}: must be {expected}')
+        return InvalidReason(Invalid.SEQUENCE, f'sequence = {sequence}: must be {expected}')
 
     def _begin(self, point: JointTrajPtFull, done: MotionReply) -> MotionReply:
         if self._arm.moving:
-            return invalid(done, Wrong(Invalid.DATA_START_POS, 'the arm still moves'))
-        wrong = start_wrong(point, self._arm.position, self._arm.limits)
-        if wrong is not None:
-            return invalid(done, wrong)
+            return invalid(done, InvalidReason(Invalid.DATA_START_POS, 'the arm still moves'))
+        reason = invalid_start(point, self._arm.position, self._arm.limits)
+        if reason is not None:
+            return invalid(done, reason)
         self._last = (0, point.time)
         self._began()
         return done
 
     def _go_on(self, point: JointTrajPtFull, before: float, done: MotionReply) -> MotionReply:
         limits = self._arm.limits
-        wrong = next_wrong(point, before, limits)
-        if wrong is not None:
-            return invalid(done, wrong)
+        reason = invalid_next(point, before, limits)
+        if reason is not None:
+            return invalid(done, reason)
         self._last = (point.sequence, point.time)
         target = clipped(np.array(point.positions[: len(limits.names)]), limits)
         self._waiting.append(Point(point.sequence, target, 0.0, point.time - before))
@@ -285,20 +285,20 @@ class MotomanProgram:
     def _apply(self, event: Event, done: MotionReply) -> MotionReply:
         try:
             self._servos.apply(event)
-        except RefusedError as error:
+        except RejectedError as error:
             _log.warning('%s: %s', Command(done.command).name, error)
             return outcome(done, Result.FAILURE)
         return done
 
     # Replies.
 
-    def _refuse_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
+    def _reject_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
         if frame.comm_type == CommType.SERVICE_REPLY:
             return
         subcode = Invalid.MSGSIZE
         if isinstance(error, HeaderError):
             subcode = Invalid.MSGTYPE if error.field == 'msg_type' else Invalid.MSGHEADER
-        self._answer(invalid(unreadable(frame.msg_type), Wrong(subcode, str(error))))
+        self._answer(invalid(unreadable(frame.msg_type), InvalidReason(subcode, str(error))))
 
     def _answer(self, response: MotionReply | None) -> None:
         if response is not None:
@@ -306,4 +306,4 @@ class MotomanProgram:
 
 
 def _unknown(done: MotionReply) -> MotionReply:
-    return invalid(done, Wrong(Invalid.COMMAND, f'command = {done.command} is not known'))
+    return invalid(done, InvalidReason(Invalid.COMMAND, f'command = {done.command} is not known'))

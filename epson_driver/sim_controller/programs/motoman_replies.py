@@ -4,7 +4,7 @@
 
 import logging
 
-from epson_driver.sim_controller.programs.motoman_points import Wrong
+from epson_driver.sim_controller.programs.motoman_points import InvalidReason
 from epson_driver.simple_message import JointTrajPtFull, MotionCtrl, MotionReply, Packet
 from epson_driver.simple_message.motoman import Result
 
@@ -34,8 +34,8 @@ def outcome(reply: MotionReply, result: Result, subcode: int = 0) -> MotionReply
     return MotionReply(reply.robot_id, reply.sequence, reply.command, result, subcode)
 
 
-def invalid(reply: MotionReply, wrong: Wrong) -> MotionReply:
+def invalid(reply: MotionReply, reason: InvalidReason) -> MotionReply:
     """Return the reply with the result INVALID, and log why."""
-    name = wrong.subcode.name
-    _log.warning('refused (%d, INVALID %s): %s', wrong.subcode, name, wrong.sentence)
-    return outcome(reply, Result.INVALID, wrong.subcode)
+    name = reason.subcode.name
+    _log.warning('refused (%d, INVALID %s): %s', reason.subcode, name, reason.sentence)
+    return outcome(reply, Result.INVALID, reason.subcode)

@@ -8,27 +8,27 @@ from dataclasses import dataclass
 
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock, Timer
-from epson_driver.sim_controller.errors import Refusal
+from epson_driver.sim_controller.condition.errors import Rejection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """One thing that is done in its turn.
+    """A point for the arm, or only a reply to send; each is done in its turn.
 
     The arm goes to `point`; None: there is only something to answer. `reply_to` is the sequence of
     the request to answer; None: it was no request. `begins`: a trajectory begins with the point.
-    `refusal`: the point is never executed, and the motion ends for that reason. Its turn does not
-    come before the controller's time `ready_at`, s.
+    `rejection`: the point is never executed, and the motion ends for that reason. Its turn does
+    not come before the controller's time `ready_at`, s.
     """
 
     point: Point | None = None
     reply_to: int | None = None
     begins: bool = False
-    refusal: Refusal | None = None
+    rejection: Rejection | None = None
     ready_at: float = 0.0
 
 
-TICK = 1e-9
+ROUNDING_S = 1e-9
 """Differences in time that rounding makes, s."""
 
 
@@ -47,7 +47,7 @@ class PointQueue:
         clock: Clock,
         answers_early: bool,
         answered: Callable[[Entry], None],
-        failed: Callable[[Refusal], None],
+        failed: Callable[[Rejection], None],
         began: Callable[[], None],
     ) -> None:
         self._arm = arm
@@ -66,7 +66,7 @@ class PointQueue:
         return len(self._waiting)
 
     def append(self, entry: Entry) -> None:
-        """Let an entry wait for its turn, which `advance` gives it."""
+        """Queue an entry; `advance` begins it in its turn."""
         self._waiting.append(entry)
 
     def flush(self) -> tuple[list[Entry], bool]:
@@ -79,7 +79,10 @@ class PointQueue:
         return entries, lost
 
     def step(self, dt: float) -> None:
-        """Let `dt` s pass: the arm moves on, and from point to point without a pause."""
+        """Let `dt` s pass, see `Program.step`.
+
+        The arm returns what is left of it when a point is done; `advance` gives it the next.
+        """
         left: float | None = dt
         while left is not None:
             left = self._arm.step(left)
@@ -107,8 +110,8 @@ class PointQueue:
         return room and self._is_ready(entry.ready_at)
 
     def _is_ready(self, ready_at: float) -> bool:
-        """Return whether it is that time; if not, `advance` will be called then."""
-        if ready_at <= self._clock.now + TICK:
+        """Return whether it is that time; if not, have `advance` called then."""
+        if ready_at <= self._clock.now + ROUNDING_S:
             return True
         timer = self._timer
         if timer is None or timer.action is None or timer.due > ready_at:
@@ -122,7 +125,7 @@ class PointQueue:
         self._current = entry
         if entry.point is None:
             return
-        if entry.refusal is not None:
+        if entry.rejection is not None:
             if self._answers_early:
                 self._answered(entry)
             return
@@ -133,13 +136,13 @@ class PointQueue:
         self._arm.take(entry.point)
 
     def _done(self, entry: Entry) -> bool:
-        if entry.refusal is not None:
+        if entry.rejection is not None:
             return not self._arm.moving
         return entry.point is None or self._arm.done
 
     def _finish(self, entry: Entry) -> None:
-        if entry.refusal is not None:
-            self._failed(entry.refusal)
+        if entry.rejection is not None:
+            self._failed(entry.rejection)
             return
         self._current = None
         self._answered(entry)

@@ -5,7 +5,7 @@
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.sim_controller.errors import ErrorNumber, Refusal, corrupt
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection, corrupt
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -17,10 +17,10 @@ from epson_driver.simple_message import (
 )
 from epson_driver.simple_message.framer import HEADER_SIZE
 
-SLOWEST = 1e-6
+MIN_VELOCITY = 1e-6
 """Smallest velocity field obeyed: below it a move would take days. 0 means: none given."""
 
-LONGEST = 86_400.0
+MAX_DURATION_S = 86_400.0
 """Longest duration field obeyed, s: a day."""
 
 
@@ -34,15 +34,15 @@ FIELDS_USED = {
 }
 """Which fields of a point count, besides the joints, by the profile's word for it."""
 
-POINT_LENGTH = 64
+POINT_LENGTH_BYTES = 64
 """The length prefix of a JOINT_TRAJ_PT."""
 
 
 def frame_fault(frame: Frame) -> str | None:
     """Return what is wrong with a frame for a program that knows JOINT_TRAJ_PT only, or None."""
     length = HEADER_SIZE + len(frame.body)
-    if length != POINT_LENGTH:
-        return f'length = {length}: must be {POINT_LENGTH}'
+    if length != POINT_LENGTH_BYTES:
+        return f'length = {length}: must be {POINT_LENGTH_BYTES}'
     for name, value, right in (
         ('msg_type', frame.msg_type, MessageType.JOINT_TRAJ_PT),
         ('comm_type', frame.comm_type, CommType.SERVICE_REQUEST),
@@ -53,7 +53,7 @@ def frame_fault(frame: Frame) -> str | None:
     return None
 
 
-def numbers_refusal(point: JointTrajPt, used: frozenset[str] = BOTH) -> Refusal | None:
+def numbers_rejection(point: JointTrajPt, used: frozenset[str] = BOTH) -> Rejection | None:
     """Return why the point's numbers make no sense, or None. Unused joints count too.
 
     `used`: which of velocity and duration are looked at.
@@ -62,35 +62,38 @@ def numbers_refusal(point: JointTrajPt, used: frozenset[str] = BOTH) -> Refusal 
         if not np.isfinite(angle):
             return corrupt(f'joints[{index}] = {angle} is not finite')
     for name in ('velocity', 'duration'):
-        if name in used and (refusal := _number_refusal(name, getattr(point, name))) is not None:
-            return refusal
+        if (
+            name in used
+            and (rejection := _number_rejection(name, getattr(point, name))) is not None
+        ):
+            return rejection
     return None
 
 
-def _number_refusal(name: str, value: float) -> Refusal | None:
+def _number_rejection(name: str, value: float) -> Rejection | None:
     if not np.isfinite(value):
         return corrupt(f'{name} = {value} is not finite')
     if value < 0.0:
         return corrupt(f'{name} = {value:g} is negative')
     if name == 'duration':
-        if value > LONGEST:
-            return corrupt(f'duration = {value:g} s is above {LONGEST:g} s')
+        if value > MAX_DURATION_S:
+            return corrupt(f'duration = {value:g} s is above {MAX_DURATION_S:g} s')
     elif value > 1.0:
         return corrupt(f'velocity = {value:g} is above 1, the fraction of the maximum joint speed')
-    elif 0.0 < value < SLOWEST:
-        return corrupt(f'velocity = {value:g} is below {SLOWEST:g}')
+    elif 0.0 < value < MIN_VELOCITY:
+        return corrupt(f'velocity = {value:g} is below {MIN_VELOCITY:g}')
     return None
 
 
-def limits_refusal(point: JointTrajPt, limits: JointLimits) -> Refusal | None:
+def limits_rejection(point: JointTrajPt, limits: JointLimits) -> Rejection | None:
     """Return which joint of the point is outside its limits, or None.
 
     A limit that was rounded to float32 on its way is still inside.
     """
-    return angles_refusal(np.array(point.joints[: len(limits.names)]), limits)
+    return angles_rejection(np.array(point.joints[: len(limits.names)]), limits)
 
 
-def angles_refusal(angles: Array, limits: JointLimits) -> Refusal | None:
+def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
     """Return which of the angles, shape (n,), rad, is outside its limits, or None."""
     low, high = limits.position_min, limits.position_max
     inside = (angles >= np.minimum(low, low.astype(np.float32))) & (
@@ -103,7 +106,7 @@ def angles_refusal(angles: Array, limits: JointLimits) -> Refusal | None:
         f'{limits.names[joint]} = {angles[joint]:.7g} {limits.units[joint]} is outside the limits '
         f'{low[joint]:.7g} … {high[joint]:.7g} {limits.units[joint]}'
     )
-    return Refusal(ErrorNumber.OUT_OF_RANGE, sentence)
+    return Rejection(ErrorNumber.OUT_OF_RANGE, sentence)
 
 
 def target_of(point: JointTrajPt, limits: JointLimits) -> Array:

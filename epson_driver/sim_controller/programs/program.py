@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a program on the motion port is to the controller: `MotionProgram`, or Motoman's."""
+"""The interface of a program on the motion port: `MotionProgram`, or `MotomanProgram`."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -26,7 +26,11 @@ class Program(Protocol):
         """Obey, queue or refuse one frame. May raise ProgramQuit; the arm brakes then."""
 
     def step(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass: the arm moves on, and from point to point without a pause."""
+        """Let `dt` ≥ 0 s pass for the executor, which the program feeds.
+
+        Where a point is done within `dt`, the program answers it and gives the next one, which has
+        the rest of the time: from point to point without a pause, however long the steps are.
+        """
 
     def abort(self) -> None:
         """Brake, and answer all points that are not answered yet with FAILURE."""

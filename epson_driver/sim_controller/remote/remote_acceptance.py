@@ -6,15 +6,13 @@ The conditions are those of the RC+ user's guide, Remote Ethernet, "input accept
 """
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.errors import TEXTS
+from epson_driver.sim_controller.condition.errors import TEXTS
+from epson_driver.sim_controller.condition.states import EStop, Event, RejectedError, Tasks, after
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
-from epson_driver.sim_controller.states import EStop, Event, RefusedError, Tasks, after
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 
 class CommandError(Exception):
@@ -25,51 +23,51 @@ class CommandError(Exception):
         self.number = number
 
 
-class Need(NamedTuple):
-    """Something that must be so; `sentence` says what is in the way if it is not."""
+class Requirement(NamedTuple):
+    """A condition for a command; `sentence` says what is in the way if it does not hold."""
 
     text: str
     holds: Predicate
-    sentence: Callable[['Controller'], str]
+    sentence: Callable[[ControllerInterface], str]
 
 
-def _is(flag: str, sentence: Callable[['Controller'], str]) -> Need:
-    return Need(flag, FLAGS[flag], sentence)
+def _is(flag: str, sentence: Callable[[ControllerInterface], str]) -> Requirement:
+    return Requirement(flag, FLAGS[flag], sentence)
 
 
-def _no(flag: str, sentence: Callable[['Controller'], str]) -> Need:
-    return Need(f'no {flag}', lambda controller: not FLAGS[flag](controller), sentence)
+def _no(flag: str, sentence: Callable[[ControllerInterface], str]) -> Requirement:
+    return Requirement(f'no {flag}', lambda controller: not FLAGS[flag](controller), sentence)
 
 
-def _not_ready(controller: 'Controller') -> str:
+def _not_ready(controller: ControllerInterface) -> str:
     if not controller.condition.paused:
         return 'the arm still moves: try again when it stands'
     first = 'close the door and ' if FLAGS['Safeguard'](controller) else ''
     return f'the tasks are paused: {first}continue, or stop, first'
 
 
-def _not_paused(controller: 'Controller') -> str:
+def _not_paused(controller: ControllerInterface) -> str:
     tasks = controller.condition.tasks
     return 'nothing is paused' if tasks is Tasks.RUNNING else f'the tasks are {tasks.value}'
 
 
-def _in_error(controller: 'Controller') -> str:
+def _in_error(controller: ControllerInterface) -> str:
     number = controller.error_number
     way = 'boot the controller again' if FLAGS['SError'](controller) else 'reset first'
     return f'there is error {number:04d} ({TEXTS.get(number, "see the manual")}): {way}'
 
 
-def _estopped(controller: 'Controller') -> str:
+def _estopped(controller: ControllerInterface) -> str:
     if controller.condition.estop is EStop.PRESSED:
         return 'the E-stop is pressed: release the E-stop, then reset'
     return 'the E-stop is released but not reset: reset'
 
 
-def _tasks_run(controller: 'Controller') -> bool:
+def _tasks_run(controller: ControllerInterface) -> bool:
     return controller.condition.tasks in (Tasks.RUNNING, Tasks.RECOVERING)
 
 
-def _no_tasks(controller: 'Controller') -> str:
+def _no_tasks(controller: ControllerInterface) -> str:
     return f'the tasks are {controller.condition.tasks.value}: there is nothing to pause'
 
 
@@ -79,13 +77,15 @@ PAUSED = _is('Paused', _not_paused)
 NO_ESTOP = _no('EStop', _estopped)
 NO_SAFEGUARD = _no('Safeguard', lambda _: 'the safeguard door is open: close it first')
 NO_ERROR = _no('Error', _in_error)
-TASKS_RUN = Need('tasks run', _tasks_run, _no_tasks)
+TASKS_RUN = Requirement('tasks run', _tasks_run, _no_tasks)
 
 
-def check(controller: 'Controller', needs: Iterable[Need], event: Event | None) -> None:
-    """Raise RefusedError if the controller does not accept a command that does `event` now."""
-    for need in needs:
-        if not need.holds(controller):
-            raise RefusedError(need.sentence(controller))
+def check(
+    controller: ControllerInterface, requirements: Iterable[Requirement], event: Event | None
+) -> None:
+    """Raise RejectedError if the controller does not accept a command that does `event` now."""
+    for requirement in requirements:
+        if not requirement.holds(controller):
+            raise RejectedError(requirement.sentence(controller))
     if event is not None:
         after(controller.condition, event)

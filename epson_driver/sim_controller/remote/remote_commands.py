@@ -11,12 +11,13 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.io.io_points import BYTE, WORD, IoError
-from epson_driver.sim_controller.remote import remote_acceptance as needs
-from epson_driver.sim_controller.remote.remote_acceptance import CommandError, Need, check
+from epson_driver.sim_controller.condition.states import Event, Power, RejectedError
+from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
+from epson_driver.sim_controller.remote import remote_acceptance as requirements
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
+from epson_driver.sim_controller.remote.remote_acceptance import CommandError, Requirement, check
 from epson_driver.sim_controller.remote.remote_parameters import (
     expect,
     hexadecimal,
@@ -29,15 +30,11 @@ from epson_driver.sim_controller.remote.sim_commands import simulate
 from epson_driver.sim_controller.remote.spel_functions import error_text
 from epson_driver.sim_controller.remote.spel_statements import NO_MOTION, execute
 from epson_driver.sim_controller.remote.status_words import flags
-from epson_driver.sim_controller.states import Event, Power, RefusedError
 from epson_driver.simple_message import IoType
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 _log = logging.getLogger(__name__)
 
-_LAST_ADDRESS = 65_535
+_MAX_ADDRESS = 65_535
 _SIX_AXIS, _JOINT_ROBOT = 5, 1
 """Robot types of GetRobotInfo."""
 
@@ -47,9 +44,9 @@ _SIMULATED = 'simulated'
 
 @dataclass(slots=True)
 class Dialogue:
-    """What is known of one remote client. `why` explains the last command that was refused."""
+    """The state of one client's session. `why` explains the last command that was rejected."""
 
-    controller: 'Controller'
+    controller: ControllerInterface
     logged_in: bool = False
     why: str = ''
 
@@ -67,7 +64,7 @@ class Command:
 
     usage: str
     text: str
-    needs: tuple[Need, ...]
+    requirements: tuple[Requirement, ...]
     run: Run
     event: Event | None = None
     whole: bool = False
@@ -81,8 +78,8 @@ def answer(dialogue: Dialogue, line: str) -> str:
         return f'#{name},{_obey(dialogue, line, name, rest if comma else None)}'
     except CommandError as error:
         number, dialogue.why = error.number, str(error)
-    except RefusedError as refusal:
-        number, dialogue.why = RemoteErrorNumber.NOT_READY, str(refusal)
+    except RejectedError as rejection:
+        number, dialogue.why = RemoteErrorNumber.NOT_READY, str(rejection)
     _log.warning('remote command %s refused (%d): %s', name, number, dialogue.why)
     return f'!{name},{number:d}'
 
@@ -101,7 +98,7 @@ def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
     value = None
     if command.event is not None:
         command.run(dialogue, parameters)
-    check(dialogue.controller, command.needs, command.event)
+    check(dialogue.controller, command.requirements, command.event)
     if command.event is not None:
         dialogue.controller.apply(command.event)
     else:
@@ -147,13 +144,13 @@ def _get_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> str:
 def _home(dialogue: Dialogue, parameters: list[str]) -> None:
     robot(parameters)
     if dialogue.controller.spel.home is None:
-        raise RefusedError('no home position is defined: HomeSet')
-    raise RefusedError(f'Home: {NO_MOTION}')
+        raise RejectedError('no home position is defined: HomeSet')
+    raise RejectedError(f'Home: {NO_MOTION}')
 
 
 def _get_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[str]) -> str:
     expect(parameters, 1)
-    index = whole('address', parameters[0], 0, _LAST_ADDRESS)
+    index = whole('address', parameters[0], 0, _MAX_ADDRESS)
     try:
         value = dialogue.controller.io.read_port(io_type, index, width)
     except IoError as error:
@@ -163,7 +160,7 @@ def _get_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[st
 
 def _set_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[str]) -> None:
     expect(parameters, 2)
-    index = whole('address', parameters[0], 0, _LAST_ADDRESS)
+    index = whole('address', parameters[0], 0, _MAX_ADDRESS)
     text = parameters[1]
     value = switch('value', text) if width == 1 else hexadecimal('value', text, 2**width - 1)
     try:
@@ -246,19 +243,25 @@ def _sim(dialogue: Dialogue, parameters: list[str]) -> str | None:
     return simulate(dialogue.controller, parameters)
 
 
-_FREE: tuple[Need, ...] = ()
-_AUTO = (needs.AUTO,)
-_IDLE = (needs.AUTO, needs.READY)
-_SAFE = (needs.AUTO, needs.NO_ESTOP, needs.NO_SAFEGUARD, needs.READY)
-_SOUND = (needs.AUTO, needs.NO_ESTOP, needs.NO_SAFEGUARD, needs.NO_ERROR, needs.READY)
-"""What must be so; the first that is not is told."""
+_FREE: tuple[Requirement, ...] = ()
+_AUTO = (requirements.AUTO,)
+_IDLE = (requirements.AUTO, requirements.READY)
+_SAFE = (requirements.AUTO, requirements.NO_ESTOP, requirements.NO_SAFEGUARD, requirements.READY)
+_SOUND = (
+    requirements.AUTO,
+    requirements.NO_ESTOP,
+    requirements.NO_SAFEGUARD,
+    requirements.NO_ERROR,
+    requirements.READY,
+)
+"""Requirements of commands; the first that does not hold is told."""
 
 
 _SPACES = {
     'IO': (IoType.DIGITAL_INPUT, 'input', IoType.DIGITAL_OUTPUT, 'output'),
     'MemIO': (IoType.FLAG, 'memory', IoType.FLAG, 'memory'),
 }
-_SIZES = {'': (1, 'bit'), 'Byte': (BYTE, 'port'), 'Word': (WORD, 'word')}
+_SIZES = {'': (1, 'bit'), 'Byte': (BYTE_BITS, 'port'), 'Word': (WORD_BITS, 'word')}
 _SET_WHEN_READY = ('SetIO', 'SetIOByte')
 """The others that set something need AUTO as well."""
 
@@ -275,7 +278,7 @@ def _io_commands() -> dict[str, Command]:
             rows[name] = Command(
                 f'{address},value',
                 f'set {target} {address}',
-                (needs.READY,) if name in _SET_WHEN_READY else _IDLE,
+                (requirements.READY,) if name in _SET_WHEN_READY else _IDLE,
                 partial(_set_io, writable, width),
             )
     return rows
@@ -286,8 +289,8 @@ COMMANDS: dict[str, Command] = {
     'Logout': Command('', 'end', _FREE, _logout),
     'Start': Command('0', 'start the tasks', _SOUND, _start, Event.START),
     'Stop': Command('', 'stop the tasks', _AUTO, _plain, Event.STOP),
-    'Pause': Command('', 'pause the tasks', (*_AUTO, needs.TASKS_RUN), _plain, Event.PAUSE),
-    'Continue': Command('', 'go on', (*_AUTO, needs.PAUSED), _plain, Event.CONTINUE),
+    'Pause': Command('', 'pause the tasks', (*_AUTO, requirements.TASKS_RUN), _plain, Event.PAUSE),
+    'Continue': Command('', 'go on', (*_AUTO, requirements.PAUSED), _plain, Event.CONTINUE),
     'Reset': Command('', 'clear E-stop and error', _IDLE, _plain, Event.RESET),
     'SetMotorsOn': Command('robot', 'motors on', _SAFE, _robot, Event.MOTORS_ON),
     'SetMotorsOff': Command('robot', 'motors off', _AUTO, _robot, Event.MOTORS_OFF),

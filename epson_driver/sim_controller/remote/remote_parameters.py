@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 
-_LONGEST = 20
-"""More characters than any number here needs."""
+_MAX_CHARACTERS = 20
+"""A number with more characters is rejected; none here needs so many."""
 
 
 def expect(parameters: Sequence[str], least: int, most: int | None = None) -> None:
@@ -29,7 +29,7 @@ def wrong(name: str, value: object, rule: str) -> CommandError:
 def whole(name: str, text: str, low: int, high: int) -> int:
     """Read a whole decimal number from `low` to `high`. Raises CommandError (parameter)."""
     digits = text.removeprefix('-')
-    if digits.isascii() and digits.isdecimal() and len(text) <= _LONGEST:
+    if digits.isascii() and digits.isdecimal() and len(text) <= _MAX_CHARACTERS:
         value = int(text)
         if low <= value <= high:
             return value
@@ -38,7 +38,7 @@ def whole(name: str, text: str, low: int, high: int) -> int:
 
 def hexadecimal(name: str, text: str, high: int) -> int:
     """Read a hexadecimal number from 0 to `high`. Raises CommandError (parameter)."""
-    if text and len(text) <= _LONGEST and not set(text.lower()) - set('0123456789abcdef'):
+    if text and len(text) <= _MAX_CHARACTERS and not set(text.lower()) - set('0123456789abcdef'):
         value = int(text, 16)
         if value <= high:
             return value
@@ -48,7 +48,7 @@ def hexadecimal(name: str, text: str, high: int) -> int:
 def real(name: str, text: str, low: float, high: float) -> float:
     """Read a number from `low` to `high`. Raises CommandError (parameter)."""
     try:
-        value = float(text) if len(text) <= _LONGEST and '_' not in text else math.nan
+        value = float(text) if len(text) <= _MAX_CHARACTERS and '_' not in text else math.nan
     except ValueError:
         value = math.nan
     if not low <= value <= high:

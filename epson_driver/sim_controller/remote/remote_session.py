@@ -8,23 +8,20 @@ hung up on, as a real controller does.
 
 import logging
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.clock import Clock, Timer
+from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_commands import Dialogue, answer
-from epson_driver.sim_controller.session import Send
 
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.clock import Timer
-    from epson_driver.sim_controller.core import Controller
-
-LINE_LIMIT = 256
+MAX_LINE_CHARACTERS = 256
 """Characters of a line without its end; one more, and the client is hung up on."""
 
-LOGIN_TIME = 300.0
+LOGIN_TIMEOUT_S = 300.0
 """How long a client may be connected without logging in, s."""
 
-_ROUNDING = 1e-6  # s
+_ROUNDING_S = 1e-6  # s
 _CR, _LF = b'\r'[0], b'\n'[0]
 
 _log = logging.getLogger(__name__)
@@ -33,9 +30,15 @@ _log = logging.getLogger(__name__)
 class RemoteSession:
     """Serves one remote client, with a login of its own. There may be several."""
 
-    def __init__(self, controller: 'Controller', send: Send, hang_up: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        controller: ControllerInterface,
+        clock: Clock,
+        send: Send,
+        hang_up: Callable[[], None],
+    ) -> None:
         self._dialogue = Dialogue(controller)
-        self._clock = controller.clock
+        self._clock = clock
         self._timeout = controller.profile.remote.session_timeout
         self._send = send
         self._hang_up = hang_up
@@ -65,14 +68,14 @@ class RemoteSession:
             if byte in (_CR, _LF):
                 if not (byte == _LF and after_cr):
                     self._answer()
-            elif len(self._line) < LINE_LIMIT:
+            elif len(self._line) < MAX_LINE_CHARACTERS:
                 self._line.append(byte)
             else:
                 self._send(b'!,%d\r\n' % RemoteErrorNumber.FORMAT)
-                self._end(f'a line of more than {LINE_LIMIT} characters')
+                self._end(f'a line of more than {MAX_LINE_CHARACTERS} characters')
 
     def closed(self) -> None:
-        """Take note that the client is gone."""
+        """The client is gone: send nothing any more."""
         self._open = False
         self._line.clear()
         if self._timer is not None:
@@ -92,11 +95,11 @@ class RemoteSession:
 
     @property
     def _patience(self) -> float:
-        """How long the client may say nothing, s; 0: for ever."""
-        return self._timeout if self._dialogue.logged_in else LOGIN_TIME
+        """How long the client may be silent, s; 0: for ever."""
+        return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
     def _watch(self) -> None:
-        """Look when the client may have said nothing for too long.
+        """Set the timer that hangs up on a client that says nothing for too long.
 
         A timer that is there and not too late stays: there are few, whatever the client says.
         """
@@ -109,7 +112,7 @@ class RemoteSession:
 
     def _look(self) -> None:
         self._timer = None
-        if self._patience and self._clock.now >= self._heard + self._patience - _ROUNDING:
+        if self._patience and self._clock.now >= self._heard + self._patience - _ROUNDING_S:
             self._end(f'nothing was said for {self._patience:g} s')
         else:
             self._watch()

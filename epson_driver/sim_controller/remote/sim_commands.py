@@ -1,26 +1,24 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`$Sim,…`: what needs a finger, a hand or a fault, and what only a simulation can tell.
+"""`$Sim,…`: buttons, door, pushes and faults, and what only a simulation can tell.
 
 An answer with several parts has `;` between them, and within a part `=` after its name.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.condition.states import REGIONS, Event
+from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState, TaskType
 from epson_driver.sim_controller.faults.fault_kinds import FaultError
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.io.io_points import IoError
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 from epson_driver.sim_controller.remote.remote_parameters import expect, real, whole, wrong
 from epson_driver.sim_controller.remote.spel_functions import print_list
-from epson_driver.sim_controller.states import REGIONS, Event
-from epson_driver.sim_controller.tasks import PROGRAM, TaskState, TaskType
 from epson_driver.simple_message import IoType
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 IO_KINDS = {
     'DI': IoType.DIGITAL_INPUT,
@@ -34,9 +32,9 @@ IO_KINDS = {
 _INPUTS = (IoType.DIGITAL_INPUT, IoType.ANALOG_INPUT)
 _ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
 
-_LAST_INDEX = 65_535
-_LARGEST = 2**31 - 1
-_FARTHEST = 360.0  # degrees, or mm
+_MAX_INDEX = 65_535
+_MAX_VALUE = 2**31 - 1
+_MAX_PUSH = 360.0  # degrees, or mm
 
 TASK_TYPES = {
     TaskType.NORMAL: 'Normal',
@@ -59,13 +57,13 @@ class SimCommand(NamedTuple):
 
     usage: str
     text: str
-    run: Callable[['Controller', list[str]], str | None]
+    run: Callable[[ControllerInterface, list[str]], str | None]
 
 
-def simulate(controller: 'Controller', parameters: list[str]) -> str | None:
+def simulate(controller: ControllerInterface, parameters: list[str]) -> str | None:
     """Obey `$Sim,parameters`; return its value, None where it has none.
 
-    Raises CommandError or RefusedError.
+    Raises CommandError or RejectedError.
     """
     name = parameters[0].lower() if parameters else ''
     if name not in SIM_COMMANDS:
@@ -73,8 +71,8 @@ def simulate(controller: 'Controller', parameters: list[str]) -> str | None:
     return SIM_COMMANDS[name].run(controller, parameters[1:])
 
 
-def _events(**events: Event) -> Callable[['Controller', list[str]], None]:
-    def run(controller: 'Controller', parameters: list[str]) -> None:
+def _events(**events: Event) -> Callable[[ControllerInterface, list[str]], None]:
+    def run(controller: ControllerInterface, parameters: list[str]) -> None:
         event = events.get(','.join(parameters).lower())
         if event is None:
             raise wrong('word', ','.join(parameters), f'must be {" or ".join(events)}')
@@ -83,12 +81,12 @@ def _events(**events: Event) -> Callable[['Controller', list[str]], None]:
     return run
 
 
-def _condition(controller: 'Controller', parameters: list[str]) -> str:
+def _condition(controller: ControllerInterface, parameters: list[str]) -> str:
     expect(parameters, 0)
     return ';'.join(f'{name}={getattr(controller.condition, name).value}' for name in REGIONS)
 
 
-def _io(controller: 'Controller', parameters: list[str]) -> str | None:
+def _io(controller: ControllerInterface, parameters: list[str]) -> str | None:
     expect(parameters, 0, 3)
     if not parameters:
         return ';'.join(_points(controller, name) for name in IO_KINDS)
@@ -97,11 +95,11 @@ def _io(controller: 'Controller', parameters: list[str]) -> str | None:
     io_type = kinds.get(parameters[0].lower())
     if io_type is None:
         raise wrong('points', parameters[0], f'must be one of {", ".join(IO_KINDS)}')
-    index = whole('index', parameters[1], 0, _LAST_INDEX)
+    index = whole('index', parameters[1], 0, _MAX_INDEX)
     try:
         if len(parameters) < 3:
             return str(controller.io.read(io_type, index))
-        value = whole('value', parameters[2], -_LARGEST, _LARGEST)
+        value = whole('value', parameters[2], -_MAX_VALUE, _MAX_VALUE)
         change = controller.io.set_input if io_type in _INPUTS else controller.io.write
         change(io_type, index, value)
     except IoError as error:
@@ -109,7 +107,7 @@ def _io(controller: 'Controller', parameters: list[str]) -> str | None:
     return None
 
 
-def _points(controller: 'Controller', name: str) -> str:
+def _points(controller: ControllerInterface, name: str) -> str:
     """Return how many points, and which of them are on; of analogue ones the values."""
     io_type = IO_KINDS[name]
     values: list[int] = []
@@ -120,14 +118,14 @@ def _points(controller: 'Controller', name: str) -> str:
     return f'{name}={len(values)}:{" ".join(map(str, shown))}'
 
 
-def _disturb(controller: 'Controller', parameters: list[str]) -> None:
+def _disturb(controller: ControllerInterface, parameters: list[str]) -> None:
     expect(parameters, 2)
     joint = whole('joint', parameters[0], 1, len(controller.model.joint_names))
-    push = real('degrees', parameters[1], -_FARTHEST, _FARTHEST)
+    push = real('degrees', parameters[1], -_MAX_PUSH, _MAX_PUSH)
     controller.disturb(joint - 1, push / float(controller.model.shown_per_unit[joint - 1]))
 
 
-def _fault(controller: 'Controller', parameters: list[str]) -> str | None:
+def _fault(controller: ControllerInterface, parameters: list[str]) -> str | None:
     faults = controller.faults
     first = parameters[0].lower() if parameters else 'list'
     try:
@@ -143,12 +141,12 @@ def _fault(controller: 'Controller', parameters: list[str]) -> str | None:
     return None
 
 
-def _reboot(controller: 'Controller', parameters: list[str]) -> None:
+def _reboot(controller: ControllerInterface, parameters: list[str]) -> None:
     expect(parameters, 0, 1)
     _fault(controller, ['reboot', *(f'for={seconds}' for seconds in parameters)])
 
 
-def _tasks(controller: 'Controller', parameters: list[str]) -> str:
+def _tasks(controller: ControllerInterface, parameters: list[str]) -> str:
     expect(parameters, 0)
     return ';'.join(
         f'{task.number}={task.name},{TASK_TYPES[task.type]},'
@@ -157,7 +155,7 @@ def _tasks(controller: 'Controller', parameters: list[str]) -> str:
     )
 
 
-def _timing(controller: 'Controller', parameters: list[str]) -> str:
+def _timing(controller: ControllerInterface, parameters: list[str]) -> str:
     expect(parameters, 0)
     timing = controller.timing
     return (
@@ -166,7 +164,7 @@ def _timing(controller: 'Controller', parameters: list[str]) -> str:
     )
 
 
-def _print(controller: 'Controller', parameters: list[str]) -> str:
+def _print(controller: ControllerInterface, parameters: list[str]) -> str:
     return print_list(controller, ','.join(parameters))
 
 

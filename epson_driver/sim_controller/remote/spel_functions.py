@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""SPEL+ functions that can be printed, as a table: what a controller says of itself.
+"""SPEL+ functions that can be printed, as a table: state, settings, I/O of a controller.
 
 `print_list(controller, 'CtrlInfo(1), Agl(2)')` returns the values with a space between them, as
 SPEL+'s Print does. Truth is -1, as in SPEL+.
@@ -9,25 +9,24 @@ SPEL+'s Print does. Truth is -1, as in SPEL+.
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.errors import TEXTS, ErrorNumber
-from epson_driver.sim_controller.io.io_points import BYTE, WORD, IoError
-from epson_driver.sim_controller.remote import spel_settings, status_words
+from epson_driver.sim_controller.condition.errors import TEXTS, ErrorNumber
+from epson_driver.sim_controller.condition.spel_settings import SETTINGS
+from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
+from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
+from epson_driver.sim_controller.remote import spel_numbers, status_words
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 from epson_driver.sim_controller.remote.remote_parameters import expect, whole, wrong
-from epson_driver.sim_controller.tasks import PROGRAM, TaskState
 from epson_driver.simple_message import IoType
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 _REMOTE_ETHERNET = 26
 """CtrlInfo(5): the control device."""
 
-_LAST_TASK = 267
-_LAST_ADDRESS = 65_535
+_MAX_TASK = 267
+_MAX_ADDRESS = 65_535
 
 _ITEM = re.compile(r'\s*([A-Za-z]+\$?)\s*(?:\(([^()]*)\))?\s*(?:,|$)')
 
@@ -38,10 +37,10 @@ class Function(NamedTuple):
     least: int
     most: int
     text: str
-    value: Callable[['Controller', Sequence[str]], str]
+    value: Callable[[ControllerInterface, Sequence[str]], str]
 
 
-def print_list(controller: 'Controller', text: str) -> str:
+def print_list(controller: ControllerInterface, text: str) -> str:
     """Return the values of a list of functions. Raises CommandError."""
     shown: list[str] = []
     at = 0
@@ -55,7 +54,7 @@ def print_list(controller: 'Controller', text: str) -> str:
     return ' '.join(shown)
 
 
-def _value(controller: 'Controller', name: str, within: str | None) -> str:
+def _value(controller: ControllerInterface, name: str, within: str | None) -> str:
     canonical = _CANONICAL.get(name.lower())
     if canonical is None:
         raise wrong('function', name, f'must be one of {", ".join(FUNCTIONS)}')
@@ -65,8 +64,8 @@ def _value(controller: 'Controller', name: str, within: str | None) -> str:
     return function.value(controller, arguments)
 
 
-def _word(tables: dict[str, Callable[['Controller'], int]]) -> Callable[..., str]:
-    def value(controller: 'Controller', arguments: Sequence[str]) -> str:
+def _word(tables: dict[str, Callable[[ControllerInterface], int]]) -> Callable[..., str]:
+    def value(controller: ControllerInterface, arguments: Sequence[str]) -> str:
         if arguments[0] not in tables:
             raise wrong('number', arguments[0], f'must be one of {", ".join(tables)}')
         return str(tables[arguments[0]](controller))
@@ -74,7 +73,7 @@ def _word(tables: dict[str, Callable[['Controller'], int]]) -> Callable[..., str
     return value
 
 
-def _of(table: dict[int, status_words.Predicate]) -> Callable[['Controller'], int]:
+def _of(table: dict[int, status_words.Predicate]) -> Callable[[ControllerInterface], int]:
     return partial(status_words.word, table)
 
 
@@ -86,27 +85,27 @@ def _one(predicate: status_words.Predicate) -> Callable[..., str]:
     return lambda controller, _arguments: str(int(predicate(controller)))
 
 
-def _task_state(controller: 'Controller', arguments: Sequence[str]) -> str:
-    number = whole('task', arguments[0], 1, _LAST_TASK)
+def _task_state(controller: ControllerInterface, arguments: Sequence[str]) -> str:
+    number = whole('task', arguments[0], 1, _MAX_TASK)
     states = {task.number: controller.task_state(task) for task in PROGRAM}
     return str(states.get(number, TaskState.NOT_RUNNING).value)
 
 
-def _task_info(controller: 'Controller', arguments: Sequence[str]) -> str:
+def _task_info(controller: ControllerInterface, arguments: Sequence[str]) -> str:
     types = {task.number: task.type for task in PROGRAM}
     number = whole('task', arguments[0], 1, max(types))
     whole('number', arguments[1], 2, 2)
     return str(types[number].value)
 
 
-def _err(controller: 'Controller', arguments: Sequence[str]) -> str:
+def _err(controller: ControllerInterface, arguments: Sequence[str]) -> str:
     if not arguments:
         return str(int(controller.error_number))
     aborted = _task_state(controller, arguments) == str(TaskState.ABORTED.value)
     return str(int(ErrorNumber.TASK_ABORTED)) if aborted else '0'
 
 
-def _err_msg(_controller: 'Controller', arguments: Sequence[str]) -> str:
+def _err_msg(_controller: ControllerInterface, arguments: Sequence[str]) -> str:
     return error_text(whole('error', arguments[0], 0, 9999))
 
 
@@ -115,33 +114,33 @@ def error_text(number: int) -> str:
     return TEXTS.get(number, 'see the manual')
 
 
-def _degrees(controller: 'Controller', arguments: Sequence[str]) -> str:
+def _degrees(controller: ControllerInterface, arguments: Sequence[str]) -> str:
     joint = _joint(controller, arguments)
     return f'{_shown(controller, joint):.3f}'
 
 
-def _pulses(controller: 'Controller', arguments: Sequence[str]) -> str:
+def _pulses(controller: ControllerInterface, arguments: Sequence[str]) -> str:
     joint = _joint(controller, arguments)
     return str(round(_shown(controller, joint) * controller.model.pulses_per_degree[joint]))
 
 
-def _shown(controller: 'Controller', joint: int) -> float:
+def _shown(controller: ControllerInterface, joint: int) -> float:
     """Return where a joint is, in degrees, or mm."""
     position = controller.joint_position().joints[joint]
     return float(position * controller.model.shown_per_unit[joint])
 
 
-def _joint(controller: 'Controller', arguments: Sequence[str]) -> int:
+def _joint(controller: ControllerInterface, arguments: Sequence[str]) -> int:
     return whole('joint', arguments[0], 1, len(controller.model.joint_names)) - 1
 
 
-def _setting(name: str, controller: 'Controller', arguments: Sequence[str]) -> str:
-    return spel_settings.show(controller, name, arguments)
+def _setting(name: str, controller: ControllerInterface, arguments: Sequence[str]) -> str:
+    return spel_numbers.show(controller, name, arguments)
 
 
 def _bits(io_type: IoType, width: int) -> Callable[..., str]:
-    def value(controller: 'Controller', arguments: Sequence[str]) -> str:
-        index = whole('address', arguments[0], 0, _LAST_ADDRESS)
+    def value(controller: ControllerInterface, arguments: Sequence[str]) -> str:
+        index = whole('address', arguments[0], 0, _MAX_ADDRESS)
         try:
             return str(controller.io.read_port(io_type, index, width))
         except IoError as error:
@@ -186,17 +185,17 @@ FUNCTIONS: dict[str, Function] = {
     'Pls': Function(1, 1, 'encoder of a joint, pulses', _pulses),
     **{
         name: Function(0, 1, f'what is set, {setting.unit}', partial(_setting, name))
-        for name, setting in spel_settings.SETTINGS.items()
+        for name, setting in SETTINGS.items()
     },
     'Sw': Function(1, 1, 'input bit', _bits(IoType.DIGITAL_INPUT, 1)),
-    'In': Function(1, 1, 'input port, 8 bits', _bits(IoType.DIGITAL_INPUT, BYTE)),
-    'InW': Function(1, 1, 'input word, 16 bits', _bits(IoType.DIGITAL_INPUT, WORD)),
+    'In': Function(1, 1, 'input port, 8 bits', _bits(IoType.DIGITAL_INPUT, BYTE_BITS)),
+    'InW': Function(1, 1, 'input word, 16 bits', _bits(IoType.DIGITAL_INPUT, WORD_BITS)),
     'Oport': Function(1, 1, 'output bit', _bits(IoType.DIGITAL_OUTPUT, 1)),
-    'Out': Function(1, 1, 'output port, 8 bits', _bits(IoType.DIGITAL_OUTPUT, BYTE)),
-    'OutW': Function(1, 1, 'output word, 16 bits', _bits(IoType.DIGITAL_OUTPUT, WORD)),
+    'Out': Function(1, 1, 'output port, 8 bits', _bits(IoType.DIGITAL_OUTPUT, BYTE_BITS)),
+    'OutW': Function(1, 1, 'output word, 16 bits', _bits(IoType.DIGITAL_OUTPUT, WORD_BITS)),
     'MemSw': Function(1, 1, 'memory bit', _bits(IoType.FLAG, 1)),
-    'MemIn': Function(1, 1, 'memory port, 8 bits', _bits(IoType.FLAG, BYTE)),
-    'MemInW': Function(1, 1, 'memory word, 16 bits', _bits(IoType.FLAG, WORD)),
+    'MemIn': Function(1, 1, 'memory port, 8 bits', _bits(IoType.FLAG, BYTE_BITS)),
+    'MemInW': Function(1, 1, 'memory word, 16 bits', _bits(IoType.FLAG, WORD_BITS)),
 }
 """What can be printed."""
 

@@ -8,22 +8,21 @@ Statements that would are refused: only the motion port moves this arm, where po
 import re
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.io.io_points import BYTE, IoError
-from epson_driver.sim_controller.remote import spel_settings
+from epson_driver.sim_controller.condition.spel_settings import SETTINGS
+from epson_driver.sim_controller.condition.states import Event, RejectedError
+from epson_driver.sim_controller.io.io_points import BYTE_BITS, IoError
+from epson_driver.sim_controller.remote import spel_numbers
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 from epson_driver.sim_controller.remote.remote_parameters import expect, whole, wrong
 from epson_driver.sim_controller.remote.spel_functions import print_list
 from epson_driver.sim_controller.remote.status_words import error
-from epson_driver.sim_controller.states import Event, RefusedError
 from epson_driver.simple_message import IoType
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 MOTION_STATEMENTS = (
     'Go',
@@ -48,8 +47,8 @@ MOTION_STATEMENTS = (
 
 NO_MOTION = 'only the motion port moves this arm'
 
-_LAST_ADDRESS = 65_535
-_LAST_PULSE = 2**31 - 1
+_MAX_ADDRESS = 65_535
+_MAX_PULSES = 2**31 - 1
 _HALF_PULSE = 0.5
 _STATEMENT = re.compile(r'\s*([A-Za-z]+[0-9]*[A-Za-z]*)\s*(.*?)\s*')
 
@@ -59,20 +58,20 @@ class Statement(NamedTuple):
 
     usage: str
     text: str
-    run: Callable[['Controller', str], str | None]
+    run: Callable[[ControllerInterface, str], str | None]
 
 
-def execute(controller: 'Controller', statement: str) -> str | None:
+def execute(controller: ControllerInterface, statement: str) -> str | None:
     """Execute one statement; return the value that it prints, if it prints one.
 
-    Raises CommandError, or RefusedError for what the condition does not allow.
+    Raises CommandError, or RejectedError for what the condition does not allow.
     """
     parts = _STATEMENT.fullmatch(statement)
     if parts is None:
         raise CommandError(RemoteErrorNumber.FORMAT, f'{statement!r} is no statement')
     name = parts[1].lower()
     if name in _MOVING:
-        raise RefusedError(f'{_MOVING[name]}: {NO_MOTION}')
+        raise RejectedError(f'{_MOVING[name]}: {NO_MOTION}')
     if name not in _CANONICAL:
         raise wrong('statement', parts[1], f'must be one of {", ".join(STATEMENTS)}')
     return STATEMENTS[_CANONICAL[name]].run(controller, parts[2])
@@ -82,12 +81,12 @@ def _list(text: str) -> list[str]:
     return [part.strip() for part in text.split(',')] if text else []
 
 
-def _set(name: str, controller: 'Controller', text: str) -> None:
-    spel_settings.change(controller, name, _list(text))
+def _set(name: str, controller: ControllerInterface, text: str) -> None:
+    spel_numbers.change(controller, name, _list(text))
 
 
-def _choice(name: str, events: dict[str, Event]) -> Callable[['Controller', str], None]:
-    def run(controller: 'Controller', text: str) -> None:
+def _choice(name: str, events: dict[str, Event]) -> Callable[[ControllerInterface, str], None]:
+    def run(controller: ControllerInterface, text: str) -> None:
         event = events.get(text.lower())
         if event is None:
             raise wrong(name, text, f'must be {" or ".join(events)}')
@@ -96,43 +95,43 @@ def _choice(name: str, events: dict[str, Event]) -> Callable[['Controller', str]
     return run
 
 
-def _reset(controller: 'Controller', text: str) -> None:
+def _reset(controller: ControllerInterface, text: str) -> None:
     expect(_list(text), 0)
     controller.apply(Event.RESET)
 
 
-def _if(controller: 'Controller', text: str) -> None:
+def _if(controller: ControllerInterface, text: str) -> None:
     if ' '.join(text.lower().split()) != 'error on then reset':
         raise wrong('If', text, 'only "If Error On Then Reset" is known')
     if error(controller):
         controller.apply(Event.RESET)
 
 
-def _switch(io_type: IoType, value: bool, controller: 'Controller', text: str) -> None:
+def _switch(io_type: IoType, value: bool, controller: ControllerInterface, text: str) -> None:
     parameters = _list(text)
     expect(parameters, 1)
-    bit = whole('bit', parameters[0], 0, _LAST_ADDRESS)
+    bit = whole('bit', parameters[0], 0, _MAX_ADDRESS)
     try:
         controller.io.write(io_type, bit, int(value))
     except IoError as cause:
         raise CommandError(RemoteErrorNumber.PARAMETER, str(cause)) from cause
 
 
-def _out(io_type: IoType, controller: 'Controller', text: str) -> None:
+def _out(io_type: IoType, controller: ControllerInterface, text: str) -> None:
     parameters = _list(text)
     expect(parameters, 2)
-    port = whole('port', parameters[0], 0, _LAST_ADDRESS)
-    value = whole('value', parameters[1], 0, 2**BYTE - 1)
+    port = whole('port', parameters[0], 0, _MAX_ADDRESS)
+    value = whole('value', parameters[1], 0, 2**BYTE_BITS - 1)
     try:
-        controller.io.write_port(io_type, port, BYTE, value)
+        controller.io.write_port(io_type, port, BYTE_BITS, value)
     except IoError as cause:
         raise CommandError(RemoteErrorNumber.PARAMETER, str(cause)) from cause
 
 
-def _home_set(controller: 'Controller', text: str) -> None:
+def _home_set(controller: ControllerInterface, text: str) -> None:
     parameters, model = _list(text), controller.model
     expect(parameters, len(model.joint_names))
-    pulses = [whole('pulses', each, -_LAST_PULSE, _LAST_PULSE) for each in parameters]
+    pulses = [whole('pulses', each, -_MAX_PULSES, _MAX_PULSES) for each in parameters]
     ends = [
         limit * model.pulses_per_unit
         for limit in (model.limits.position_min, model.limits.position_max)
@@ -172,7 +171,7 @@ STATEMENTS: dict[str, Statement] = {
             f'set {setting.low:g} to {setting.high:g} {setting.unit}',
             partial(_set, name),
         )
-        for name, setting in spel_settings.SETTINGS.items()
+        for name, setting in SETTINGS.items()
     },
 }
 """What `$Execute` executes."""

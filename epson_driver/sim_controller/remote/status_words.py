@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a SPEL+ controller says of itself, bit by bit: GetStatus, CtrlInfo, RobotInfo, Stat.
+"""The status words of a SPEL+ controller, bit by bit: GetStatus, CtrlInfo, RobotInfo, Stat.
 
 Each word is a table from bit to predicate. (SPEL+ language reference; RC+ user's guide, Remote
 Ethernet; the eleven flags of the RC700 generation.)
@@ -11,31 +11,28 @@ that it moves or has somewhere to go, Ready that it does not. And there are no w
 """
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
 
-from epson_driver.sim_controller.errors import ErrorNumber
-from epson_driver.sim_controller.states import Door, Fault, Mode, Power, Tasks
-from epson_driver.sim_controller.tasks import PROGRAM, TaskState
+from epson_driver.sim_controller.condition.errors import ErrorNumber
+from epson_driver.sim_controller.condition.states import Door, Fault, Mode, Power, Tasks
+from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
+from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
-
-Predicate = Callable[['Controller'], bool]
+Predicate = Callable[[ControllerInterface], bool]
 
 
-def running(controller: 'Controller') -> bool:
+def running(controller: ControllerInterface) -> bool:
     """Return whether the arm moves, has points, or goes back to where it was interrupted."""
     condition = controller.condition
     moves = controller.moving or condition.tasks is Tasks.RECOVERING
     return moves and not condition.paused
 
 
-def ready(controller: 'Controller') -> bool:
+def ready(controller: ControllerInterface) -> bool:
     """Return whether nothing runs and nothing is paused."""
     return not running(controller) and not controller.condition.paused
 
 
-def error(controller: 'Controller') -> bool:
+def error(controller: ControllerInterface) -> bool:
     """Return whether the controller is in error, or shows an error number.
 
     A person who stopped the tasks can start them again: that they do not run is no error.
@@ -46,50 +43,50 @@ def error(controller: 'Controller') -> bool:
     return controller.condition.fault is not Fault.NONE or number != ErrorNumber.NONE
 
 
-def never(_controller: 'Controller') -> bool:
+def never(_controller: ControllerInterface) -> bool:
     """Return False: what the simulation does not have."""
     return False
 
 
-def _critical(controller: 'Controller') -> bool:
+def _critical(controller: ControllerInterface) -> bool:
     return controller.condition.fault is Fault.CRITICAL
 
 
-def _resettable(controller: 'Controller') -> bool:
+def _resettable(controller: ControllerInterface) -> bool:
     return error(controller) and not _critical(controller)
 
 
-def door_open(controller: 'Controller') -> bool:
+def door_open(controller: ControllerInterface) -> bool:
     """Return whether the safeguard door is open."""
     return controller.condition.door is Door.OPEN
 
 
-def _estop(controller: 'Controller') -> bool:
+def _estop(controller: ControllerInterface) -> bool:
     return controller.condition.estopped
 
 
-def _paused(controller: 'Controller') -> bool:
+def _paused(controller: ControllerInterface) -> bool:
     return controller.condition.paused
 
 
-def _manual(controller: 'Controller') -> bool:
+def _manual(controller: ControllerInterface) -> bool:
     return controller.condition.mode is Mode.MANUAL
 
 
-def _moving(controller: 'Controller') -> bool:
+def _moving(controller: ControllerInterface) -> bool:
     return controller.moving
 
 
-def _held(controller: 'Controller') -> bool:
+def _held(controller: ControllerInterface) -> bool:
     return controller.condition.paused and not controller.in_motion
 
 
-def motors_on(controller: 'Controller') -> bool:
+def motors_on(controller: ControllerInterface) -> bool:
     """Return whether the motors have power."""
     return controller.condition.powered
 
 
-def power_high(controller: 'Controller') -> bool:
+def power_high(controller: ControllerInterface) -> bool:
     """Return whether the power is high."""
     return controller.condition.power is Power.HIGH
 
@@ -173,11 +170,11 @@ STAT_1: dict[int, Predicate] = {0x10: motors_on}
 """Stat(1): what the robot does. The bits for positions it is at are not there."""
 
 
-def word(table: Mapping[int, Predicate], controller: 'Controller') -> int:
+def word(table: Mapping[int, Predicate], controller: ControllerInterface) -> int:
     """Return the bits of `table` that are set now."""
     return sum(bit for bit, predicate in table.items() if predicate(controller))
 
 
-def flags(controller: 'Controller') -> str:
+def flags(controller: ControllerInterface) -> str:
     """Return the flags of GetStatus as 0 and 1, from left to right."""
     return ''.join(str(int(predicate(controller))) for predicate in FLAGS.values())

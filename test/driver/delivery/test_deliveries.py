@@ -31,7 +31,7 @@ from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.motion import Trajectory
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import (
     ByteOrder,
     CommType,

@@ -13,8 +13,8 @@ from epson_driver.driver.goal.tolerances import Tolerances
 from epson_driver.driver.outcome import GoalRefusedError
 from epson_driver.motion import Trajectory, go, problems
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.programs.motoman_points import next_wrong, start_wrong
-from epson_driver.sim_controller.programs.points import angles_refusal
+from epson_driver.sim_controller.programs.motoman_points import invalid_next, invalid_start
+from epson_driver.sim_controller.programs.points import angles_rejection
 from epson_driver.simple_message import JointTrajPtFull, joint_data
 
 MODEL = load_robot_model('gx4_c251s')
@@ -43,8 +43,8 @@ def test_a_position_out_of_range(joint, by, unit, limits):
     assert found == (
         f'point 1, {name}: position {value} {unit} is outside the limits {limits} {unit}'
     )
-    refusal = angles_refusal(moved(joint, by), LIMITS)
-    assert re.search(rf'^{name} = {value} {unit} is outside .* {unit}$', refusal.sentence)
+    rejection = angles_rejection(moved(joint, by), LIMITS)
+    assert re.search(rf'^{name} = {value} {unit} is outside .* {unit}$', rejection.sentence)
     with pytest.raises(ValueError, match=rf'{name}: target .* {unit}$'):
         go(LIMITS, HOME, moved(joint, by))
 
@@ -83,12 +83,12 @@ def test_a_start_beside_the_arm(joint, unit):
 def test_motomans_points(joint, unit):
     name = f'joint_{joint + 1}'
     point = JointTrajPtFull(0, 0, 7, 0.1, joint_data(HOME))
-    wrong = start_wrong(point, moved(joint, -0.05), LIMITS)
+    reason = invalid_start(point, moved(joint, -0.05), LIMITS)
     away = rf'^{name} = .* {unit}, but it stands at .* {unit}, more than .* {unit} away$'
-    assert re.search(away, wrong.sentence)
+    assert re.search(away, reason.sentence)
     fast = replace(point, velocities=joint_data(moved(joint, 100.0)))
-    wrong = next_wrong(fast, 0.0, LIMITS)
-    assert re.search(rf'^{name}: .* {unit}/s is above the limit, .* {unit}/s$', wrong.sentence)
+    reason = invalid_next(fast, 0.0, LIMITS)
+    assert re.search(rf'^{name}: .* {unit}/s is above the limit, .* {unit}/s$', reason.sentence)
 
 
 def test_a_violated_tolerance():

@@ -15,7 +15,7 @@ from support.event_loop import now, run, until
 
 from epson_driver.driver.io.io_driver import MOST_POINTS, IoDriver, IoUnavailableError
 from epson_driver.driver.io.io_results import sentence
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import (
     BIG_ENDIAN,
     LITTLE_ENDIAN,

@@ -19,7 +19,7 @@ from epson_driver.driver.smoothing import smoothing_process
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
 from epson_driver.motion import Trajectory
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.states import Event
 
 RESAMPLE = Smoothing(0.1)
 

@@ -29,7 +29,7 @@ from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.services import ServiceError
 from epson_driver.motion import Trajectory
 from epson_driver.node.diagnostics import Diagnostics
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import ReplyCode
 
 pytestmark = pytest.mark.invariant(3, 4, 9)

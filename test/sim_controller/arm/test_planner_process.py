@@ -31,8 +31,8 @@ def a_request():
     return smoother.request()
 
 
-class Told:
-    """What a planner has answered, and the failures it has told of."""
+class Recorder:
+    """What a planner has answered, and which failures it has reported."""
 
     def __init__(self):
         self.answers = []
@@ -45,14 +45,14 @@ class Told:
 
 @asynccontextmanager
 async def planning():
-    planner, told = PlannerProcess(LIMITS), Told()
+    planner, recorder = PlannerProcess(LIMITS), Recorder()
     assert not planner.ready
     async with asyncio.timeout(PATIENCE):
         await planner.start()
         assert planner.ready
-        running = asyncio.create_task(planner.run(told.failures.append))
+        running = asyncio.create_task(planner.run(recorder.failures.append))
         try:
-            yield planner, told
+            yield planner, recorder
         finally:
             running.cancel()
             await planner.close()
@@ -61,24 +61,24 @@ async def planning():
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """Have it start again at once, and give it the time that a busy machine needs."""
-    monkeypatch.setattr(planner_process, 'PAUSE', 0.0)
-    monkeypatch.setattr(planner_process, 'START_TIMEOUT', PATIENCE)
-    monkeypatch.setattr(planner_process, 'HUNG', PATIENCE)
+    monkeypatch.setattr(planner_process, 'RESTART_DELAY_S', 0.0)
+    monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', PATIENCE)
+    monkeypatch.setattr(planner_process, 'PLAN_TIMEOUT_S', PATIENCE)
 
 
 def test_its_plans_are_those_of_the_function():
     async def main():
-        async with planning() as (planner, told):
+        async with planning() as (planner, recorder):
             for count in (1, 2, 3):
-                planner.ask(a_request(), LIMITS, told.answers.append)
+                planner.ask(a_request(), LIMITS, recorder.answers.append)
                 with pytest.raises(RuntimeError, match='has a request already'):
-                    planner.ask(a_request(), LIMITS, told.answers.append)
-                await told.until(lambda count=count: len(told.answers) == count)
+                    planner.ask(a_request(), LIMITS, recorder.answers.append)
+                await recorder.until(lambda count=count: len(recorder.answers) == count)
             expected = plan(a_request(), LIMITS)
-            for answer in told.answers:
+            for answer in recorder.answers:
                 np.testing.assert_allclose(answer.knots.position, expected.knots.position)
                 assert answer.law.duration == pytest.approx(expected.law.duration)
-            assert not told.failures
+            assert not recorder.failures
             pid = planner.pid
         assert planner.pid is None
         with pytest.raises(ProcessLookupError):
@@ -87,20 +87,25 @@ def test_its_plans_are_those_of_the_function():
     asyncio.run(main())
 
 
-def test_its_plans_keep_to_the_limits_they_were_asked_with():
+def test_its_plans_keep_to_the_limits_they_were_asked_with(monkeypatch):
     async def main():
         sizes = []
-        async with planning() as (planner, told):
-            send = planner._child.send
-            planner._child.send = lambda value: (sizes.append(len(framed(value))), send(value))
+
+        def recorded(value):
+            data = framed(value)
+            sizes.append(len(data))
+            return data
+
+        async with planning() as (planner, recorder):
+            monkeypatch.setattr(planner_process, 'framed', recorded)
             order = (LIMITS, SLOW, SLOW, LIMITS, LIMITS)
             for count, limits in enumerate(order, start=1):
-                planner.ask(a_request(), limits, told.answers.append)
-                await told.until(lambda count=count: len(told.answers) == count)
-        for answer, limits in zip(told.answers, order, strict=True):
+                planner.ask(a_request(), limits, recorder.answers.append)
+                await recorder.until(lambda count=count: len(recorder.answers) == count)
+        for answer, limits in zip(recorder.answers, order, strict=True):
             expected = plan(a_request(), limits)
             assert answer.law.duration == pytest.approx(expected.law.duration)
-        assert told.answers[1].law.duration > 1.2 * told.answers[0].law.duration
+        assert recorder.answers[1].law.duration > 1.2 * recorder.answers[0].law.duration
         # limits are sent when they change, and only then
         assert sizes[0] == sizes[2] == sizes[4] < sizes[1] == sizes[3]
 
@@ -109,15 +114,15 @@ def test_its_plans_keep_to_the_limits_they_were_asked_with():
 
 def test_one_that_was_started_again_knows_the_limits():
     async def main():
-        async with planning() as (planner, told):
-            planner.ask(a_request(), SLOW, told.answers.append)
-            await told.until(lambda: told.answers)
+        async with planning() as (planner, recorder):
+            planner.ask(a_request(), SLOW, recorder.answers.append)
+            await recorder.until(lambda: recorder.answers)
             os.kill(planner.pid, signal.SIGKILL)
-            await told.until(lambda: told.failures)
-            await told.until(lambda: planner.ready)
-            planner.ask(a_request(), SLOW, told.answers.append)
-            await told.until(lambda: len(told.answers) == 2)
-            first, second = (answer.law.duration for answer in told.answers)
+            await recorder.until(lambda: recorder.failures)
+            await recorder.until(lambda: planner.ready)
+            planner.ask(a_request(), SLOW, recorder.answers.append)
+            await recorder.until(lambda: len(recorder.answers) == 2)
+            first, second = (answer.law.duration for answer in recorder.answers)
             assert first == pytest.approx(second)
             assert first == pytest.approx(plan(a_request(), SLOW).law.duration)
 
@@ -126,45 +131,45 @@ def test_one_that_was_started_again_knows_the_limits():
 
 def test_a_killed_planner_answers_none_tells_why_and_is_started_again():
     async def main():
-        async with planning() as (planner, told):
+        async with planning() as (planner, recorder):
             os.kill(planner.pid, signal.SIGSTOP)
-            planner.ask(a_request(), LIMITS, told.answers.append)
+            planner.ask(a_request(), LIMITS, recorder.answers.append)
             os.kill(planner.pid, signal.SIGKILL)
-            await told.until(lambda: told.failures)
-            assert told.answers == [None]
-            assert told.failures == ['was ended by SIGKILL']
-            await told.until(lambda: planner.ready)
-            planner.ask(a_request(), LIMITS, told.answers.append)
-            await told.until(lambda: len(told.answers) == 2)
-            assert told.answers[1] is not None
+            await recorder.until(lambda: recorder.failures)
+            assert recorder.answers == [None]
+            assert recorder.failures == ['was ended by SIGKILL']
+            await recorder.until(lambda: planner.ready)
+            planner.ask(a_request(), LIMITS, recorder.answers.append)
+            await recorder.until(lambda: len(recorder.answers) == 2)
+            assert recorder.answers[1] is not None
 
     asyncio.run(main())
 
 
 def test_one_that_does_not_answer_is_killed(monkeypatch):
-    monkeypatch.setattr(planner_process, 'HUNG', 0.2)
+    monkeypatch.setattr(planner_process, 'PLAN_TIMEOUT_S', 0.2)
 
     async def main():
-        async with planning() as (planner, told):
+        async with planning() as (planner, recorder):
             os.kill(planner.pid, signal.SIGSTOP)
-            planner.ask(a_request(), LIMITS, told.answers.append)
-            await told.until(lambda: told.failures)
-            assert told.answers == [None]
-            assert told.failures == ['did not answer for 0.2 s']
-            await told.until(lambda: planner.ready)
+            planner.ask(a_request(), LIMITS, recorder.answers.append)
+            await recorder.until(lambda: recorder.failures)
+            assert recorder.answers == [None]
+            assert recorder.failures == ['did not answer for 0.2 s']
+            await recorder.until(lambda: planner.ready)
 
     asyncio.run(main())
 
 
 def test_an_error_in_it_is_logged_with_its_words(caplog):
     async def main():
-        async with planning() as (planner, told):
-            planner.ask('no request', LIMITS, told.answers.append)
-            await told.until(lambda: told.failures)
-            assert told.failures == ['ended with exit code 1']
+        async with planning() as (planner, recorder):
+            planner.ask('no request', LIMITS, recorder.answers.append)
+            await recorder.until(lambda: recorder.failures)
+            assert recorder.failures == ['ended with exit code 1']
             with pytest.raises(RuntimeError, match='not ready'):
-                planner.ask(a_request(), LIMITS, told.answers.append)
-            await told.until(lambda: planner.ready)
+                planner.ask(a_request(), LIMITS, recorder.answers.append)
+            await recorder.until(lambda: planner.ready)
 
     asyncio.run(main())
     assert "AttributeError: 'str' object has no attribute" in caplog.text

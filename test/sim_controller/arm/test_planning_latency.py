@@ -3,22 +3,22 @@
 import pytest
 
 from epson_driver.sim_controller.arm.planning_latency import (
-    FIRST,
-    HIGHEST,
-    LOWEST,
-    REMEMBERED,
+    INITIAL_LATENCY_S,
+    MAX_LATENCY_S,
+    MAX_RECENT_PLANS,
+    MIN_LATENCY_S,
     PlanningLatency,
 )
 
 
 def test_it_begins_with_a_guess_and_follows_the_longest_of_the_recent_plans():
     latency = PlanningLatency()
-    assert latency.value == FIRST
+    assert latency.value == INITIAL_LATENCY_S
     latency.took(0.02)
-    assert latency.value == FIRST
+    assert latency.value == INITIAL_LATENCY_S
     latency.took(0.05)
     assert latency.value == pytest.approx(0.065)
-    for _ in range(REMEMBERED - 1):
+    for _ in range(MAX_RECENT_PLANS - 1):
         latency.took(0.02)
     assert latency.value == pytest.approx(0.065)
     latency.took(0.02)
@@ -33,9 +33,9 @@ def test_a_late_plan_raises_it():
     assert latency.value == pytest.approx(0.13)
 
 
-@pytest.mark.parametrize(('seconds', 'value'), [(0.0, LOWEST), (5.0, HIGHEST)])
+@pytest.mark.parametrize(('seconds', 'value'), [(0.0, MIN_LATENCY_S), (5.0, MAX_LATENCY_S)])
 def test_it_stays_within_bounds(seconds, value):
     latency = PlanningLatency()
-    for _ in range(REMEMBERED):
+    for _ in range(MAX_RECENT_PLANS):
         latency.took(seconds, late=seconds > 0.0)
     assert latency.value == value

@@ -15,7 +15,7 @@ from epson_driver.motion import go
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.low_power import LowPower
-from epson_driver.sim_controller.arm.point_to_point import OVERLAPPING, PointToPoint
+from epson_driver.sim_controller.arm.point_to_point import OVERLAP_SHARE, PointToPoint
 
 MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits
@@ -228,7 +228,7 @@ def test_invariant_7_a_wrong_point_is_refused_and_nothing_moves():
 
 def test_with_cp_known_points_are_passed_without_a_stop():
     one = harness(cp=True, acknowledge='taken')
-    rests = harness(acknowledge='taken', accel=OVERLAPPING)
+    rests = harness(acknowledge='taken', accel=OVERLAP_SHARE)
     for each in (one, rests):
         each.send(*CORNER)
     assert one.run() < rests.run() - 0.1
@@ -256,12 +256,12 @@ def test_with_cp_and_done_a_point_is_answered_when_its_deceleration_begins():
     one.send(*CORNER[:2])
     one.run()
     assert one.answers[0][1] == pytest.approx(
-        go(LIMITS, HOME, CORNER[0], 0.5, OVERLAPPING).braking, abs=1e-8
+        go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_SHARE).braking, abs=1e-8
     )
     assert one.taken[1][1] == one.answers[0][1]
     one.check()
     duration = sum(
-        go(LIMITS, *pair, 0.5, OVERLAPPING).duration for pair in ((HOME, CORNER[0]), CORNER[:2])
+        go(LIMITS, *pair, 0.5, OVERLAP_SHARE).duration for pair in ((HOME, CORNER[0]), CORNER[:2])
     )
     assert one.time < duration - 0.05
 
@@ -269,8 +269,8 @@ def test_with_cp_and_done_a_point_is_answered_when_its_deceleration_begins():
 def test_a_point_that_comes_after_the_deceleration_began_is_not_blended():
     one = harness(cp=True, speed=0.5)
     first, second = (
-        go(LIMITS, HOME, CORNER[0], 0.5, OVERLAPPING),
-        go(LIMITS, *CORNER[:2], 0.5, OVERLAPPING),
+        go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_SHARE),
+        go(LIMITS, *CORNER[:2], 0.5, OVERLAP_SHARE),
     )
     one.send(CORNER[0])
     one.run_for(first.braking + 2 * DT)
@@ -396,7 +396,7 @@ def test_hold_at_rest_keeps_the_points_and_stop_ends_it():
 def test_a_hold_in_a_blend_is_resumed_to_the_first_target_not_reached():
     one = harness(cp=True, acknowledge='taken', speed=0.5)
     one.send(*CORNER)
-    one.run_for(go(LIMITS, HOME, CORNER[0], 0.5, OVERLAPPING).braking + 0.03)
+    one.run_for(go(LIMITS, HOME, CORNER[0], 0.5, OVERLAP_SHARE).braking + 0.03)
     assert np.all(one.arm.velocity[:2] != 0.0)  # both lines
     one.arm.hold()
     one.run()

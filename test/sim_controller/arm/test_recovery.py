@@ -17,8 +17,8 @@ from support.controller_harness import (
     point,
 )
 
-from epson_driver.sim_controller.core import SMALL_PUSH
-from epson_driver.sim_controller.states import Motors, RefusedError, Tasks
+from epson_driver.sim_controller.condition.states import Motors, RejectedError, Tasks
+from epson_driver.sim_controller.core import MAX_PUSH
 
 DT = 0.004
 POINTS = [(0.1 * i, -0.08 * i, 0.05 * i, 0.0, 0.1 * i, 0.0) for i in range(1, 9)]
@@ -69,7 +69,7 @@ def test_the_door_interrupts_and_continue_goes_on_slowly_at_first(smooth, push):
         assert np.allclose(interrupted - harness.joints, [0, push, 0, 0, 0, 0])
     stood = harness.joints
     assert np.all(speeds(harness, 1.0) == 0.0)
-    with pytest.raises(RefusedError, match='close it'):
+    with pytest.raises(RejectedError, match='close it'):
         harness.do('continue')
     harness.do('door close')
     assert np.all(speeds(harness, 1.0) == 0.0), 'a closed door alone moves nothing'
@@ -129,7 +129,7 @@ def test_what_ends_an_interrupted_motion_ends_it_for_good(smooth, event):
     for way_back in ('reset', 'start', 'continue', 'motors on'):
         try:
             harness.do(way_back)
-        except RefusedError:
+        except RejectedError:
             continue
         assert np.all(speeds(harness, 0.3) == 0.0), way_back
     assert harness.condition.motors is Motors.ON
@@ -288,13 +288,13 @@ def test_points_that_come_in_a_pause_wait_for_continue():
 
 def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
     harness = Harness(profile=RC620)
-    harness.controller.disturb(2, 0.9 * SMALL_PUSH['rad'])
+    harness.controller.disturb(2, 0.9 * MAX_PUSH['rad'])
     assert harness.controller.in_motion
-    assert harness.joints[2] == pytest.approx(0.9 * SMALL_PUSH['rad'], abs=1e-6)
+    assert harness.joints[2] == pytest.approx(0.9 * MAX_PUSH['rad'], abs=1e-6)
     harness.rest()
     assert harness.joints[2] == 0.0
     assert harness.error == 0
-    harness.controller.disturb(2, 1.1 * SMALL_PUSH['rad'])
+    harness.controller.disturb(2, 1.1 * MAX_PUSH['rad'])
     assert harness.error == 5042
     assert harness.condition.motors is Motors.OFF
 
@@ -302,7 +302,7 @@ def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
 def test_pushes_with_power_add_up_to_an_error():
     harness = Harness(profile=RC620)
     for _ in range(2):
-        harness.controller.disturb(2, 0.9 * SMALL_PUSH['rad'])
+        harness.controller.disturb(2, 0.9 * MAX_PUSH['rad'])
     assert harness.error == 5042
 
 
@@ -320,6 +320,6 @@ def test_a_push_beside_a_frozen_encoder_moves_only_the_joint_that_is_pushed():
 
 def test_a_push_beyond_the_limits_is_refused_with_joint_value_and_limits():
     harness = Harness(motors=False)
-    with pytest.raises(RefusedError, match=r'joint_2 = 3 rad is outside the limits -2\.79'):
+    with pytest.raises(RejectedError, match=r'joint_2 = 3 rad is outside the limits -2\.79'):
         harness.controller.disturb(1, 3.0)
     assert np.all(harness.joints == 0.0)

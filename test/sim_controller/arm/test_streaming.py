@@ -20,8 +20,8 @@ from support.controller_harness import (
     point,
 )
 
-from epson_driver.sim_controller.arm.streaming import ATTEMPTS
-from epson_driver.sim_controller.states import Motors
+from epson_driver.sim_controller.arm.streaming import MAX_ATTEMPTS
+from epson_driver.sim_controller.condition.states import Motors
 
 DT = 0.004
 HERE = (0.0,) * 6
@@ -514,7 +514,7 @@ def test_a_planner_that_finds_nothing_is_a_failure_after_some_attempts():
     harness.planner.plan = lambda request, limits: None
     harness.send(*stream(way(10)))
     harness.rest(most=1.0)
-    assert harness.planner.asked == ATTEMPTS
+    assert harness.planner.asked == MAX_ATTEMPTS
     assert harness.error == 8001
     assert harness.joints.tolist() == list(HERE)
 

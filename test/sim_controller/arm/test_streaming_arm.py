@@ -17,7 +17,7 @@ from support.streaming_harness import (
 
 from epson_driver.motion.smoother import plan
 from epson_driver.sim_controller.arm.low_power import LowPower
-from epson_driver.sim_controller.arm.streaming import ATTEMPTS
+from epson_driver.sim_controller.arm.streaming import MAX_ATTEMPTS
 
 REACH = np.array([0.8, 0.7, 0.5, 0.35, 0.33, 0.1])
 FRACTION, TOOL_SPEED = 0.05, 0.25
@@ -336,7 +336,7 @@ def test_a_planner_that_finds_nothing_is_a_failure_after_some_attempts():
     harness.send(FAST)
     while not harness.failures:
         harness.run(0.001)
-    assert len(harness.planner.limits) == ATTEMPTS
+    assert len(harness.planner.limits) == MAX_ATTEMPTS
     assert harness.arm.position.tolist() == HOME.tolist()
 
 

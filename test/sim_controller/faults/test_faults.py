@@ -11,9 +11,14 @@ from hypothesis import strategies as st
 from support.fault_harness import JOINTS, FaultHarness, answer
 from support.pages import unwrapped
 
-from epson_driver.sim_controller.faults.fault_kinds import DATA_PORTS, FAULTS, REMOTE, FaultError
+from epson_driver.sim_controller.faults.fault_kinds import (
+    DATA_PORTS,
+    FAULTS,
+    REMOTE_PORT,
+    FaultError,
+)
 from epson_driver.sim_controller.faults.fault_text import describe, parameter_texts, parse, write
-from epson_driver.sim_controller.faults.faults import ANSWER_TIME, MAX_ACTIVE
+from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, MAX_ACTIVE_FAULTS
 
 HERE = Path(__file__)
 PAGE = HERE.parents[3] / 'docs' / 'faults.md'
@@ -26,35 +31,35 @@ def harness():
 
 def calls(harness):
     """Return what the controller was told since the last time, without the times."""
-    told, harness.told.calls = [call[1:] for call in harness.told.calls], []
-    return told
+    taken, harness.actions.calls = [call[1:] for call in harness.actions.calls], []
+    return taken
 
 
-# Faults of the controller itself; those of connections are tested in test_wire.py.
+# Faults of the controller itself; those of connections are tested in test_faulty_transport.py.
 
 
 def test_frozen_encoder_of_one_joint_for_a_time(harness):
     harness.start('frozen_encoder:joint=3,for=2')
-    assert harness.told.frozen == {2}
+    assert harness.actions.frozen == {2}
     harness.wait(1.9)
-    assert harness.told.frozen == {2}
+    assert harness.actions.frozen == {2}
     harness.wait(0.2)
-    assert harness.told.frozen == set()
+    assert harness.actions.frozen == set()
     assert harness.faults.active() == []
 
 
 def test_frozen_encoder_of_several_and_of_all_joints(harness):
     harness.start('frozen_encoder 1')
     harness.start('frozen_encoder 6 after=1')
-    assert harness.told.frozen == {0}
+    assert harness.actions.frozen == {0}
     harness.wait(1.0)
-    assert harness.told.frozen == {0, 5}
+    assert harness.actions.frozen == {0, 5}
     harness.start('frozen_encoder for=1')
-    assert harness.told.frozen == set(range(JOINTS))
+    assert harness.actions.frozen == set(range(JOINTS))
     harness.wait(1.0)
-    assert harness.told.frozen == {0, 5}
+    assert harness.actions.frozen == {0, 5}
     assert harness.clear('frozen_encoder') == 2
-    assert harness.told.frozen == set()
+    assert harness.actions.frozen == set()
 
 
 @pytest.mark.parametrize(
@@ -78,11 +83,11 @@ def test_servo_error_later(harness):
     harness.start('servo_error:after=3')
     assert harness.faults.active() == ['servo_error joint=1 after=3 (begins in 3.0 s)']
     harness.wait(5.0)
-    assert harness.told.calls == [(3.0, 'servo_error', 0, False)]
+    assert harness.actions.calls == [(3.0, 'servo_error', 0, False)]
     harness.start('servo_error:after=3')
     harness.clear('servo_error')
     harness.wait(5.0)
-    assert len(harness.told.calls) == 1
+    assert len(harness.actions.calls) == 1
 
 
 def test_estop_at_point_counts_the_points_since_it_began(harness):
@@ -118,7 +123,7 @@ def test_estop_at_point_cleared_before(harness):
 def test_reboot_begins_when_its_command_is_answered_and_ends_by_itself(harness):
     harness.start('reboot:for=4')
     assert calls(harness) == []
-    harness.wait(ANSWER_TIME)
+    harness.wait(ANSWER_TIME_S)
     assert calls(harness) == [('reboot', 4.0)]
     with pytest.raises(FaultError, match='reboot: it cannot be cleared'):
         harness.clear('reboot')
@@ -141,7 +146,9 @@ def test_reboot_that_has_not_begun_can_be_cleared(harness):
 
 
 def test_every_fault_has_a_test_of_its_name():
-    written = HERE.read_text('utf-8') + HERE.with_name('test_wire.py').read_text('utf-8')
+    written = HERE.read_text('utf-8') + HERE.with_name('test_faulty_transport.py').read_text(
+        'utf-8'
+    )
     for name in FAULTS:
         assert f'def test_{name}_' in written, name
 
@@ -151,8 +158,8 @@ def test_every_fault_is_described_and_can_be_started_without_parameters(name, ha
     kind = FAULTS[name]
     assert kind.text.endswith('.')
     assert kind.parameters
-    assert set(kind.default_ports) <= set(kind.ports) <= {*DATA_PORTS, REMOTE}
-    assert REMOTE not in kind.default_ports
+    assert set(kind.default_ports) <= set(kind.ports) <= {*DATA_PORTS, REMOTE_PORT}
+    assert REMOTE_PORT not in kind.default_ports
     for parameter in kind.parameters:
         if parameter.default is not None:
             assert parameter.read(parameter.write(parameter.default)) == parameter.default
@@ -306,9 +313,11 @@ def test_clear_takes_one_name_or_all(harness):
 
 
 def test_so_many_faults_at_a_time(harness):
-    for _ in range(MAX_ACTIVE):
+    for _ in range(MAX_ACTIVE_FAULTS):
         harness.start('delay:after=100')
-    with pytest.raises(FaultError, match=f'delay: {MAX_ACTIVE} faults are active: clear some'):
+    with pytest.raises(
+        FaultError, match=f'delay: {MAX_ACTIVE_FAULTS} faults are active: clear some'
+    ):
         harness.start('delay')
     harness.clear()
     harness.start('delay')
@@ -328,11 +337,11 @@ def test_a_fault_of_the_remote_port_lets_its_command_be_answered_first(harness):
     harness.start('cut:port=remote,for=1')
     remote.send(b'#Sim,0\r\n')
     assert remote.taken() == [b'#Sim,0\r\n']
-    harness.wait(ANSWER_TIME)
+    harness.wait(ANSWER_TIME_S)
     assert (remote.hung_up, state.hung_up) == (1, 0)
-    assert harness.faults.refuses('remote')
+    assert harness.faults.rejects('remote')
     harness.wait(1.0)
-    assert not harness.faults.refuses('remote')
+    assert not harness.faults.rejects('remote')
 
 
 @pytest.mark.parametrize('name', FAULTS)
@@ -343,21 +352,21 @@ def test_the_remote_port_is_left_alone_unless_it_is_named(harness, name):
         harness.start(f'{name} port={port}')
     remote.send(b'#GetStatus,0\r\n')
     assert remote.taken() == [b'#GetStatus,0\r\n']
-    assert remote.wire.receive(b'$Reset\r\n') == b'$Reset\r\n'
+    assert remote.transport.receive(b'$Reset\r\n') == b'$Reset\r\n'
     assert remote.hung_up == 0
-    assert not harness.faults.refuses('remote')
+    assert not harness.faults.rejects('remote')
 
 
 def test_faults_that_come_and_go_leave_no_memory(harness):
     for _ in range(50):
         for name in FAULTS:
             harness.start(f'{name}:after=0.01')
-        harness.client('motion').wire.close()
+        harness.client('motion').transport.close()
         harness.wait(0.1)
         harness.clear()
         harness.wait(10.0)
     assert harness.faults.active() == []
-    assert not harness.faults._wires
+    assert harness.faults.attached == 0
     assert harness.clock.next_due is None
 
 
@@ -380,7 +389,7 @@ def page_lists():
         lines.append(f'  * by default {", ".join(defaults)}')
         common |= {each.name: each for each in kind.parameters if each.name not in common}
     lines += ['', 'Parameters of several faults:', '']
-    ports = ('which ports', f'{", ".join((*DATA_PORTS, REMOTE))}; several with +; all')
+    ports = ('which ports', f'{", ".join((*DATA_PORTS, REMOTE_PORT))}; several with +; all')
     rows = {key: (common[key].text, common[key].range) for key in COMMON if key in common}
     for key, (text, allowed) in {'port': ports, **rows}.items():
         lines.append(f'* `{key}`: {text} ({allowed})')

@@ -14,10 +14,10 @@ from support.event_loop import run, until
 
 from epson_driver.remote_ethernet.client import LOGINS, RemoteError, execute
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
-from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.network import connection
+from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.sim_controller.condition.states import Event, Motors
+from epson_driver.sim_controller.network import tcp_connection
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.states import Event, Motors
 
 HOST = '127.0.0.1'
 FREE = Ports(0, 0, 0, 0)
@@ -58,7 +58,7 @@ def on_sockets(test, real_time=False):
 @asynccontextmanager
 async def serving(profile=PROFILE, smooth=False):
     planner = PlannerProcess(MODEL.limits) if smooth else None
-    controller = Controller(MODEL, profile, planner=planner)
+    controller = new_controller(MODEL, profile, planner=planner)
     servers = ControllerServers(controller, planner=planner)
     served = Served(servers, controller, await servers.open(HOST, FREE))
     cycle = asyncio.create_task(servers.run())
@@ -120,14 +120,14 @@ async def test_a_second_motion_client_is_refused_and_the_first_goes_on(served):
     for _ in range(3):
         second, second_writer = await served.connect()
         second_writer.write(point(STOP))
-        assert await refused(second)
+        assert await rejected(second)
     assert await read_code(reader) == (0, SUCCESS)
     writer.write(point(1))
     assert await read_code(reader) == (1, SUCCESS)
     assert served.controller.condition.motors is Motors.ON
 
 
-async def refused(reader):
+async def rejected(reader):
     try:
         return await reader.read() == b''
     except ConnectionResetError:
@@ -184,7 +184,7 @@ async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(se
         served.controller.apply(Event.MOTORS_ON)
         reader, writer = await served.connect()
         writer.write(garbage)
-        assert await refused(reader)
+        assert await rejected(reader)
         assert served.controller.condition.motors is Motors.OFF
         assert served.controller.status().error_code == 8000
     served.controller.apply(Event.MOTORS_ON)
@@ -195,16 +195,16 @@ async def test_invariant_7_garbage_ends_the_connection_and_the_next_one_works(se
 
 @pytest.mark.invariant(7)
 def test_invariant_7_a_client_that_does_not_read_its_replies_is_disconnected(caplog, monkeypatch):
-    monkeypatch.delitem(connection.KEEPALIVE, 'TCP_USER_TIMEOUT')  # or TCP gives up first
+    monkeypatch.delitem(tcp_connection.KEEPALIVE, 'TCP_USER_TIMEOUT')  # or TCP gives up first
 
     async def test(served):
         sock = socket.socket()
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # full soon
         sock.setblocking(False)
         await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.motion))
-        reader, writer = await asyncio.open_connection(sock=sock)
+        _, writer = await asyncio.open_connection(sock=sock)
         served.writers.append(writer)
-        reader._transport.pause_reading()
+        writer.transport.pause_reading()
         served.controller.apply(Event.MOTORS_ON)
         pings = frame(1, 2, 0, bytes(40)) * 1000
 
@@ -382,11 +382,10 @@ def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog):
             await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.state))
             good, _ = await served.connect('state')
             data = 0
-            server = served.servers._servers[1]
-            await until(lambda: len(server._tasks) == 2)
-            while len(server._tasks) == 2:  # the other one is served all the time
+            await until(lambda: served.servers.clients('state') == 2)
+            while served.servers.clients('state') == 2:  # the other one is served all the time
                 data += len((await read_frame(good))[3])
-            assert len(server._tasks) == 1
+            assert served.servers.clients('state') == 1
             for _ in range(20):
                 await read_frame(good)
             sock.close()
@@ -397,7 +396,7 @@ def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog):
 
 @on_sockets
 async def test_big_and_small_ports_are_refused_with_their_name(served):
-    other = ControllerServers(Controller(MODEL, PROFILE))
+    other = ControllerServers(new_controller(MODEL, PROFILE))
     taken = Ports(0, served.ports.state, 0, 0)
     with pytest.raises(OSError, match=rf'state port {HOST}:{served.ports.state}: .*in use'):
         await other.open(HOST, taken)
@@ -455,7 +454,7 @@ async def test_invariant_7_a_remote_line_without_end_closes_that_connection(serv
     reader, writer = await served.connect('remote')
     writer.write(b'$' + b'x' * 100_000)
     assert await reader.readline() == b'!,12\r\n'
-    assert await refused(reader)
+    assert await rejected(reader)
     assert await execute(HOST, served.ports.remote, ['GetStatus'], 20)
 
 

@@ -4,25 +4,26 @@
 
 import asyncio
 import errno
+import socket
 from functools import partial
 
 import pytest
 from support.controller_harness import frame
 from support.event_loop import until
-from test_controller_servers import HOST, on_sockets, read_frame, refused
+from test_controller_servers import HOST, on_sockets, read_frame, rejected
 
 from epson_driver.remote_ethernet.client import execute
-from epson_driver.sim_controller.lines import NEWCOMERS, REMOTE_CLIENTS, Line
-from epson_driver.sim_controller.network.fairness import FIRST, SAVED, Share
-from epson_driver.sim_controller.network.port_server import WAITING, port_rules
+from epson_driver.sim_controller.client_connections import (
+    MAX_NEWCOMERS,
+    MAX_REMOTE_CLIENTS,
+    ClientConnection,
+)
+from epson_driver.sim_controller.network.cpu_budget import INITIAL_S, MAX_SAVED_S, CpuBudget
+from epson_driver.sim_controller.network.port_server import MAX_WAITING_CLIENTS, port_rules
 
 CROWD = 200
 
 on_sockets_in_real_time = partial(on_sockets, real_time=True)
-
-
-def server_of(served, port):
-    return next(each for each in served.servers._servers if each._rules.name == port)
 
 
 async def crowd(served, port, count=CROWD):
@@ -31,27 +32,31 @@ async def crowd(served, port, count=CROWD):
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', ['motion', 'state', 'io', 'remote'])
-def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port):
+def test_invariant_7_a_crowd_is_served_or_sent_away_and_never_kept_waiting(port, monkeypatch):
     async def test(served):
-        server = server_of(served, port)
         rules = next(
             each for each in port_rules(served.controller.profile.server) if each.name == port
         )
-        most = REMOTE_CLIENTS if rules.max_clients is None else rules.max_clients + WAITING
+        most = (
+            MAX_REMOTE_CLIENTS
+            if rules.max_clients is None
+            else rules.max_clients + MAX_WAITING_CLIENTS
+        )
         seen = []
-        accept = server._admit
+        real = asyncio.open_connection
 
-        async def counted(sock):
-            seen.append(len(server._tasks))
-            await accept(sock)
+        async def counted(*where, **options):
+            if 'sock' in options:  # of a client that was accepted
+                seen.append(served.servers.clients(port))
+            return await real(*where, **options)
 
-        server._admit = counted
+        monkeypatch.setattr(asyncio, 'open_connection', counted)
         clients = await crowd(served, port)
-        places = rules.max_clients or REMOTE_CLIENTS
-        ends = [asyncio.create_task(refused(reader)) for reader, _ in clients]
+        places = rules.max_clients or MAX_REMOTE_CLIENTS
+        ends = [asyncio.create_task(rejected(reader)) for reader, _ in clients]
         await until(lambda: sum(end.done() for end in ends) >= CROWD - places)
-        assert max(seen) <= most + NEWCOMERS  # one that makes room takes a few turns to go
-        await until(lambda: len(server._tasks) == places)
+        assert max(seen) <= most + MAX_NEWCOMERS  # one that makes room takes a few turns to go
+        await until(lambda: served.servers.clients(port) == places)
         assert sum(end.done() for end in ends) == CROWD - places
 
     on_sockets(test, real_time=True)()
@@ -75,29 +80,21 @@ async def test_a_client_that_is_sent_away_makes_no_difference_to_the_others(serv
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize('number', [errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.EPROTO])
-def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(number, caplog):
+def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(
+    number, caplog, monkeypatch
+):
     async def test(served):
-        server = server_of(served, 'motion')
-        real = server._sock
         failures = 3
+        real = socket.socket.accept
 
-        class Failing:
-            def accept(self):
-                nonlocal failures
-                failures -= 1
-                if failures < 0:
-                    return real.accept()
-                raise OSError(number, 'as asked for')
+        def accept(listening):
+            nonlocal failures
+            failures -= 1
+            if failures < 0:
+                return real(listening)
+            raise OSError(number, 'as asked for')
 
-            def fileno(self):
-                return real.fileno()
-
-            def close(self):
-                real.close()
-
-        asyncio.get_running_loop().remove_reader(real)
-        server._sock = Failing()
-        server._listen()
+        monkeypatch.setattr(socket.socket, 'accept', accept)
         reader, writer = await served.connect()
         writer.write(frame(1, 2, 0))
         assert (await read_frame(reader))[:3] == (1, 3, 1)
@@ -121,13 +118,13 @@ async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
         turn += 1
         loop.call_soon(next_turn)
 
-    def receive(line, data, real=Line.receive):
-        heard.append((turn, line, len(data)))
-        real(line, data)
+    def receive(connection, data, real=ClientConnection.receive):
+        heard.append((turn, connection, len(data)))
+        real(connection, data)
 
     loop.call_soon(next_turn)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Line, 'receive', receive)
+        patch.setattr(ClientConnection, 'receive', receive)
         for port in ('state', 'io', 'remote', 'motion'):
             for _ in range(1 if port == 'motion' else 5):
                 _, writer = await served.connect(port)
@@ -135,30 +132,32 @@ async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
         await until(lambda: len(heard) > 150)
     turns = [at for at, _, _ in heard]
     assert len(set(turns)) == len(turns)
-    lines = {line for _, line, _ in heard}
-    assert len(lines) == 16
-    assert all(size <= 128 for _, line, size in heard if line.port == 'remote')
-    assert all(size <= 1024 for _, line, size in heard if line.port != 'motion')
+    connections = {connection for _, connection, _ in heard}
+    assert len(connections) == 16
+    assert all(size <= 128 for _, connection, size in heard if connection.port == 'remote')
+    assert all(size <= 1024 for _, connection, size in heard if connection.port != 'motion')
 
 
 def test_who_uses_more_than_the_share_waits_for_it_and_who_is_quiet_saves_up():
-    share = Share(0.0)
-    assert share.used(FIRST, 0.1, 0.0) == 0.0
-    assert share.used(0.01, 0.1, 0.0) == pytest.approx(0.1)
-    assert share.used(0.01, 0.1, 0.1) == pytest.approx(0.1)
-    assert share.used(0.6 * SAVED, 0.1, 1000.0) == 0.0
-    assert share.used(0.4 * SAVED, 0.1, 1000.0) == pytest.approx(0.0)
-    assert share.used(SAVED, 0.1, 2000.0) == pytest.approx(0.0)  # no more than that is saved
-    assert share.used(0.01, 0.1, 2000.0) == pytest.approx(0.1)
+    budget = CpuBudget(0.0)
+    assert budget.used(INITIAL_S, 0.1, 0.0) == 0.0
+    assert budget.used(0.01, 0.1, 0.0) == pytest.approx(0.1)
+    assert budget.used(0.01, 0.1, 0.1) == pytest.approx(0.1)
+    assert budget.used(0.6 * MAX_SAVED_S, 0.1, 1000.0) == 0.0
+    assert budget.used(0.4 * MAX_SAVED_S, 0.1, 1000.0) == pytest.approx(0.0)
+    assert budget.used(MAX_SAVED_S, 0.1, 2000.0) == pytest.approx(
+        0.0
+    )  # no more than that is saved
+    assert budget.used(0.01, 0.1, 2000.0) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize('clients', [1, 4, 16])
 def test_all_clients_of_a_port_together_keep_to_its_share(clients):
-    shares = [Share(0.0) for _ in range(clients)]
+    budgets = [CpuBudget(0.0) for _ in range(clients)]
     due = [0.0] * clients
     used = 0.0
     while min(due) < 100.0:
         index = due.index(min(due))
         used += 0.001
-        due[index] += max(shares[index].used(0.001, 0.2 / clients, due[index]), 1e-6)
-    assert used == pytest.approx(0.2 * 100.0 + clients * FIRST, rel=0.01)
+        due[index] += max(budgets[index].used(0.001, 0.2 / clients, due[index]), 1e-6)
+    assert used == pytest.approx(0.2 * 100.0 + clients * INITIAL_S, rel=0.01)

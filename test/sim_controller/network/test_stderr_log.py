@@ -7,7 +7,7 @@ import logging
 import pytest
 from support.controller_harness import Harness, Peer
 
-from epson_driver.sim_controller.network.stderr_log import BURST, StderrLog
+from epson_driver.sim_controller.network.stderr_log import BURST_LINES, StderrLog
 
 MANY = 20_000
 
@@ -49,15 +49,15 @@ def test_invariant_7_refused_remote_commands_have_a_pace_and_the_rest_is_counted
     log.now += 1.0
     client.receive(b'$Nothing\n' * MANY)
     lines = log.lines()
-    assert len(lines) == BURST + 1
+    assert len(lines) == BURST_LINES + 1
     assert all('there is no command Nothing' in line for line in lines)
-    assert lines[-1].endswith(f'(and {MANY - BURST} like it before)')
+    assert lines[-1].endswith(f'(and {MANY - BURST_LINES} like it before)')
 
 
 def test_other_lines_pass_while_one_kind_is_held_back(log, client):
     client.receive(b'$Login\n' + b'$Nothing\n' * MANY + b'$Sim,estop,press\n')
     lines = log.lines()
-    assert len(lines) == BURST + 1
+    assert len(lines) == BURST_LINES + 1
     assert 'E-stop press: ' in lines[-1]
 
 
@@ -72,9 +72,11 @@ def test_what_a_client_sends_does_nothing_to_the_terminal(log, client):
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('port', ['motion', 'state', 'io'])
 def test_invariant_7_refused_messages_have_a_pace_on_every_port(log, port):
-    line = Harness(motors=False, connect=False).controller.connect(port, Peer())
+    connection = Harness(motors=False, connect=False).controller.connect(port, Peer())
     for kind in (11, 12, 13, 65_201, 999, 0, -1):  # too short for what they are
-        line.receive(b'\x0f\0\0\0' + kind.to_bytes(4, 'little', signed=True) + b'\2' + bytes(10))
+        connection.receive(
+            b'\x0f\0\0\0' + kind.to_bytes(4, 'little', signed=True) + b'\2' + bytes(10)
+        )
     for _ in range(MANY // 10):
-        line.receive(b'\x0f\0\0\0\x0b\0\0\0\2' + bytes(10))
-    assert 1 <= len(log.lines()) <= 3 * BURST
+        connection.receive(b'\x0f\0\0\0\x0b\0\0\0\2' + bytes(10))
+    assert 1 <= len(log.lines()) <= 3 * BURST_LINES

@@ -21,7 +21,7 @@ from support.program_harness import (
     rounded,
 )
 
-from epson_driver.sim_controller.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 
 FIRST, LAST, STOP = -1, -3, -4
 DOWNLOAD = profile('rc620').download
@@ -36,184 +36,184 @@ def trajectory(number, comm_type=TOPIC, joints=THERE):
     ]
 
 
-def harness(name='rc620', buffer=1000, overflow='refuse', dead_time=0.0, **changes):
+def new_harness(name='rc620', buffer=1000, overflow='refuse', dead_time=0.0, **changes):
     download = replace(DOWNLOAD, buffer=buffer, overflow=overflow, dead_time=dead_time)
     return ProgramHarness(name, download=download, **changes)
 
 
 def test_topics_are_not_answered_and_the_arm_goes_when_the_last_has_come():
-    b = harness()
+    harness = new_harness()
     *before, last = trajectory(20)
     for message in before:
-        b.send(message)
-        b.step(0.1)
-    assert b.joints == list(HOME)
-    assert b.events == []
-    b.send(last)
-    assert b.arm.moving
-    b.rest()
-    assert b.joints == rounded(THERE)
-    assert b.events == ['began', *range(20)]
-    assert b.take_sent() == b''
+        harness.send(message)
+        harness.step(0.1)
+    assert harness.joints == list(HOME)
+    assert harness.events == []
+    harness.send(last)
+    assert harness.arm.moving
+    harness.rest()
+    assert harness.joints == rounded(THERE)
+    assert harness.events == ['began', *range(20)]
+    assert harness.take_sent() == b''
 
 
 def test_requests_are_answered_when_the_program_is_done_with_them():
-    b = harness(dead_time=0.1)
-    b.send(*trajectory(3, REQUEST))
+    harness = new_harness(dead_time=0.1)
+    harness.send(*trajectory(3, REQUEST))
     seen = []
     for _ in range(35):
-        b.step(0.01, 0.01)
-        seen.append(b.codes())
+        harness.step(0.01, 0.01)
+        seen.append(harness.codes())
     at = {codes[0]: 0.01 * (i + 1) for i, codes in enumerate(seen) if codes}
     assert list(at) == [(FIRST, SUCCESS), (1, SUCCESS), (LAST, SUCCESS)]
     assert list(at.values()) == pytest.approx([0.1, 0.2, 0.3], abs=0.011)
 
 
 def test_topics_that_are_still_on_their_way_after_a_stop_are_not_answered():
-    b = harness()
+    harness = new_harness()
     first, second, third, last = trajectory(4)
-    b.send(first, second, point(STOP))
-    assert b.codes() == [(STOP, SUCCESS)]
-    b.send(third, last)
-    assert b.take_sent() == b''
-    assert b.errors.number == ErrorNumber.CORRUPT_MESSAGE
-    b.send(point(0, THERE))
-    b.rest()
-    assert b.codes() == [(0, SUCCESS)]
-    assert b.joints == rounded(THERE)
+    harness.send(first, second, point(STOP))
+    assert harness.codes() == [(STOP, SUCCESS)]
+    harness.send(third, last)
+    assert harness.take_sent() == b''
+    assert harness.errors.number == ErrorNumber.CORRUPT_MESSAGE
+    harness.send(point(0, THERE))
+    harness.rest()
+    assert harness.codes() == [(0, SUCCESS)]
+    assert harness.joints == rounded(THERE)
 
 
 def test_requests_are_answered_when_they_are_kept():
-    b = harness()
+    harness = new_harness()
     for message, sequence in zip(trajectory(4, REQUEST), (FIRST, 1, 2, LAST), strict=True):
-        b.send(message)
-        assert b.codes() == [(sequence, SUCCESS)]
-    b.rest()
-    assert b.joints == rounded(THERE)
-    assert b.codes() == []
+        harness.send(message)
+        assert harness.codes() == [(sequence, SUCCESS)]
+    harness.rest()
+    assert harness.joints == rounded(THERE)
+    assert harness.codes() == []
 
 
 @pytest.mark.parametrize('number', [2, 11, 100])
 def test_n_points_cost_n_dead_times_before_the_arm_moves(number):
-    b = harness(dead_time=0.0115)
-    b.send(*trajectory(number))
-    b.step(number * 0.0115 - 0.001, 0.001)
-    assert not b.arm.moving
-    b.step(0.002, 0.001)
-    assert b.arm.moving
+    harness = new_harness(dead_time=0.0115)
+    harness.send(*trajectory(number))
+    harness.step(number * 0.0115 - 0.001, 0.001)
+    assert not harness.arm.moving
+    harness.step(0.002, 0.001)
+    assert harness.arm.moving
 
 
 def test_the_dead_time_counts_from_when_each_point_has_come():
-    b = harness(dead_time=0.01)
+    harness = new_harness(dead_time=0.01)
     first, middle, last = trajectory(3)
-    b.send(first, middle)
-    b.step(1.0)  # the program waits for the client
-    b.send(last)
-    b.step(0.009, 0.001)
-    assert not b.arm.moving
-    b.step(0.002, 0.001)
-    assert b.arm.moving
+    harness.send(first, middle)
+    harness.step(1.0)  # the program waits for the client
+    harness.send(last)
+    harness.step(0.009, 0.001)
+    assert not harness.arm.moving
+    harness.step(0.002, 0.001)
+    assert harness.arm.moving
 
 
 def test_the_measured_dead_time_is_that_of_the_rc620():
     assert 0.011 <= DOWNLOAD.dead_time <= 0.012
-    b = ProgramHarness()
-    b.send(*trajectory(11))
-    b.step(0.121, 0.001)
-    assert not b.arm.moving
-    b.step(0.011, 0.001)
-    assert b.arm.moving
+    harness = ProgramHarness()
+    harness.send(*trajectory(11))
+    harness.step(0.121, 0.001)
+    assert not harness.arm.moving
+    harness.step(0.011, 0.001)
+    assert harness.arm.moving
 
 
 def test_each_of_two_downloads_waits_for_its_own_dead_time():
-    b = harness(dead_time=0.1)
-    b.send(*trajectory(2, joints=HOME))
-    b.step(0.21, 0.001)
-    assert b.events == ['began', 0, 1]
-    b.send(*trajectory(3, joints=HOME))
-    b.step(0.29, 0.001)
-    assert len(b.events) == 3
-    b.step(0.02, 0.001)
-    assert len(b.events) == 7
+    harness = new_harness(dead_time=0.1)
+    harness.send(*trajectory(2, joints=HOME))
+    harness.step(0.21, 0.001)
+    assert harness.events == ['began', 0, 1]
+    harness.send(*trajectory(3, joints=HOME))
+    harness.step(0.29, 0.001)
+    assert len(harness.events) == 3
+    harness.step(0.02, 0.001)
+    assert len(harness.events) == 7
 
 
 def test_a_stop_ends_the_dead_time_too():
-    b = harness(dead_time=0.1)
-    b.send(*trajectory(50), point(STOP), *trajectory(2))
-    b.step(0.21, 0.001)
-    assert b.arm.moving
+    harness = new_harness(dead_time=0.1)
+    harness.send(*trajectory(50), point(STOP), *trajectory(2))
+    harness.step(0.21, 0.001)
+    assert harness.arm.moving
 
 
 # ---- the buffer
 
 
 def test_a_download_that_fills_the_buffer_is_executed():
-    b = harness(buffer=5)
-    b.send(*trajectory(5))
-    b.rest()
-    assert b.joints == rounded(THERE)
+    harness = new_harness(buffer=5)
+    harness.send(*trajectory(5))
+    harness.rest()
+    assert harness.joints == rounded(THERE)
 
 
 def test_a_longer_one_is_refused_as_a_whole_and_says_so():
-    b = harness(buffer=5)
-    b.send(*trajectory(6))
-    assert b.error == 8000
-    b.step(5.0)
-    assert (b.joints, b.events, b.take_sent()) == (list(HOME), [], b'')
+    harness = new_harness(buffer=5)
+    harness.send(*trajectory(6))
+    assert harness.error == 8000
+    harness.step(5.0)
+    assert (harness.joints, harness.events, harness.take_sent()) == (list(HOME), [], b'')
 
 
 def test_or_the_points_beyond_the_buffer_are_lost(caplog):
-    b = harness(buffer=5, overflow='drop')
-    b.send(*trajectory(8))
-    b.rest()
-    assert b.error == 0
-    assert b.joints == pytest.approx([q * 5 / 8 for q in THERE])
+    harness = new_harness(buffer=5, overflow='drop')
+    harness.send(*trajectory(8))
+    harness.rest()
+    assert harness.error == 0
+    assert harness.joints == pytest.approx([q * 5 / 8 for q in THERE])
     assert '3 points of a download are lost' in caplog.text
     caplog.clear()
-    b.send(*trajectory(4))  # all of the next one
-    b.rest()
+    harness.send(*trajectory(4))  # all of the next one
+    harness.rest()
     assert 'lost' not in caplog.text
-    assert b.joints == rounded(THERE)
+    assert harness.joints == rounded(THERE)
 
 
 @pytest.mark.invariant(7)
 def test_invariant_7_downloads_on_downloads_are_limited():
-    b = harness(buffer=10, pending_limit=15)
-    b.send(*trajectory(10), *trajectory(10))  # one point of the first is with the arm
-    assert b.error == 8000
-    b.rest()
-    assert b.joints[0] < 0.01
+    harness = new_harness(buffer=10, pending_limit=15)
+    harness.send(*trajectory(10), *trajectory(10))  # one point of the first is with the arm
+    assert harness.error == 8000
+    harness.rest()
+    assert harness.joints[0] < 0.01
 
-    b.program.pause()
+    harness.program.pause()
     for _ in range(100):
-        b.send(*trajectory(2))
-    assert len(b.program._queue) <= 15
+        harness.send(*trajectory(2))
+    assert harness.program.waiting <= 15
 
 
 @pytest.mark.invariant(7)
 def test_invariant_7_a_download_without_an_end_is_limited():
-    b = harness(buffer=10, overflow='drop')
-    b.send(point(FIRST, HOME, TOPIC), *[point(1, THERE, TOPIC)] * 1000)
-    assert len(b.program._download) == 10
-    b.step(1.0)
-    assert b.events == []
+    harness = new_harness(buffer=10, overflow='drop')
+    harness.send(point(FIRST, HOME, TOPIC), *[point(1, THERE, TOPIC)] * 1000)
+    assert harness.program.downloaded == 10
+    harness.step(1.0)
+    assert harness.events == []
 
 
 @pytest.mark.invariant(7)
 def test_invariant_7_requests_in_a_pause_are_limited():
-    b = harness(pending_limit=10)
-    b.program.pause()
-    b.send(*[point(FIRST, THERE, REQUEST)] * 11)
-    assert b.codes() == [(FIRST, FAILURE)] * 11
-    assert b.error == 8000
+    harness = new_harness(pending_limit=10)
+    harness.program.pause()
+    harness.send(*[point(FIRST, THERE, REQUEST)] * 11)
+    assert harness.codes() == [(FIRST, FAILURE)] * 11
+    assert harness.error == 8000
 
 
 def test_two_downloads_are_gone_through_one_after_the_other():
-    b = harness()
-    b.send(*trajectory(3), *trajectory(3, joints=[-q for q in THERE]))
-    b.rest()
-    assert b.joints == rounded([-q for q in THERE])
-    assert b.events == ['began', 0, 1, 2, 'began', 0, 1, 2]
+    harness = new_harness()
+    harness.send(*trajectory(3), *trajectory(3, joints=[-q for q in THERE]))
+    harness.rest()
+    assert harness.joints == rounded([-q for q in THERE])
+    assert harness.events == ['began', 0, 1, 2, 'began', 0, 1, 2]
 
 
 # ---- invariant 1: nothing of a download moves that did not come to its end
@@ -234,25 +234,25 @@ def test_invariant_1_a_bad_point_refuses_the_whole_and_its_cause_stays_shown(nam
     messages = trajectory(10, comm_type)
     sequence = [FIRST, *range(1, 9), LAST][at]
     messages[at] = point(sequence, joints, comm_type)
-    b = harness()
-    b.send(*messages)
-    assert b.error == error
-    codes = [code for _, code in b.codes()]
+    harness = new_harness()
+    harness.send(*messages)
+    assert harness.error == error
+    codes = [code for _, code in harness.codes()]
     assert codes == ([] if comm_type == TOPIC else [SUCCESS] * at + [FAILURE] * (10 - at))
-    b.step(2.0)
-    assert (b.joints, b.events) == (list(HOME), [])
-    b.send(*trajectory(3))  # the next one works
-    b.rest()
-    assert b.joints == rounded(THERE)
-    assert b.error == 0
+    harness.step(2.0)
+    assert (harness.joints, harness.events) == (list(HOME), [])
+    harness.send(*trajectory(3))  # the next one works
+    harness.rest()
+    assert harness.joints == rounded(THERE)
+    assert harness.error == 0
 
 
 @pytest.mark.invariant(1)
 def test_invariant_1_a_new_beginning_replaces_what_has_come():
-    b = harness()
-    b.send(*trajectory(10)[:-1], *trajectory(2, joints=HOME))
-    b.rest()
-    assert (b.joints, b.events) == (list(HOME), ['began', 0, 1])
+    harness = new_harness()
+    harness.send(*trajectory(10)[:-1], *trajectory(2, joints=HOME))
+    harness.rest()
+    assert (harness.joints, harness.events) == (list(HOME), ['began', 0, 1])
 
 
 @pytest.mark.invariant(3)
@@ -260,113 +260,113 @@ def test_invariant_1_a_new_beginning_replaces_what_has_come():
 def test_invariant_3_a_stop_ends_a_download_in_every_phase(dead_time):
     messages = trajectory(5)
     for number in range(1, 6):
-        b = harness(dead_time=dead_time)
-        b.send(*messages[:number])
-        b.step(0.05)
-        b.send(point(STOP))
-        assert b.codes() == [(STOP, SUCCESS)]
-        b.step(3.0)
-        assert b.joints[0] < 0.1
-        assert not b.arm.moving
-        b.send(point(LAST, THERE, TOPIC), point(0, HOME))
-        b.rest()
-        assert b.codes() == [(0, SUCCESS)]
+        harness = new_harness(dead_time=dead_time)
+        harness.send(*messages[:number])
+        harness.step(0.05)
+        harness.send(point(STOP))
+        assert harness.codes() == [(STOP, SUCCESS)]
+        harness.step(3.0)
+        assert harness.joints[0] < 0.1
+        assert not harness.arm.moving
+        harness.send(point(LAST, THERE, TOPIC), point(0, HOME))
+        harness.rest()
+        assert harness.codes() == [(0, SUCCESS)]
 
 
 @pytest.mark.invariant(1)
 def test_invariant_1_a_lost_client_ends_a_download():
     for number in (3, 5):
-        b = harness(dead_time=0.1)
-        b.send(*trajectory(5)[:number])
-        b.program.abort()  # motors off
-        b.program.restart()  # the next client
-        b.send(point(1, THERE), point(LAST, THERE))
-        b.step(3.0)
-        assert b.codes() == [(1, FAILURE), (LAST, FAILURE)]
-        assert b.joints == list(HOME)
+        harness = new_harness(dead_time=0.1)
+        harness.send(*trajectory(5)[:number])
+        harness.program.abort()  # motors off
+        harness.program.restart()  # the next client
+        harness.send(point(1, THERE), point(LAST, THERE))
+        harness.step(3.0)
+        assert harness.codes() == [(1, FAILURE), (LAST, FAILURE)]
+        assert harness.joints == list(HOME)
 
 
 def test_an_abort_drops_the_rest_of_a_download_without_a_word():
-    b = harness()
+    harness = new_harness()
     messages = trajectory(6)
-    b.send(*messages[:3])
-    b.program.abort()
-    b.send(*messages[3:])
-    b.step(1.0)
-    assert (b.joints, b.error, b.take_sent()) == (list(HOME), 0, b'')
+    harness.send(*messages[:3])
+    harness.program.abort()
+    harness.send(*messages[3:])
+    harness.step(1.0)
+    assert (harness.joints, harness.error, harness.take_sent()) == (list(HOME), 0, b'')
 
 
 def test_without_motors_a_download_is_refused():
-    b = harness()
-    b.blocked = Refusal(ErrorNumber.MOTORS_OFF, 'the motors are off')
+    harness = new_harness()
+    harness.blocked = Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off')
     messages = trajectory(5)
-    b.send(*messages[:3])
-    b.blocked = None
-    b.send(*messages[3:])
-    b.step(1.0)
-    assert b.error == 4031
-    assert b.joints == list(HOME)
+    harness.send(*messages[:3])
+    harness.blocked = None
+    harness.send(*messages[3:])
+    harness.step(1.0)
+    assert harness.error == 4031
+    assert harness.joints == list(HOME)
 
 
 @pytest.mark.parametrize('sequence', [1, 0, LAST, -2, -5])
 def test_a_topic_that_belongs_to_no_download_is_refused(sequence):
-    b = harness()
-    b.send(point(sequence, THERE, TOPIC))
-    assert b.codes() == [(sequence, FAILURE)]
-    assert b.error == 8000
-    assert not b.arm.moving
+    harness = new_harness()
+    harness.send(point(sequence, THERE, TOPIC))
+    assert harness.codes() == [(sequence, FAILURE)]
+    assert harness.error == 8000
+    assert not harness.arm.moving
 
 
 def test_an_end_without_a_beginning_is_refused(caplog):
-    b = harness()
-    b.send(point(LAST, THERE))
-    assert b.codes() == [(LAST, FAILURE)]
+    harness = new_harness()
+    harness.send(point(LAST, THERE))
+    assert harness.codes() == [(LAST, FAILURE)]
     assert 'no download is under way' in caplog.text
 
 
 def test_a_corrupt_message_ends_a_download():
-    b = harness()
+    harness = new_harness()
     messages = trajectory(5)
-    b.send(*messages[:3], frame(11, TOPIC), *messages[3:])
-    b.step(2.0)
-    assert b.joints == list(HOME)
-    assert b.error == 8000
+    harness.send(*messages[:3], frame(11, TOPIC), *messages[3:])
+    harness.step(2.0)
+    assert harness.joints == list(HOME)
+    assert harness.error == 8000
 
 
 def test_a_reply_never_begins_a_download():
-    b = harness()
-    b.send(frame(11, 3, 1, point(FIRST, THERE)[16:]), point(LAST, THERE, TOPIC))
-    assert b.codes() == [(FIRST, FAILURE), (LAST, FAILURE)]
+    harness = new_harness()
+    harness.send(frame(11, 3, 1, point(FIRST, THERE)[16:]), point(LAST, THERE, TOPIC))
+    assert harness.codes() == [(FIRST, FAILURE), (LAST, FAILURE)]
 
 
 # ---- beside streaming
 
 
 def test_a_streamed_point_ends_a_download_of_topics():
-    b = harness()
-    b.send(*trajectory(5)[:3], point(0, HOME), point(LAST, THERE, TOPIC))
-    assert b.codes() == [(0, SUCCESS), (LAST, FAILURE)]
-    b.step(1.0)
-    assert b.joints == list(HOME)
+    harness = new_harness()
+    harness.send(*trajectory(5)[:3], point(0, HOME), point(LAST, THERE, TOPIC))
+    assert harness.codes() == [(0, SUCCESS), (LAST, FAILURE)]
+    harness.step(1.0)
+    assert harness.joints == list(HOME)
 
 
 def test_streamed_points_before_a_download_are_reached_first():
-    b = harness()
-    b.send(point(0, [-0.2]), *trajectory(3), point(0, HOME))
-    b.rest()
-    assert b.codes() == [(0, SUCCESS), (0, SUCCESS)]
-    assert b.events == ['began', 0, 'began', 0, 1, 2, 'began', 0]
-    assert b.joints == list(HOME)
+    harness = new_harness()
+    harness.send(point(0, [-0.2]), *trajectory(3), point(0, HOME))
+    harness.rest()
+    assert harness.codes() == [(0, SUCCESS), (0, SUCCESS)]
+    assert harness.events == ['began', 0, 'began', 0, 1, 2, 'began', 0]
+    assert harness.joints == list(HOME)
 
 
 def test_a_download_ends_a_streamed_trajectory():
-    b = harness()
-    b.send(point(0), *trajectory(3))
-    b.rest()
-    b.send(point(1, HOME))
-    assert b.codes() == [(0, SUCCESS), (1, FAILURE)]
-    b.rest()
-    assert b.joints == rounded(THERE)
+    harness = new_harness()
+    harness.send(point(0), *trajectory(3))
+    harness.rest()
+    harness.send(point(1, HOME))
+    assert harness.codes() == [(0, SUCCESS), (1, FAILURE)]
+    harness.rest()
+    assert harness.joints == rounded(THERE)
 
 
 @pytest.mark.parametrize(
@@ -374,63 +374,63 @@ def test_a_download_ends_a_streamed_trajectory():
     [trajectory(3)[:1], trajectory(3), [*trajectory(3), point(0), point(1)]],
 )
 def test_after_an_abort_with_a_download_a_new_trajectory_must_begin(behind):
-    b = harness()
-    b.send(*[point(sequence) for sequence in range(5)], point(5, THERE), *behind)
-    b.program.abort()
-    b.rest()
-    b.take_sent()
-    b.send(point(5, HOME))
-    assert b.codes() == [(5, FAILURE)]
+    harness = new_harness()
+    harness.send(*[point(sequence) for sequence in range(5)], point(5, THERE), *behind)
+    harness.program.abort()
+    harness.rest()
+    harness.take_sent()
+    harness.send(point(5, HOME))
+    assert harness.codes() == [(5, FAILURE)]
 
 
 def test_requests_of_a_download_are_answered_while_the_arm_brakes():
-    b = harness()
-    b.send(point(0, THERE))
-    b.step(0.1)
-    b.send(point(STOP), *trajectory(2, REQUEST, HOME))
-    assert b.arm.moving
-    assert b.codes() == [(0, FAILURE), (STOP, SUCCESS), (FIRST, SUCCESS), (LAST, SUCCESS)]
-    b.rest()
-    assert b.joints == list(HOME)
+    harness = new_harness()
+    harness.send(point(0, THERE))
+    harness.step(0.1)
+    harness.send(point(STOP), *trajectory(2, REQUEST, HOME))
+    assert harness.arm.moving
+    assert harness.codes() == [(0, FAILURE), (STOP, SUCCESS), (FIRST, SUCCESS), (LAST, SUCCESS)]
+    harness.rest()
+    assert harness.joints == list(HOME)
 
 
 def test_a_refused_point_while_a_download_is_executed_ends_it():
-    b = harness()
-    b.send(*trajectory(5))
-    b.step(0.2)
-    b.send(point(1, HOME))
-    assert b.codes() == [(1, FAILURE)]
-    b.rest()
-    assert b.joints[0] < 0.49
-    b.send(point(2, HOME))
-    assert b.codes() == [(2, FAILURE)]
+    harness = new_harness()
+    harness.send(*trajectory(5))
+    harness.step(0.2)
+    harness.send(point(1, HOME))
+    assert harness.codes() == [(1, FAILURE)]
+    harness.rest()
+    assert harness.joints[0] < 0.49
+    harness.send(point(2, HOME))
+    assert harness.codes() == [(2, FAILURE)]
 
 
 def test_a_pause_holds_a_download_back():
-    b = harness(dead_time=0.01)
-    b.send(*trajectory(3))
-    b.pause()
-    b.step(2.0)
-    assert b.joints == list(HOME)
-    b.resume()
-    b.rest()
-    assert b.joints == rounded(THERE)
+    harness = new_harness(dead_time=0.01)
+    harness.send(*trajectory(3))
+    harness.pause()
+    harness.step(2.0)
+    assert harness.joints == list(HOME)
+    harness.resume()
+    harness.rest()
+    assert harness.joints == rounded(THERE)
 
 
 def test_an_unchecked_point_outside_the_limits_ends_a_download_at_its_turn():
-    b = harness(check_limits=False)
+    harness = new_harness(check_limits=False)
     messages = trajectory(4)
     messages[2] = point(2, OUTSIDE, TOPIC)
-    b.send(*messages)
-    b.rest()
-    assert b.joints == pytest.approx([q / 2 for q in THERE])
-    assert b.error == 4001
+    harness.send(*messages)
+    harness.rest()
+    assert harness.joints == pytest.approx([q / 2 for q in THERE])
+    assert harness.error == 4001
 
 
 def test_abb_keeps_a_hundred_points():
-    b = ProgramHarness('abb')
-    b.send(*trajectory(150))
-    b.rest()
-    assert b.joints == pytest.approx([q * 100 / 150 for q in THERE])
-    b.send(point(STOP))
-    assert b.take_sent() == frame(11, 3, SUCCESS)
+    harness = ProgramHarness('abb')
+    harness.send(*trajectory(150))
+    harness.rest()
+    assert harness.joints == pytest.approx([q * 100 / 150 for q in THERE])
+    harness.send(point(STOP))
+    assert harness.take_sent() == frame(11, 3, SUCCESS)

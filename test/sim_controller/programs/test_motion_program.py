@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points, refusals and stops on a manual clock; the client's bytes are made with struct."""
+"""Points, rejections and stops on a manual clock; the client's bytes are made with struct."""
 
 import math
 import struct
@@ -24,7 +24,7 @@ from support.controller_harness import (
 
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
-from epson_driver.sim_controller.states import Event
+from epson_driver.sim_controller.condition.states import Event
 
 HERE = (0.0,) * 6
 THERE = (0.5, -0.4, 0.3, 0.2, -0.1, 1.0)
@@ -92,7 +92,7 @@ def test_duration_does_not_change_a_point_to_point_move():
     assert len(set(times)) == 1
 
 
-# ---- refusals
+# ---- rejections
 
 REFUSED = {
     'joint nan': (point(0, (NAN,)), 8000, 'joints[0] = nan is not finite'),
@@ -463,13 +463,13 @@ def test_headers_and_bodies_against_the_rules_are_answered_with_failure(sent, re
 
 def test_big_endian_points_to_a_big_endian_controller():
     from epson_driver.robots import load_robot_model
-    from epson_driver.sim_controller.core import Controller
+    from epson_driver.sim_controller.assembly import new_controller
     from epson_driver.simple_message import BIG_ENDIAN
 
-    controller = Controller(load_robot_model('c3_a601s'), PROFILE, dialect=BIG_ENDIAN)
+    controller = new_controller(load_robot_model('c3_a601s'), PROFILE, dialect=BIG_ENDIAN)
     peer = Peer()
-    line = controller.connect('motion', peer)
+    connection = controller.connect('motion', peer)
     controller.apply(Event.MOTORS_ON)
-    line.receive(point(0, order='>'))
+    connection.receive(point(0, order='>'))
     ((msg_type, comm_type, reply_code, body),) = split(peer.take(), '>')
     assert (msg_type, comm_type, reply_code, body) == (10, 3, SUCCESS, bytes(44))

@@ -13,9 +13,16 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from epson_driver.motion import JointLimits
-from epson_driver.sim_controller.errors import ErrorNumber, ErrorRegister, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, ErrorRegister, Rejection
+from epson_driver.sim_controller.condition.states import (
+    Condition,
+    Event,
+    Motors,
+    RejectedError,
+    Tasks,
+    after,
+)
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
-from epson_driver.sim_controller.states import Condition, Event, Motors, RefusedError, Tasks, after
 from epson_driver.simple_message import LITTLE_ENDIAN, Framer, encode
 
 NAN, INF = math.nan, math.inf
@@ -140,9 +147,9 @@ class Harness:
 
     def _blocked(self):
         if not self.planner_ready:
-            return Refusal(ErrorNumber.PLANNER_FAILED, 'no planner')
+            return Rejection(ErrorNumber.PLANNER_FAILED, 'no planner')
         if self.condition.motors is not Motors.ON or self.condition.estopped:
-            return Refusal(ErrorNumber.MOTORS_OFF, 'motors off')
+            return Rejection(ErrorNumber.MOTORS_OFF, 'motors off')
         return None
 
     def _began(self):
@@ -405,7 +412,7 @@ def test_start_traj_mode_switches_the_servos_on():
 def test_start_traj_mode_resets_an_alarm():
     harness = Harness(start=False)
     harness.apply(Event.ERROR)
-    harness.errors.enter(Refusal(ErrorNumber.PLANNER_FAILED, 'x'))
+    harness.errors.enter(Rejection(ErrorNumber.PLANNER_FAILED, 'x'))
     assert harness.command(READY) == (FAILURE, 5001)
     assert harness.command(START) == (SUCCESS, 0)
     assert harness.condition == Condition(motors=Motors.ON)
@@ -455,7 +462,7 @@ def test_without_a_planner_it_is_not_ready_and_does_not_say_why():
 def test_an_error_of_the_program_is_told_until_start_traj_mode():
     harness = Harness()
     harness.program.restart()
-    harness.errors.enter(Refusal(ErrorNumber.PLANNER_FAILED, 'x'))
+    harness.errors.enter(Rejection(ErrorNumber.PLANNER_FAILED, 'x'))
     assert harness.point(0) == (NOT_READY, 5002)
     assert harness.command(START) == (SUCCESS, 0)
 
@@ -557,7 +564,7 @@ def test_servos_on_and_off():
 
 def test_reset_alarm():
     harness = Harness(start=False)
-    harness.errors.enter(Refusal(ErrorNumber.CORRUPT_MESSAGE, 'x'))
+    harness.errors.enter(Rejection(ErrorNumber.CORRUPT_MESSAGE, 'x'))
     assert harness.command(RESET) == (SUCCESS, 0)
     assert harness.errors.number == 0
     harness.apply(Event.ERROR)
@@ -717,7 +724,7 @@ def test_invariants_2_and_7_whatever_comes_targets_are_within_limits_and_all_is_
         if isinstance(item, Event):
             try:
                 harness.apply(item)
-            except RefusedError:
+            except RejectedError:
                 continue
         else:
             before = harness.arm.taken[-1:]

@@ -20,7 +20,7 @@ from support.program_harness import (
     rounded,
 )
 
-from epson_driver.sim_controller.errors import ErrorNumber, Refusal
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.programs.program import ProgramQuit
 
 STOP = -4
@@ -47,7 +47,7 @@ def test_the_form_of_a_reply_byte_by_byte(form, expected):
 
 
 @pytest.mark.parametrize(('form', 'length'), [('sequence', 60), ('zero', 60), ('header', 16)])
-def test_a_stop_and_a_refusal_are_answered_in_the_same_form(form, length):
+def test_a_stop_and_a_rejection_are_answered_in_the_same_form(form, length):
     harness = ProgramHarness(reply=form)
     harness.send(point(STOP))
     assert len(harness.take_sent()) == length
@@ -144,7 +144,7 @@ def test_a_trajectory_that_begins_with_any_sequence_is_told_too():
 
 def test_a_program_that_is_restarted_by_the_beginning_takes_no_point():
     harness = ProgramHarness()
-    harness.program._queue._began = harness.program.restart
+    harness.began = harness.program.restart
     harness.send(point(0, THERE))
     assert harness.codes() == [(0, FAILURE)]
     assert not harness.arm.moving
@@ -159,7 +159,7 @@ def test_what_is_left_of_a_step_goes_to_the_next_point():
 
 def test_a_refused_first_point_begins_nothing():
     harness = ProgramHarness()
-    harness.blocked = Refusal(ErrorNumber.MOTORS_OFF, 'the motors are off')
+    harness.blocked = Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off')
     harness.send(point(0, THERE))
     assert harness.codes() == [(0, FAILURE)]
     assert harness.events == []
@@ -443,7 +443,7 @@ def test_invariants_2_and_7_whatever_comes_in_whatever_order(name):
         harness.step(float(random.choice([0.0, 0.004, 0.3])), 0.02)
         assert (harness.arm.position >= LIMITS.position_min).all()
         assert (harness.arm.position <= LIMITS.position_max).all()
-        assert len(harness.program._queue) <= max(20, harness.profile.download.buffer) + 1
+        assert harness.program.waiting <= max(20, harness.profile.download.buffer) + 1
     harness.resume()
     harness.send(point(STOP))
     harness.rest()

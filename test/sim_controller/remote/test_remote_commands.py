@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Remote Ethernet lines against the controller, without sockets: commands and refusals."""
+"""Remote Ethernet lines against the controller, without sockets: commands and rejections."""
 
 import re
 
@@ -11,9 +11,9 @@ from support.controller_harness import Harness, point
 from support.examples import examples
 from support.remote_harness import Remote
 
+from epson_driver.sim_controller.condition.states import Mode, Motors, Power, Tasks
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS
 from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
-from epson_driver.sim_controller.states import Mode, Motors, Power, Tasks
 
 FAR = (1.0, 0.5, -0.5)
 
@@ -183,7 +183,8 @@ PARAMETERS = {
 
 
 @pytest.mark.parametrize(
-    ('name', 'need'), [(name, need.text) for name in COMMANDS for need in COMMANDS[name].needs]
+    ('name', 'need'),
+    [(name, need.text) for name in COMMANDS for need in COMMANDS[name].requirements],
 )
 def test_what_a_command_needs(name, need):
     remote = Remote()
@@ -200,11 +201,11 @@ def test_what_a_command_needs(name, need):
     assert why == f'#Sim,{sentence}'
 
 
-@pytest.mark.parametrize('name', [name for name in COMMANDS if COMMANDS[name].needs])
+@pytest.mark.parametrize('name', [name for name in COMMANDS if COMMANDS[name].requirements])
 def test_while_the_arm_moves_commands_that_need_ready_are_refused(name):
     remote = moving()
     answer = remote(name + PARAMETERS.get(name, ''))
-    needs = [need.text for need in COMMANDS[name].needs]
+    needs = [need.text for need in COMMANDS[name].requirements]
     if 'Ready' in needs:
         assert answer == f'!{name},20'
         assert remote('Sim,why') == '#Sim,the arm still moves: try again when it stands'
@@ -217,7 +218,9 @@ def test_while_the_arm_moves_commands_that_need_ready_are_refused(name):
 
 def test_the_manuals_acceptance_conditions():
     """RC+ user's guide, Remote Ethernet; SetMotorsOff is accepted in motion as well."""
-    needs = {name: ' '.join(need.text for need in COMMANDS[name].needs) for name in COMMANDS}
+    needs = {
+        name: ' '.join(need.text for need in COMMANDS[name].requirements) for name in COMMANDS
+    }
     sound = 'Auto no EStop no Safeguard no Error Ready'
     assert needs['Start'] == needs['Home'] == needs['Execute'] == sound
     assert needs['SetMotorsOn'] == 'Auto no EStop no Safeguard Ready'
@@ -311,8 +314,8 @@ def test_what_the_python_package_epsonrc_sends(remote):
     assert remote('SetMotorsOn,0') == '#SetMotorsOn,0'
     for statement in statements:
         assert remote(f'Execute,"{statement}"') == '#Execute,0'
-    assert remote.controller.speed == pytest.approx(0.25)
-    assert remote.controller.accel == pytest.approx(0.6)
+    assert remote.controller.arm.executor.speed == pytest.approx(0.25)
+    assert remote.controller.arm.executor.accel == pytest.approx(0.6)
     assert remote.controller.condition.power is Power.HELD_LOW
     for statement in ('Go XY(1,2,3,0,-90,-90)', 'Move Here +X(5) +Y(0) +Z(0)'):
         assert remote(f'Execute,"{statement}"') == '!Execute,20'

@@ -8,9 +8,9 @@ import pytest
 from support.controller_harness import PROFILE, Harness
 from support.remote_harness import Remote
 
+from epson_driver.sim_controller.condition.states import Motors
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS
-from epson_driver.sim_controller.remote.remote_session import LINE_LIMIT, LOGIN_TIME
-from epson_driver.sim_controller.states import Motors
+from epson_driver.sim_controller.remote.remote_session import LOGIN_TIMEOUT_S, MAX_LINE_CHARACTERS
 
 
 @pytest.fixture
@@ -79,8 +79,8 @@ def test_empty_lines_are_not_answered(remote):
 
 
 def test_a_line_may_be_so_long_and_no_longer(remote):
-    longest = b'$' + b'x' * (LINE_LIMIT - 1)
-    assert remote.answers(longest + b'\n') == [f'!{"x" * (LINE_LIMIT - 1)},11']
+    longest = b'$' + b'x' * (MAX_LINE_CHARACTERS - 1)
+    assert remote.answers(longest + b'\n') == [f'!{"x" * (MAX_LINE_CHARACTERS - 1)},11']
     assert remote.peer.ended is None
     assert remote.answers(longest + b'x$Reset\n') == ['!,12']
     assert remote.peer.ended == 'closed'
@@ -110,13 +110,13 @@ def test_without_a_timeout_silence_is_allowed():
 
 def test_who_does_not_log_in_is_hung_up_on():
     remote = Remote(secured('', 0.0), login=None)
-    remote.harness.step(LOGIN_TIME - 1.0, 1.0)
+    remote.harness.step(LOGIN_TIMEOUT_S - 1.0, 1.0)
     assert remote.peer.ended is None
     remote.harness.step(2.0, 1.0)
     assert remote.peer.ended == 'closed'
     other = Remote(secured('', 0.0))
     assert other('Logout') == '#Logout,0'
-    other.harness.step(LOGIN_TIME + 1.0, 1.0)
+    other.harness.step(LOGIN_TIMEOUT_S + 1.0, 1.0)
     assert other.peer.ended == 'closed'
 
 
@@ -124,9 +124,9 @@ def test_many_lines_leave_no_heap_of_timers():
     remote = Remote(secured('', 60.0))
     for _ in range(1000):
         remote.answers(b'$GetStatus\n$Logout\n$Login\n')
-    assert len(remote.controller.clock._timers) < 10
-    remote.line.closed()
-    remote.line.closed()
+    assert remote.controller.clock.timers < 10
+    remote.connection.closed()
+    remote.connection.closed()
     remote.harness.step(400.0, 10.0)
 
 

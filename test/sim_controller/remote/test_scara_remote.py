@@ -10,8 +10,8 @@ from support.remote_harness import Remote
 
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.states import RefusedError
+from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.sim_controller.condition.states import RejectedError
 
 MODEL = load_robot_model('gx4_c251s')
 START = np.array([0.5, -0.25, -0.05, 1.0])
@@ -19,7 +19,7 @@ START = np.array([0.5, -0.25, -0.05, 1.0])
 
 @pytest.fixture
 def remote() -> Remote:
-    controller = Controller(MODEL, load_controller_profile('rc700a'), START)
+    controller = new_controller(MODEL, load_controller_profile('rc700a'), START)
     return Remote(SimpleNamespace(controller=controller))
 
 
@@ -39,6 +39,6 @@ def test_a_push_is_in_mm(remote: Remote) -> None:
     assert remote('Sim,disturb,3,-10') == '#Sim,0'
     assert remote.controller.joint_position().joints[2] == pytest.approx(-0.06, abs=1e-7)
     with pytest.raises(
-        RefusedError, match=r'joint_3 = 0\.04 m is outside the limits -0\.15 … 0 m'
+        RejectedError, match=r'joint_3 = 0\.04 m is outside the limits -0\.15 … 0 m'
     ):
         remote.controller.disturb(2, 0.1)

@@ -7,10 +7,10 @@ import pytest
 from support.controller_harness import PROFILE, Harness, point
 from support.remote_harness import Remote
 
+from epson_driver.sim_controller.condition.spel_settings import SETTINGS
+from epson_driver.sim_controller.condition.states import Motors, Power
 from epson_driver.sim_controller.remote.spel_functions import FUNCTIONS
-from epson_driver.sim_controller.remote.spel_settings import SETTINGS
 from epson_driver.sim_controller.remote.spel_statements import MOTION_STATEMENTS, STATEMENTS
-from epson_driver.sim_controller.states import Motors, Power
 from epson_driver.simple_message import IoType
 
 
@@ -127,7 +127,7 @@ def test_ranges_of_settings(execute, remote, name):
 
 
 def test_speed_and_accel_act_on_the_arm_until_motors_on_reset_or_stop(execute, remote):
-    arm, motion = remote.controller, PROFILE.motion
+    arm, motion = remote.controller.arm.executor, PROFILE.motion
     for back in ('SetMotorsOn', 'Reset', 'Stop'):
         assert execute('Speed 20') == '#Execute,0'
         assert execute('Accel 30, 40') == '#Execute,0'

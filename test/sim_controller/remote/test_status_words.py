@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import pytest
 from support.controller_harness import Harness, point
 
-from epson_driver.sim_controller.remote import status_words
-from epson_driver.sim_controller.states import (
+from epson_driver.sim_controller.condition.states import (
     Condition,
     Door,
     EStop,
@@ -18,6 +17,7 @@ from epson_driver.sim_controller.states import (
     Power,
     Tasks,
 )
+from epson_driver.sim_controller.remote import status_words
 
 
 def controller(moving=False, in_motion=None, error=0, **regions):

@@ -13,14 +13,15 @@ from epson_driver.sim_controller.arm.recovery import Recovery
 from epson_driver.sim_controller.arm.servo import Servo
 
 
-class Mechanism:
+class SimulatedArm:
     """An arm that executes points, and its servos.
 
-    Within `caps` it goes back to where the door interrupted it.
+    `executor` says where the joints are to be; the servos follow. After the door has interrupted
+    a motion, the arm goes back within `caps` to where that happened; the executor waits meanwhile.
     """
 
-    def __init__(self, arm: Executor, servo: Servo, caps: LowPower) -> None:
-        self.arm = arm
+    def __init__(self, executor: Executor, servo: Servo, caps: LowPower) -> None:
+        self.executor = executor
         self.servo = servo
         self._caps = caps
         self._recovery: Recovery | None = None
@@ -29,25 +30,31 @@ class Mechanism:
     @property
     def in_motion(self) -> bool:
         """Whether it moves, or is about to."""
-        moves = not self.arm.still if self._recovery is None else not self._recovery.still
+        moves = not self.executor.still if self._recovery is None else not self._recovery.still
         return moves or not self.servo.settled
 
     @property
     def moving(self) -> bool:
         """Whether it moves or has somewhere to go, be it after a pause."""
-        return self.arm.moving or self.in_motion
+        return self.executor.moving or self.in_motion
 
     @property
     def commanded(self) -> Array:
         """Where the joints are to be now, shape (n,), rad."""
         if self._recovery is not None:
             return self._recovery.position
-        return self.arm.position if self._pushed is None else self._pushed
+        return self.executor.position if self._pushed is None else self._pushed
 
     def step(self, dt: float, execute: Callable[[float], None]) -> None:
-        """Let `dt` ≥ 0 s pass; `execute` lets it pass for the arm and its program."""
+        """Let `dt` ≥ 0 s pass.
+
+        The time is for whoever commands the joints now. On the way back after the door that is
+        the recovery. At all other times it is the executor, but it is `execute`, the program's
+        `step`, that gets the time: only the program knows the point that follows when one is done
+        within `dt`. Last, the servos follow what is commanded then.
+        """
         if self._recovery is not None:
-            if not self.arm.moving:  # its points are gone: there is nothing to go back for
+            if not self.executor.moving:  # its points are gone: there is nothing to go back for
                 self.brake_recovery()
             self._recovery.step(dt)
         else:
@@ -56,28 +63,28 @@ class Mechanism:
 
     def hold(self) -> None:
         """Brake on the path and stay there; the points are kept."""
-        self.arm.hold()
+        self.executor.hold()
         self.brake_recovery()
 
     def brake_recovery(self) -> None:
-        """Brake on the way back, if that is where it is."""
+        """Brake, if the arm is on its way back."""
         if self._recovery is not None and not self._recovery.still:
             self._recovery.stop()
 
     def go_back(self) -> None:
         """Go slowly back to where the motion goes on; at once, if the arm is there."""
-        way = (self.commanded, self.arm.position)
-        self._recovery = Recovery(self.arm.limits, *way, self._caps)
+        way = (self.commanded, self.executor.position)
+        self._recovery = Recovery(self.executor.limits, *way, self._caps)
 
     def went_back(self) -> None:
-        """Take note that the way back is over, or not wanted: it stands."""
+        """End the way back, whether the arm came to its end or not: it stands."""
         stands = self.commanded
         self._recovery = self._pushed = None
-        if not self.arm.moving and not np.array_equal(stands, self.arm.position):
-            self.arm.settle(stands)
+        if not self.executor.moving and not np.array_equal(stands, self.executor.position):
+            self.executor.settle(stands)
 
     def push(self, angles: Array, powered: bool) -> None:
-        """Let the joints be elsewhere, shape (n,), rad, within the limits.
+        """Push the joints elsewhere, shape (n,), rad, within the limits.
 
         With power the servos push back; without, the arm stays there. It must stand then.
         """
@@ -89,6 +96,6 @@ class Mechanism:
         self.servo.place(angles)
 
     def rest(self) -> None:
-        """Take the place where it stands for its own, if it has no points to go to."""
-        if not self.in_motion and not self.arm.moving:
+        """Let the executor begin where the arm stands, if there are no points to go to."""
+        if not self.in_motion and not self.executor.moving:
             self.went_back()

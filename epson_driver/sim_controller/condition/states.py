@@ -145,7 +145,7 @@ class Condition:
         return self.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER)
 
 
-class RefusedError(Exception):
+class RejectedError(Exception):
     """An event that the condition does not allow. The text says why and what to do."""
 
 
@@ -276,7 +276,7 @@ REGIONS: dict[str, Mapping[tuple[Any, Event], Any]] = {
 }
 """The field of `Condition`, and its table."""
 
-REFUSALS: dict[tuple[Event, Enum], str] = {
+REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.MOTORS_ON, EStop.PRESSED): (
         'the E-stop is pressed: release the E-stop, then reset, then motors on'
     ),
@@ -323,11 +323,11 @@ The first row that applies counts.
 
 
 def after(condition: Condition, event: Event) -> Condition:
-    """Return the condition that `event` leads to. Raises RefusedError if it is not allowed."""
+    """Return the condition that `event` leads to. Raises RejectedError if it is not allowed."""
     states = {getattr(condition, region) for region in REGIONS}
-    for (refused, state), sentence in REFUSALS.items():
+    for (refused, state), sentence in REJECTIONS.items():
         if refused is event and state in states:
-            raise RefusedError(sentence)
+            raise RejectedError(sentence)
     changes = {}
     for region, table in REGIONS.items():
         state = getattr(condition, region)

@@ -23,7 +23,7 @@ class Session(Protocol):
         """
 
     def closed(self) -> None:
-        """Take note that the client is gone. Nothing is sent any more; twice is no error."""
+        """The client is gone: send nothing any more. Twice is no error."""
 
 
 class Client(Protocol):

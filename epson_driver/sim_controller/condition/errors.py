@@ -37,20 +37,20 @@ TEXTS: dict[int, str] = {number: text.meaning for number, text in ERRORS.items()
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class Rejection:
     """Why a message is not obeyed: the error number, and a sentence for people."""
 
     number: ErrorNumber
     sentence: str
 
-    def about(self, what: str) -> 'Refusal':
+    def about(self, what: str) -> 'Rejection':
         """Return the same with what it is about in front."""
-        return Refusal(self.number, f'{what}: {self.sentence}')
+        return Rejection(self.number, f'{what}: {self.sentence}')
 
 
-def corrupt(sentence: str) -> Refusal:
-    """Return the refusal of a message that is wrong in itself."""
-    return Refusal(ErrorNumber.CORRUPT_MESSAGE, sentence)
+def corrupt(sentence: str) -> Rejection:
+    """Return the rejection of a message that is wrong in itself."""
+    return Rejection(ErrorNumber.CORRUPT_MESSAGE, sentence)
 
 
 class ErrorRegister:
@@ -59,10 +59,10 @@ class ErrorRegister:
     def __init__(self) -> None:
         self.number = ErrorNumber.NONE
 
-    def enter(self, refusal: Refusal) -> None:
-        """Show the refusal's error, and log its sentence."""
-        self.number = refusal.number
-        _log.warning('refused (%d): %s', refusal.number, refusal.sentence)
+    def enter(self, rejection: Rejection) -> None:
+        """Show the rejection's error, and log its sentence."""
+        self.number = rejection.number
+        _log.warning('refused (%d): %s', rejection.number, rejection.sentence)
 
     def clear(self, only: ErrorNumber | None = None) -> None:
         """Show no error any more; with `only`, if it is that one."""

@@ -1,44 +1,41 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who is connected to which port, and through what faults.
+"""Which clients are connected to which port.
 
-A line is one client of one port: a wire, which may be disturbed, and the session behind it.
+A client connection is one client of one port: a transport, which may be faulty, and a session.
 """
 
 import logging
-from typing import TYPE_CHECKING
 
 from epson_driver.sim_controller.clock import Timer
-from epson_driver.sim_controller.faults.wire import Wire
-from epson_driver.sim_controller.io.io_session import IoSession
-from epson_driver.sim_controller.programs.motion_session import MotionSession
-from epson_driver.sim_controller.programs.program import ProgramQuit
-from epson_driver.sim_controller.remote.remote_session import RemoteSession
-from epson_driver.sim_controller.session import Client, Send, Session
-from epson_driver.sim_controller.state_session import StateSession
-from epson_driver.sim_controller.states import Event, Tasks
-from epson_driver.sim_controller.tasks import (
+from epson_driver.sim_controller.condition.states import Event, Tasks
+from epson_driver.sim_controller.condition.tasks import (
     IO_SERVER,
     MOTION_SERVER,
     STATE_SERVER,
     Task,
     TaskState,
 )
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
+from epson_driver.sim_controller.io.io_session import IoSession
+from epson_driver.sim_controller.ports.session import Client, Send, Session
+from epson_driver.sim_controller.programs.motion_session import MotionSession
+from epson_driver.sim_controller.programs.program import ProgramQuit
+from epson_driver.sim_controller.remote.remote_session import RemoteSession
+from epson_driver.sim_controller.state.state_session import StateSession
 from epson_driver.simple_message import FrameError
-
-if TYPE_CHECKING:
-    from epson_driver.sim_controller.core import Controller
 
 _log = logging.getLogger(__name__)
 
-REMOTE_CLIENTS = 16
+MAX_REMOTE_CLIENTS = 16
 """How many remote clients are served at once. One more takes the place of another."""
 
-GRACE = 0.1
-"""How long a remote client keeps its place before it need make room, s: to be heard at all."""
+GRACE_S = 0.1
+"""A remote client that came so recently, s, does not make room yet: it must get heard first."""
 
-NEWCOMERS = REMOTE_CLIENTS // 2
-"""Of a full port, how many may have come within GRACE: the others give them their places."""
+MAX_NEWCOMERS = MAX_REMOTE_CLIENTS // 2
+"""How many clients of a full remote port may be in their grace time at once."""
 
 _SERVERS: dict[str, Task | None] = {
     'motion': MOTION_SERVER,
@@ -52,17 +49,20 @@ _ENDING = (MOTION_SERVER, IO_SERVER)
 """Tasks that an E-stop ends."""
 
 
-class Line(Session):
+class ClientConnection(Session):
     """One client of one port."""
 
-    def __init__(self, controller: 'Controller', port: str, client: Client) -> None:
+    def __init__(
+        self, clients: 'ClientConnections', controller: Controller, port: str, client: Client
+    ) -> None:
         self.port = port
+        self._clients = clients
         self.local = client.local
         self._begun = controller.clock.now
         self._abort = client.abort
         self._controller = controller
         by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
-        self._wire = Wire(
+        self._transport = FaultyTransport(
             port,
             controller.clock,
             controller.faults,
@@ -70,12 +70,12 @@ class Line(Session):
             self.hang_up,
             byte_by_byte=by_byte,
         )
-        self._session = _open(controller, port, self._wire.send, client)
+        self._session = _open(controller, port, self._transport.send, client)
         self._open = True
 
     @property
     def claim(self) -> tuple[bool, bool, bool, float]:
-        """How good a claim to its place a remote client has: the least one has to make room.
+        """How good a claim to its place a remote client has; the one with the least makes room.
 
         A client that has just come has the best one, then one of this machine, then one that is
         logged in, then the one that was heard last. No command is ever under way: each is answered
@@ -84,7 +84,7 @@ class Line(Session):
         session = self._session
         if not isinstance(session, RemoteSession):
             raise TypeError(f'a client of the {self.port} port keeps its place')
-        new = self._controller.clock.now < self._begun + GRACE
+        new = self._controller.clock.now < self._begun + GRACE_S
         return new, self.local, session.logged_in, session.heard
 
     def receive(self, data: bytes) -> None:
@@ -92,8 +92,8 @@ class Line(Session):
 
         A port whose task is aborted or stopped reads nothing where the profile says `silent`.
         """
-        data = self._wire.receive(data)
-        if not data or not self._open or self._controller.lines.silent(self.port):
+        data = self._transport.receive(data)
+        if not data or not self._open or self._clients.silent(self.port):
             return
         try:
             self._session.receive(data)
@@ -107,7 +107,7 @@ class Line(Session):
 
     def _quit(self, reason: Exception) -> None:
         _log.error('the program has ended: %s', reason)
-        self._controller.lines.quit()
+        self._clients.quit()
 
     def hang_up(self) -> None:
         """Close the connection: the client is gone at once, whatever is still read from it."""
@@ -115,89 +115,91 @@ class Line(Session):
         self.closed()
 
     def closed(self) -> None:
-        """Take note that the client is gone."""
+        """The client is gone."""
         if self._open:
             self._open = False
-            self._controller.lines.gone(self)
+            self._clients.gone(self)
             self._session.closed()  # a client that has only shut its own side gets its answers
-            self._wire.close()
+            self._transport.close()
 
 
-class Lines:
-    """All lines of one controller, and the ports that nobody serves."""
+class ClientConnections:
+    """All client connections of one controller, and the ports that nobody serves now."""
 
-    def __init__(self, controller: 'Controller') -> None:
+    def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self._lines: list[Line] = []
-        self._dead: set[str] = set()
+        self._connections: list[ClientConnection] = []
+        self._ended: set[str] = set()
         self._boot: Timer | None = None
 
-    def connect(self, port: str, client: Client) -> Line:
+    def connect(self, port: str, client: Client) -> ClientConnection:
         """Begin to serve a client of `port`: motion, state, io or remote.
 
         When its connection ends, whoever ended it, the line's `closed` must be called. Raises
         ConnectionRefusedError, which says why, if nobody serves the port now. A remote client too
         many takes the place of another one, so that whoever wants to press the E-stop gets in.
         """
-        reason = self._refusal(port)
+        reason = self._rejection(port)
         if reason is None and port == 'remote':
             reason = self._make_room(client)
         if reason is not None:
             raise ConnectionRefusedError(reason)
-        line = Line(self._controller, port, client)
-        self._lines.append(line)
-        return line
+        connection = ClientConnection(self, self._controller, port, client)
+        self._connections.append(connection)
+        return connection
 
-    def dead(self, task: Task) -> bool:
+    def ended(self, task: Task) -> bool:
         """Return whether the task has ended because its client has gone, or with the program."""
-        return any(_SERVERS[port] is task for port in self._dead)
+        return any(_SERVERS[port] is task for port in self._ended)
 
     def silent(self, port: str) -> bool:
-        """Return whether the port's bytes are not read: its task is dead, its socket is not."""
+        """Return whether the port's bytes are not read: its task has ended, its socket is open."""
         return self._down(port) and self._controller.profile.server.aborted == 'silent'
 
-    def gone(self, line: Line) -> None:
-        """Take note that a client is gone; a program that does not reconnect serves no other."""
-        self._lines.remove(line)
-        if not self._controller.profile.server.reconnect and _SERVERS[line.port] is not None:
-            self._dead.add(line.port)
+    def gone(self, connection: ClientConnection) -> None:
+        """Remove a closed connection; a program that does not reconnect serves no other."""
+        self._connections.remove(connection)
+        if not self._controller.profile.server.reconnect and _SERVERS[connection.port] is not None:
+            self._ended.add(connection.port)
 
     def quit(self) -> None:
-        """End the program, as SPEL+ `Quit All` in the thesis: motion and state port are dead."""
+        """End the program, as SPEL+ `Quit All` in the thesis: motion and state server end."""
         self._controller.apply(Event.STOP)
-        self._dead |= {'motion', 'state'}
+        self._ended |= {'motion', 'state'}
         self.hang_up('motion', 'state')
 
-    def start(self) -> None:
+    def serve_all(self) -> None:
         """Serve all ports again."""
-        self._dead.clear()
+        self._ended.clear()
 
     def tasks_begin(self) -> None:
-        """Close what nobody has read: the program opens its ports anew."""
+        """Close connections that were not read meanwhile: the program opens its ports anew."""
         if self._controller.profile.server.aborted == 'silent':
             self.hang_up(*(port for port, task in _SERVERS.items() if task in _ENDING))
 
     def tasks_ended(self) -> None:
-        """Close what the profile closes when the Normal tasks end."""
+        """Close the connections that the profile closes when the Normal tasks end."""
         if self._controller.profile.server.aborted == 'close':
             self.hang_up(*(port for port in _SERVERS if self._down(port)))
 
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
-        for line in [line for line in self._lines if line.port in ports]:
-            line.hang_up()
+        for connection in [
+            connection for connection in self._connections if connection.port in ports
+        ]:
+            connection.hang_up()
 
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the least claim to it, if any."""
-        line = min(self._remote, key=lambda line: line.claim, default=None)
-        if line is not None:
-            known = 'is logged in' if line.claim[2] else 'is not logged in'
+        connection = min(self._remote, key=lambda connection: connection.claim, default=None)
+        if connection is not None:
+            known = 'is logged in' if connection.claim[2] else 'is not logged in'
             _log.warning('a remote client makes room, which %s: %s', known, why)
-            line.hang_up()
+            connection.hang_up()
 
     @property
-    def _remote(self) -> list[Line]:
-        return [line for line in self._lines if line.port == 'remote']
+    def _remote(self) -> list[ClientConnection]:
+        return [connection for connection in self._connections if connection.port == 'remote']
 
     def boot(self, seconds: float) -> None:
         """Close all connections and refuse others for `seconds`; then serve all ports."""
@@ -208,28 +210,28 @@ class Lines:
 
     def _booted(self) -> None:
         self._boot = None
-        self._dead.clear()
+        self._ended.clear()
         _log.info('booted')
 
-    def _refusal(self, port: str) -> str | None:
+    def _rejection(self, port: str) -> str | None:
         if self._boot is not None:
             return 'the controller boots'
-        if port in self._dead:
+        if port in self._ended:
             return 'the program that served it has ended: start it'
-        if self._controller.faults.refuses(port):
+        if self._controller.faults.rejects(port):
             return 'cut, as asked for'
         if self._down(port) and self._controller.profile.server.aborted == 'close':
             return 'its task does not run'
-        if port == 'motion' and any(line.port == port for line in self._lines):
+        if port == 'motion' and any(connection.port == port for connection in self._connections):
             return 'there is a motion client already'
         return None
 
     def _make_room(self, client: Client) -> str | None:
-        """Have a place for one more remote client; return None, or why there is none."""
+        """Make room for one more remote client; return None, or why there is none."""
         held = self._remote
-        if len(held) < REMOTE_CLIENTS:
+        if len(held) < MAX_REMOTE_CLIENTS:
             return None
-        if not client.local and all(line.local for line in held):
+        if not client.local and all(connection.local for connection in held):
             return f'{len(held)} clients of this machine are connected'
         self.dismiss_remote(f'{len(held)} are connected')
         return None
@@ -240,12 +242,19 @@ class Lines:
         return task is not None and task.state(self._controller.condition) in ended
 
 
-def _open(controller: 'Controller', port: str, send: Send, client: Client) -> Session:
+def _open(controller: Controller, port: str, send: Send, client: Client) -> Session:
     match port:
         case 'motion':
-            return MotionSession(controller, send)
+            return MotionSession(controller, controller.dialect.byte_order, send)
         case 'state':
-            return StateSession(controller, send)
+            return StateSession(
+                controller,
+                controller.profile.state,
+                controller.state_period,
+                controller.dialect,
+                controller.clock,
+                send,
+            )
         case 'io':
             return IoSession(
                 controller.io,
@@ -255,10 +264,10 @@ def _open(controller: 'Controller', port: str, send: Send, client: Client) -> Se
                 lambda: _no_io(controller),
             )
         case 'remote':
-            return RemoteSession(controller, send, client.close)
+            return RemoteSession(controller, controller.clock, send, client.close)
     raise ValueError(f'{port} is no port')
 
 
-def _no_io(controller: 'Controller') -> str | None:
+def _no_io(controller: Controller) -> str | None:
     tasks = controller.condition.tasks
     return None if tasks is Tasks.RUNNING else f'the I/O server is {tasks.value}'

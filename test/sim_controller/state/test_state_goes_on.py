@@ -23,7 +23,7 @@ class Watch:
 
     def __init__(self, harness):
         self.harness, self.peer = harness, Peer()
-        self.line = harness.controller.connect('state', self.peer)
+        self.connection = harness.controller.connect('state', self.peer)
         self.silence = self.longest = 0.0
 
     def step(self, seconds):

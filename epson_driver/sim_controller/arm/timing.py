@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What came too late or went wrong in the controller's motion, counted."""
+"""Counts of what came too late or went wrong in the controller's motion."""
 
 from dataclasses import dataclass
 

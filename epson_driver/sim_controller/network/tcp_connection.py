@@ -9,16 +9,16 @@ import socket
 import struct
 from contextlib import suppress
 
-CHUNK = 4096
-"""Bytes taken at once, where the rules of a port say nothing else."""
+CHUNK_BYTES = 4096
+"""Bytes read at once, unless the rules of a port say otherwise."""
 
 KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
-"""A peer that is gone without a word is noticed after about 4 s; where the system has these."""
+"""With these a peer that vanished is noticed after about 4 s, on systems that have them."""
 
 _log = logging.getLogger(__name__)
 
 
-class Connection:
+class TcpConnection:
     """Bytes to and from one client.
 
     A client that leaves more than `max_unsent` bytes unread is disconnected: memory stays
@@ -31,7 +31,7 @@ class Connection:
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
         max_unsent: int,
-        chunk: int = CHUNK,
+        chunk: int = CHUNK_BYTES,
     ) -> None:
         host, port = writer.get_extra_info('peername')[:2]
         self.name = f'{name} client {host}:{port}'
@@ -71,7 +71,7 @@ class Connection:
             return b''
 
     async def lost(self) -> None:
-        """Wait until nothing can be sent any more."""
+        """Wait until the connection is closed or lost."""
         with suppress(OSError):
             await self._writer.wait_closed()
 

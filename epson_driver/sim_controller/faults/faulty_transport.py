@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Between a session and its socket: where faults disturb what is sent, without a socket."""
+"""The transport between a session and its socket, where faults act on what is sent."""
 
 import logging
 import random
@@ -9,11 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from epson_driver.sim_controller.clock import Clock, Timer
-from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, Passing
+from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, OutgoingMessage
 from epson_driver.sim_controller.faults.faults import ActiveFault, Faults
-from epson_driver.sim_controller.session import Send
+from epson_driver.sim_controller.ports.session import Send
 
-MAX_HELD = 262_144
+MAX_HELD_BYTES = 262_144
 """Bytes that faults may hold back on one connection: with more it is closed."""
 
 _log = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ class _Held:
     one_byte: bool
 
 
-class Wire:
+class FaultyTransport:
     """One connection of a port. What is sent keeps its order, whatever disturbs it.
 
     `transmit` takes what goes into the socket at once; `hang_up` closes the connection and is
@@ -93,7 +93,7 @@ class Wire:
             self._hang_up()
 
     def changed(self, release: bool = False) -> None:
-        """Take note that other faults are active; with `release`, send what none holds now."""
+        """Called when other faults are active; with `release`, send what none holds back now."""
         if self._closed:
             return
         known = dict(self._disturbing)
@@ -113,30 +113,30 @@ class Wire:
         self._update_plain()
 
     def _send_disturbed(self, message: bytes) -> None:
-        passing = Passing(message)
+        outgoing = OutgoingMessage(message)
         for active, chance in tuple(self._disturbing):
-            if not passing.data:
+            if not outgoing.data:
                 break
             if active.strikes(message):
-                DISTURBANCES[active.fault.name](passing, active.fault, chance)
+                DISTURBANCES[active.fault.name](outgoing, active.fault, chance)
                 self._faults.struck(active)
-        if passing.data and not self._closed:
-            self._hold(passing)
+        if outgoing.data and not self._closed:
+            self._hold(outgoing)
 
-    def _hold(self, passing: Passing) -> None:
+    def _hold(self, outgoing: OutgoingMessage) -> None:
         now = self._clock.now
-        due = now + passing.delay
-        if passing.gather:
+        due = now + outgoing.delay
+        if outgoing.gather:
             if due >= self._window_end:
-                self._window_end = due + passing.gather
+                self._window_end = due + outgoing.gather
             due = self._window_end
         if self._held:
             due = max(due, self._held[-1].due)
-        held = _Held(due, passing.data, passing.gather > 0.0, passing.one_byte)
+        held = _Held(due, outgoing.data, outgoing.gather > 0.0, outgoing.one_byte)
         if due <= now and not self._held:
             self._emit(held.data, held.one_byte)
             return
-        if self.held + len(held.data) > MAX_HELD:
+        if self.held + len(held.data) > MAX_HELD_BYTES:
             _log.warning('%s client: faults hold too much back: disconnected', self.port)
             self.cut()
             return

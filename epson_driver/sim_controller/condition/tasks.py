@@ -9,7 +9,7 @@ task survives all of that. (SPEL+ language reference, Xqt and TaskState.)
 from enum import Enum
 from typing import NamedTuple
 
-from epson_driver.sim_controller.states import Condition, Tasks
+from epson_driver.sim_controller.condition.states import Condition, Tasks
 
 
 class TaskType(Enum):

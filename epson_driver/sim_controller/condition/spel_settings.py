@@ -1,0 +1,78 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What SPEL+ statements set, as a table of ranges (SPEL+ language reference), and what is set now.
+
+Speed, SpeedFactor and Accel act on point-to-point motion. The others are kept and can be printed:
+there is no motion here that they would act on.
+"""
+
+from typing import NamedTuple
+
+from epson_driver.sim_controller.condition.states import Event
+
+
+class Setting(NamedTuple):
+    """How many numbers, from where to where; `default` where the manual gives one."""
+
+    least: int
+    most: int
+    low: float
+    high: float
+    unit: str
+    default: tuple[float, ...] = ()
+
+
+SETTINGS: dict[str, Setting] = {
+    'Speed': Setting(1, 3, 1, 100, '%'),
+    'Accel': Setting(2, 6, 1, 100, '%'),
+    'SpeedFactor': Setting(1, 1, 1, 100, '%', (100,)),
+    'SpeedS': Setting(1, 3, 0.1, 2000, 'mm/s', (50,)),
+    'AccelS': Setting(1, 6, 0.1, 25000, 'mm/s²', (200,)),
+    'SpeedR': Setting(1, 1, 0.1, 1000, 'deg/s'),
+    'AccelR': Setting(1, 2, 0.1, 5000, 'deg/s²'),
+    'Weight': Setting(1, 2, 0, 100, 'kg', (1,)),
+    'Inertia': Setting(1, 2, 0, 100, 'kgm²'),
+}
+"""Speed and Accel are the driver program's own until something sets them."""
+
+DEFAULTS_AFTER = (Event.MOTORS_ON, Event.RESET, Event.STOP, Event.BOOT)
+"""After these events SPEL+ forgets what was set."""
+
+
+class SpelSettings:
+    """The settings of one controller, and its home position.
+
+    `speed` and `accel` are those of the driver program, fractions (0, 1] of the robot's limits.
+    """
+
+    def __init__(self, speed: float, accel: float) -> None:
+        self._program = {'Speed': (speed * 100,), 'Accel': (accel * 100,) * 2}
+        self._set: dict[str, tuple[float, ...]] = {}
+        self.home: tuple[int, ...] | None = None
+        """Where HomeSet has put the home position, encoder pulses, one per joint."""
+
+    def values(self, name: str) -> tuple[float, ...]:
+        """Return the numbers of a statement; none if it was not used and has no default."""
+        return self._set.get(name) or self._program.get(name) or SETTINGS[name].default
+
+    def change(self, name: str, numbers: tuple[float, ...]) -> None:
+        """Set the numbers of a statement, which must be in its range."""
+        self._set[name] = numbers
+
+    def forget(self) -> None:
+        """Forget all numbers; the home position stays."""
+        self._set.clear()
+
+    @property
+    def speed(self) -> float:
+        """What Speed and SpeedFactor make of the joints' speed, a fraction (0, 1]."""
+        factor = self.values('SpeedFactor')[0] / 100.0
+        return self.values('Speed')[0] / 100.0 * factor
+
+    @property
+    def accel(self) -> float:
+        """What Accel makes of the acceleration, a fraction (0, 1]: the smaller one counts.
+
+        SPEL+ has one number for acceleration and one for deceleration.
+        """
+        return min(self.values('Accel')[:2]) / 100.0

@@ -1,0 +1,75 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a remote command may ask of a controller, and what it may do to it."""
+
+from typing import Protocol
+
+from epson_driver.profiles.profile import ControllerProfile
+from epson_driver.robots import RobotModel
+from epson_driver.sim_controller.arm.timing import Timing
+from epson_driver.sim_controller.condition.errors import ErrorNumber
+from epson_driver.sim_controller.condition.spel_settings import SpelSettings
+from epson_driver.sim_controller.condition.states import Condition, Event
+from epson_driver.sim_controller.condition.tasks import Task, TaskState
+from epson_driver.sim_controller.faults.faults import Faults
+from epson_driver.sim_controller.io.io_points import IoPoints
+from epson_driver.simple_message import JointPosition
+
+
+class ControllerInterface(Protocol):
+    """The controller, as far as remote commands reach it: none of them moves the arm."""
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot."""
+
+    @property
+    def profile(self) -> ControllerProfile:
+        """What kind of controller it is."""
+
+    @property
+    def condition(self) -> Condition:
+        """Its condition now."""
+
+    @property
+    def error_number(self) -> ErrorNumber:
+        """The error that it shows."""
+
+    @property
+    def moving(self) -> bool:
+        """Whether the arm moves or has somewhere to go, be it after a pause."""
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether the arm moves, or is about to."""
+
+    @property
+    def io(self) -> IoPoints:
+        """Its inputs, outputs and memory bits."""
+
+    @property
+    def spel(self) -> SpelSettings:
+        """What SPEL+ statements have set."""
+
+    @property
+    def faults(self) -> Faults:
+        """The faults that can be asked for."""
+
+    @property
+    def timing(self) -> Timing:
+        """What came too late in its motion."""
+
+    def apply(self, event: Event) -> None:
+        """Apply an event. Raises RejectedError: why not, and what to do."""
+
+    def task_state(self, task: Task) -> TaskState:
+        """Return what a task is doing."""
+
+    def joint_position(self) -> JointPosition:
+        """Return where the encoders say that the joints are."""
+
+    def change_setting(self, name: str, numbers: tuple[float, ...]) -> None:
+        """Set the numbers of a SPEL+ statement, which must be in its range."""
+
+    def disturb(self, joint: int, push: float) -> None:
+        """Push one joint (index from 0) by some rad or m. Raises RejectedError."""

@@ -1,0 +1,35 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Robot models with more joints: the C3 with further joints like its last one at the flange."""
+
+from copy import deepcopy
+from pathlib import Path
+
+import yaml
+
+from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.share import share_file
+
+
+def arm_file(folder: Path, joints: int) -> Path:
+    """Write the model with so many joints, six or more, to a file in `folder`; return its path."""
+    data = yaml.safe_load(share_file('config', 'robots', 'c3_a601s.yaml').read_text('utf-8'))
+    data['name'] = f'c3_with_{joints}_joints'
+    lists = [
+        values
+        for block in [*data['limits'].values(), data['pulses_per_degree'], data['chain']]
+        for values in block.values()
+        if isinstance(values, list)
+    ]
+    for joint in range(7, joints + 1):
+        data['joint_names'].append(f'joint_{joint}')
+        for values in lists:
+            values.append(deepcopy(values[-1]))  # robot files have no aliases
+    path = folder / f'{data["name"]}.yaml'
+    path.write_text(yaml.safe_dump(data), encoding='utf-8')
+    return path
+
+
+def arm_model(folder: Path, joints: int) -> RobotModel:
+    """Return the model with so many joints, as it is read from a file."""
+    return load_robot_model(str(arm_file(folder, joints)))
