@@ -9,7 +9,6 @@ on the spot (demo_plan.py).
 """
 
 import argparse
-import os
 import signal
 import socket
 import sys
@@ -24,8 +23,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.cli import processes
 from epson_driver.cli.arguments import argument, picture
+from epson_driver.cli.cell import running_controller, running_driver
 from epson_driver.cli.demo_report import (
     DEVIATION_ALLOWED,
     Drawn,
@@ -34,8 +33,7 @@ from epson_driver.cli.demo_report import (
     draw,
     measure,
 )
-from epson_driver.cli.processes import RunError
-from epson_driver.cli.ros_user import RosUser
+from epson_driver.cli.processes import Ports, RunError
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
@@ -181,40 +179,22 @@ class Run:
 def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) -> Run:
     """Execute the trajectory. Raises RunError if the goal is not reached."""
     began = time.monotonic()
-    domain = processes.free_ros_domain()
-    start = ','.join(f'{position:.9g}' for position in trajectory.positions[0])
-    controller = processes.sim_controller(
-        folder / 'sim_controller.log', f'--motion={motion}', f'--start={start}'
-    )
-    with processes.ended_at_exit(controller):
-        ports = controller.ports()
-        names = '[' + ','.join(trajectory.joint_names) + ']'
-        client = processes.client(
-            folder / 'client.log',
+    start = trajectory.positions[0].tolist()
+    with running_controller(folder, start, f'--motion={motion}') as ports:
+        with running_driver(
+            folder,
             ports,
-            domain,
-            joint_names=names,
+            trajectory.joint_names,
+            console,
             allow_nonzero_velocity_at_trajectory_end='true',
-        )
-        with processes.ended_at_exit(client):
-            console.print(
-                f'sim_controller on 127.0.0.1:{ports.motion} (motion) and :{ports.state} (state), '
-                f'client in ROS domain {domain}',
-                highlight=False,
-            )
-            os.environ.update(processes.ros_environment(domain))
-            user = RosUser(trajectory.joint_names, client.check_alive)
-            try:
-                user.enable()
-                console.print(f'robot ready after {time.monotonic() - began:.1f} s')
-                text, succeeded = user.execute(trajectory, console)
-                if not succeeded:
-                    raise RunError(f'the goal was not reached: {text}')
-                latencies = user.reply_latencies()
-                run = user.recording()
-            finally:
-                user.close()
-        round_trips = _ping(ports)
+        ) as user:
+            console.print(f'robot ready after {time.monotonic() - began:.1f} s')
+            text, succeeded = user.execute(trajectory, console)
+            if not succeeded:
+                raise RunError(f'the goal was not reached: {text}')
+            latencies = user.reply_latencies()
+            run = user.recording()
+        round_trips = _ping(ports)  # with the controller to itself
     return Run(motion, run, measure(trajectory, run), text, latencies, round_trips)
 
 
@@ -233,7 +213,7 @@ def _report(
     return 0
 
 
-def _ping(ports: processes.Ports) -> list[float]:
+def _ping(ports: Ports) -> list[float]:
     """Return the round-trip times of PINGs to the controller's I/O port, s, sorted."""
     frame = encode(request(Ping()), LITTLE_ENDIAN)
     times = []

@@ -6,11 +6,9 @@ The planner knows the obstacles and the arm's shape; driver and controller know 
 joint states showed is put back among the obstacles afterwards: only that decides.
 """
 
-import contextlib
-import os
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +18,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from epson_driver.cli import processes
+from epson_driver.cli.cell import running_controller, running_driver
 from epson_driver.cli.demo_report import Recording, measure
 from epson_driver.cli.plan_report import Executed, draw
 from epson_driver.cli.ros_user import RosUser
@@ -84,8 +82,9 @@ def run(seeds: range, picture: Path, console: Console) -> int:
     model = load_robot_model(ROBOT)
     outcomes = []
     with (
-        tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder,
-        _cell(Path(folder), model, console) as user,
+        tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name,
+        running_controller(folder := Path(name), HOME, f'--robot={model.name}') as ports,
+        running_driver(folder, ports, model.joint_names, console, robot_model=model.name) as user,
         Progress(
             TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(), console=console
         ) as progress,
@@ -101,32 +100,6 @@ def run(seeds: range, picture: Path, console: Console) -> int:
                 break  # what is planned begins at home
         progress.update(bar, description='done')
     return _report(outcomes, seeds, model, picture, console)
-
-
-@contextlib.contextmanager
-def _cell(folder: Path, model: RobotModel, console: Console) -> Iterator[RosUser]:
-    """Start a controller with its arm at home and a driver; end both when the block is left."""
-    domain = processes.free_ros_domain()
-    start = ','.join(f'{position:.9g}' for position in HOME)
-    controller = processes.sim_controller(
-        folder / 'sim_controller.log', f'--robot={model.name}', f'--start={start}'
-    )
-    with processes.ended_at_exit(controller):
-        ports = controller.ports()
-        client = processes.client(folder / 'client.log', ports, domain, robot_model=model.name)
-        with processes.ended_at_exit(client):
-            console.print(
-                f'sim_controller on 127.0.0.1:{ports.motion} (motion) and :{ports.state} (state), '
-                f'client in ROS domain {domain}',
-                highlight=False,
-            )
-            os.environ.update(processes.ros_environment(domain))
-            user = RosUser(model.joint_names, client.check_alive)
-            try:
-                user.enable()
-                yield user
-            finally:
-                user.close()
 
 
 def _attempt(

@@ -22,7 +22,8 @@ SAFE_DOMAINS = range(1, 102)
 MOST_CLAIMS = 20
 """So many of the domains that were chosen stay claimed, the newest."""
 
-_claims: deque[socket.socket] = deque()
+claims: deque[socket.socket] = deque()
+"""Sockets that keep other processes from choosing the same domains, the oldest first."""
 
 END_TIMEOUT = 5.0
 
@@ -63,9 +64,9 @@ def free_ros_domain() -> int:
         except OSError:
             claim.close()
             continue
-        _claims.append(claim)
-        if len(_claims) > MOST_CLAIMS:
-            _claims.popleft().close()
+        claims.append(claim)
+        if len(claims) > MOST_CLAIMS:
+            claims.popleft().close()
         return domain
     raise RunError('every ROS domain from 1 to 101 is in use on this machine')
 
@@ -175,16 +176,22 @@ class Process:
 def sim_controller(
     log: Path,
     *arguments: str,
+    start: Sequence[float] | None = None,
     ports: Ports | None = None,
     environment: dict[str, str] | None = None,
 ) -> Process:
-    """Start a simulated controller, on free ports unless `ports` says which."""
+    """Start a simulated controller, on free ports unless `ports` says which.
+
+    `start`: where its joints are at first, rad or m; None: where the executable puts them.
+    """
     wanted = ports or Ports(0, 0, 0, 0)
     numbers = [
         word
         for name in ('motion', 'state', 'io', 'remote')
         for word in (f'--{name}-port', str(getattr(wanted, name)))
     ]
+    if start is not None:
+        numbers.append('--start=' + ','.join(f'{position:.9g}' for position in start))
     return Process('sim_controller', [*numbers, *arguments], log, environment or dict(os.environ))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from epson_driver.motion import Array
 from epson_driver.robots.chain import PRISMATIC, Frame, about
 from epson_driver.robots.model import RobotModel
-from epson_driver.robots.opw import opw_parameters
+from epson_driver.robots.opw import OpwParameters, opw_parameters
 
 TURN = 2.0 * np.pi
 
@@ -131,27 +131,34 @@ class Kinematics:
         return joints
 
 
+def opw_robot(parameters: OpwParameters) -> Any:
+    """Return the library's robot with these parameters; it takes and gives joints in rad.
+
+    Raises ModuleNotFoundError that says what to install.
+    """
+    try:
+        import py_opw_kinematics
+    except ImportError as cause:
+        raise ModuleNotFoundError(
+            f'inverse kinematics need py-opw-kinematics: {INSTALL}', name=cause.name
+        ) from cause
+    opw: Any = py_opw_kinematics
+    arm = opw.KinematicModel(
+        **parameters.lengths,
+        offsets=parameters.offsets,
+        flip_axes=tuple(sign < 0 for sign in parameters.signs),
+    )
+    return opw.Robot(arm, degrees=False)
+
+
 class _Solver:
     """py-opw-kinematics with the parameters of one model."""
 
     def __init__(self, model: RobotModel, forward: Callable[[Array], Array]) -> None:
         parameters = opw_parameters(model)  # first: what cannot be solved needs no library
-        try:
-            import py_opw_kinematics
-            from scipy.spatial.transform import RigidTransform
-        except ImportError as cause:
-            raise ModuleNotFoundError(
-                f'inverse kinematics need py-opw-kinematics: {INSTALL}', name=cause.name
-            ) from cause
-        opw: Any = py_opw_kinematics
-        self._robot: Any = opw.Robot(
-            opw.KinematicModel(
-                **parameters.lengths,
-                offsets=parameters.offsets,
-                flip_axes=tuple(sign < 0 for sign in parameters.signs),
-            ),
-            degrees=False,
-        )
+        self._robot = opw_robot(parameters)
+        from scipy.spatial.transform import RigidTransform  # which the library needs as well
+
         self._pose: Any = RigidTransform
         self._signs, self._offsets = np.array(parameters.signs), np.array(parameters.offsets)
         lengths = parameters.lengths

@@ -39,7 +39,7 @@ def bound(domain):
 def unclaimed(monkeypatch):
     """Let this process have claimed nothing yet; what it claims ends with the test."""
     claims = deque()
-    monkeypatch.setattr(processes, '_claims', claims)
+    monkeypatch.setattr(processes, 'claims', claims)
     yield claims
     while claims:
         claims.pop().close()

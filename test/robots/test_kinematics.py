@@ -15,7 +15,7 @@ from check_points import CHECK_POINTS, CLOSE
 from scipy.spatial.transform import Rotation
 
 from epson_driver.robots import Chain, Frame, RobotModel, load_robot_model, robot_models
-from epson_driver.robots.kinematics import Kinematics, rotation_of, uvw
+from epson_driver.robots.kinematics import Kinematics, opw_robot, rotation_of, uvw
 from epson_driver.robots.opw import KinematicsError, opw_parameters
 from epson_driver.share import share_file
 
@@ -109,9 +109,9 @@ def test_the_chain_in_python_is_that_of_the_urdf(model: RobotModel) -> None:
 
 @pytest.mark.parametrize('model', ARMS, ids=names)
 def test_the_opw_lengths_describe_the_same_arm_as_the_chain(model: RobotModel) -> None:
-    arm = Kinematics(model)
+    arm, robot = Kinematics(model), opw_robot(opw_parameters(model))
     for joints in joints_of(model, 1, 100):
-        pose = arm._solver._robot.forward(tuple(joints)).as_matrix()
+        pose = robot.forward(tuple(joints)).as_matrix()
         np.testing.assert_allclose(pose, arm.forward(joints), atol=EXACT)
 
 

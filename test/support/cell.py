@@ -46,8 +46,8 @@ class Cell:
         return processes.sim_controller(
             self._folder / 'controller.log',
             '--motion=ptp',
-            '--start=' + ','.join(map(str, self.start)),
             *self._controller_arguments,
+            start=self.start,
             ports=ports,
         )
 
