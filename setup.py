@@ -18,6 +18,7 @@ from distutils.command.build_scripts import build_scripts  # isort: skip
 NAME = 'epson_driver'
 NAMES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth')
 EXECUTABLES = [f'scripts/{name}' for name in NAMES]
+INTERFACES = ('epson_msgs', 'industrial_msgs')
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
 
 
@@ -45,6 +46,37 @@ class BuildScripts(build_scripts):
             script.write_text(f'#!{sys.executable}\n{rest}', encoding='utf-8')
 
 
+def missing_packages():
+    """Return which of the ROS packages are not there that no Python package index has."""
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    folders = [Path(prefix, 'share') for prefix in prefixes if prefix]
+    return [
+        name
+        for name in ('control_msgs', *INTERFACES)
+        if not any((folder / name / 'package.xml').is_file() for folder in folders)
+    ]
+
+
+def tell_what_is_missing():
+    """Say what to do about missing packages: without their messages the driver cannot start."""
+    missing = missing_packages()
+    if not missing:
+        return
+    here = Path(__file__).resolve().parent
+    advice = []
+    if 'control_msgs' in missing:
+        advice.append('control_msgs comes with ROS 2 (rosdep install)')
+    if not set(INTERFACES).isdisjoint(missing):
+        advice.append(
+            f'colcon must be told of {here.name}/interfaces, as it looks for no packages within '
+            f'one: colcon build --base-paths {here} {here / "interfaces"}'
+        )
+    print(f'{NAME} needs {", ".join(missing)}: {"; ".join(advice)}', file=sys.stderr)
+
+
+if BY_COLCON:
+    tell_what_is_missing()
+
 setup(
     name=NAME,
     version='0.1.0',
@@ -59,9 +91,10 @@ setup(
     # requirements/runtime.txt has them for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
-        'report': ['matplotlib', 'rosbags'],
-        'panel': ['viser', 'yourdfpy'],
+        'report': ['matplotlib'],
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
+        # The name that colcon looks for: without it, `colcon test` collects with unittest.
+        'test': ['hypothesis', 'pytest', 'pytest-timeout', 'scipy'],
         'dev': [
             'colcon-common-extensions',
             'coverage',
@@ -70,6 +103,7 @@ setup(
             'pytest',
             'pytest-timeout',
             'pytest-xdist',
+            'rosdep',
             'ruff',
             'types-PyYAML',
         ],

@@ -9,7 +9,6 @@ import sys
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio
 import pytest
 from check_points import CHECK_POINTS, CLOSE
 from scipy.spatial.transform import Rotation
@@ -18,6 +17,9 @@ from epson_driver.robots import Chain, Frame, RobotModel, load_robot_model, robo
 from epson_driver.robots.kinematics import Kinematics, opw_robot, rotation_of, uvw
 from epson_driver.robots.opw import KinematicsError, opw_parameters
 from epson_driver.share import share_file
+
+pinocchio = pytest.importorskip('pinocchio')
+pytest.importorskip('py_opw_kinematics')
 
 Array = npt.NDArray[np.float64]
 
