@@ -35,7 +35,7 @@ def test_files_named_in_the_docs_exist() -> None:
 
 
 def test_readme_names_every_parameter_and_executable() -> None:
-    from epson_driver.cli.__main__ import EXECUTABLES
+    from epson_driver.cli.executables import EXECUTABLES
     from epson_driver.node.parameters import TABLE
 
     text = (ROOT / 'README.md').read_text(encoding='utf-8')

@@ -3,6 +3,7 @@
 """Rules of arguments: argparse says which argument it was, and ends with 2."""
 
 import argparse
+import errno
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -41,6 +42,16 @@ def picture(text: str) -> Path:
         rule = f'must end in {" or ".join(PICTURES)}'
         raise argparse.ArgumentTypeError(f'{printable(shown(text))}: {rule}')
     return path
+
+
+def if_in_use(cause: BaseException | None) -> str:
+    """Return what to do if a port could not be opened because another process has it."""
+    if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:
+        return ''
+    return (
+        '; end the process that has it, or choose other ports with --motion-port, --state-port … '
+        '(0: any free one) and tell the client of them (motion_port, state_port …)'
+    )
 
 
 def _number(text: str) -> int | float:

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from epson_driver.cli.interrupt import ignore_interrupts
 from epson_driver.inputs import printable
 from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_log import RosLogHandler
@@ -40,7 +41,7 @@ def main() -> int:
         # The signals come to the event loop: results can still be published after Ctrl-C.
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # rcl's, and what is no text
-        print(f'client: {printable(error)}', file=sys.stderr)
+        print(f'epson_driver client: {printable(error)}', file=sys.stderr)
         return 1
     nodes: list[Node] = []
     try:
@@ -93,7 +94,7 @@ class Failures:
 
 def _namespaces(arguments: Sequence[str]) -> list[str]:
     parser = argparse.ArgumentParser(
-        prog='client',
+        prog='epson_driver client',
         description='The ROS 2 node that drives a controller, or several in one process: one for '
         'each --namespace.',
         epilog='ROS arguments as everywhere: --ros-args -p robot_ip:=192.168.0.1; for several '
@@ -148,6 +149,7 @@ def _run(nodes: Sequence[Node]) -> int:
             except BaseException as error:  # noqa: BLE001 - it is told
                 # asyncio lets the SystemExit of a callback or a task out at once
                 failures.tell('the event loop was left', error)
+    ignore_interrupts()  # the arms are at rest, and the rest takes a moment
     for client in clients:
         client.end()
     if not ros.leave():  # no way to end a thread that hangs; the arms stand

@@ -33,6 +33,7 @@ from epson_driver.cli.demo_report import (
     draw,
     measure,
 )
+from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.processes import Ports, RunError
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.inputs import InputError, count, printable
@@ -52,6 +53,8 @@ INSTALL = (
     'OMPL comes for Python up to 3.13'
 )
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth'}
 
 
@@ -66,16 +69,14 @@ def main() -> int:
                 f'--plan needs {", ".join(missing)}: {INSTALL}', highlight=False, markup=False
             )
             return 2
-    for number in (
-        signal.SIGINT,
-        signal.SIGTERM,
-    ):  # SIGINT too: a shell's `&` passes it on ignored
-        signal.signal(number, _on_terminate)
+    for number in SIGNALS:  # SIGINT too: a shell's `&` passes it on ignored
+        signal.signal(number, _on_signal)
     try:
         if arguments.plan:
             from epson_driver.cli import demo_plan  # needs what may be missing
 
-            seeds = range(arguments.seed, arguments.seed + arguments.seeds)
+            first = arguments.seed or 1
+            seeds = range(first, first + (arguments.seeds or 1))
             return demo_plan.run(seeds, arguments.picture, console)
         trajectory = read_trajectory(arguments.trajectory)
         motions = ('ptp', 'smooth') if arguments.compare else (arguments.motion,)
@@ -91,7 +92,7 @@ def main() -> int:
         return 1
     except KeyboardInterrupt:
         console.print('stopped')
-        return 130
+        return INTERRUPTED
 
 
 def _arguments() -> argparse.Namespace:
@@ -130,24 +131,27 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         '--seed',
         type=argument(count(1, 2**63 - 1)),
-        default=1,
         metavar='N',
-        help='what --plan draws its task from (default: %(default)s)',
+        help='what --plan draws its task from (default: 1)',
     )
     parser.add_argument(
         '--seeds',
         type=argument(count(1, MOST_SEEDS)),
-        default=1,
         metavar='COUNT',
-        help='so many tasks, one seed after the other (default: %(default)s)',
+        help='how many tasks --plan executes, one seed after the other (default: 1)',
     )
     arguments = parser.parse_args()
     if arguments.plan and (arguments.compare or arguments.motion != 'smooth'):
         parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
+    if not arguments.plan and (arguments.seed is not None or arguments.seeds is not None):
+        parser.error('--seed and --seeds say what --plan plans: add --plan, or leave them out')
     return arguments
 
 
-def _on_terminate(_number: int, _frame: object) -> NoReturn:
+def _on_signal(_number: int, _frame: object) -> NoReturn:
+    """Leave, once: a second signal must not keep what was started from being ended."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 

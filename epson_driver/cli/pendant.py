@@ -105,7 +105,7 @@ async def _reason(ask: Ask, error: RemoteError) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='pendant',
+        prog='epson_driver pendant',
         description='What a person does at the controller.',
         usage='%(prog)s [-h] [--host HOST] [--port PORT] [--password PASSWORD] WORD …',
         epilog='\n'.join(['words:', *(f'  {said:26}{text}' for said, text in TEXTS.items())]),

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from epson_driver.cli.executables import EXECUTABLES
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 LONGEST_SAID = 200
@@ -192,7 +193,7 @@ FORMS: dict[str, Form] = {
 ALONE = {
     'status': 'what the controller says of itself',
     'fault kinds': 'which faults there are, and their parameters',
-    'completion': 'a line for bash\'s completion: eval "$(pendant completion)"',
+    'completion': 'a line for bash\'s completion: eval "$(epson_driver pendant completion)"',
 }
 """What is no remote command."""
 
@@ -222,13 +223,17 @@ def following() -> dict[str, list[str]]:
 
 
 def completion() -> str:
-    """Return a bash function that completes the words, and the line that uses it."""
+    """Return a bash function that completes the words, and the line that uses it.
+
+    It completes `epson_driver NAME` as well, and files where it knows no word.
+    """
     words = following()
     first = words.pop('')
     cases = ''.join(f' {word}) w="{" ".join(after)}";;' for word, after in words.items())
     return (
         '_pendant() { local w; case "${COMP_WORDS[COMP_CWORD-1]}" in'
-        f'{cases} *pendant) w="{" ".join(first)}";; *) w="";; esac; '
+        f'{cases} *pendant) w="{" ".join(first)}";; '
+        f'*epson_driver) w="{" ".join(EXECUTABLES)}";; *) w="";; esac; '
         'COMPREPLY=($(compgen -W "$w" -- "${COMP_WORDS[COMP_CWORD]}")); }; '
-        'complete -F _pendant pendant'
+        'complete -o default -F _pendant pendant epson_driver'
     )

@@ -10,8 +10,9 @@ import signal
 import sys
 from pathlib import Path
 
-from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.arguments import FREE_PORT, argument, host, if_in_use
 from epson_driver.inputs import InputError, number, printable
+from epson_driver.socket_errors import reason
 from epson_driver.trace.pcap import PcapError
 from epson_driver.trace.player import Order, Player, Score
 from epson_driver.trace.recording import read_recording
@@ -39,7 +40,7 @@ def main() -> int:
     try:
         asyncio.run(_run(player, script, args.host, ports))
     except OSError as error:
-        print(f'replay: {error}', file=sys.stderr)
+        print(f'epson_driver replay: {error}{if_in_use(error.__cause__)}', file=sys.stderr)
         return 2
     score = player.finish()
     print(_report(score))
@@ -52,12 +53,13 @@ async def _run(player: Player, script: Script, host: str, ports: dict[str, int])
     for each in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(each, stop.set)
     stage = _Stage(player, stop)
-    servers = {
-        role: await loop.create_server(
-            functools.partial(_Connection, stage, script.ports[role]), host, port
-        )
-        for role, port in ports.items()
-    }
+    servers: dict[str, asyncio.Server] = {}
+    for role, port in ports.items():
+        connection = functools.partial(_Connection, stage, script.ports[role])
+        try:
+            servers[role] = await loop.create_server(connection, host, port)
+        except OSError as error:
+            raise OSError(f'{role} port {host}:{port}: {reason(error)}') from error
     open_ports = {role: each.sockets[0].getsockname()[1] for role, each in servers.items()}
     print('listening', *(f'{role}={port}' for role, port in open_ports.items()), flush=True)
     telling = asyncio.create_task(_tell_what_is_missing(player))
@@ -179,12 +181,12 @@ def _report(score: Score) -> str:
 
 def _tell(text: str) -> None:
     with contextlib.suppress(BrokenPipeError):
-        print(f'replay: {text}', file=sys.stderr, flush=True)
+        print(f'epson_driver replay: {text}', file=sys.stderr, flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='replay',
+        prog='epson_driver replay',
         description="Plays the controller's side of a recorded run once. Exit code 0: the client "
         'did all that was recorded and nothing else; 1: it did not; 2: not playable.',
         allow_abbrev=False,

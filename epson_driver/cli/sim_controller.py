@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.arguments import FREE_PORT, argument, host, if_in_use
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
@@ -94,7 +94,8 @@ async def _run(
     try:
         ports = await servers.open(host, ports)
     except (OSError, PlannerError) as error:
-        print(f'sim_controller: {error}', file=sys.stderr)
+        advice = if_in_use(error.__cause__)
+        print(f'epson_driver sim_controller: {error}{advice}', file=sys.stderr)
         return 1
     gc.collect()
     gc.freeze()  # what start-up made is never freed: do not search it again in the motion cycle
@@ -151,7 +152,7 @@ def _fault(text: str) -> Fault:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='sim_controller',
+        prog='epson_driver sim_controller',
         description='A simulated EPSON controller. SIGINT or SIGTERM ends it.',
         allow_abbrev=False,
     )

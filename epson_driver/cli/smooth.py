@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from epson_driver.cli.arguments import argument, picture
+from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.smooth_report import Study, column, draw, point_to_point, spline
 from epson_driver.cli.trajectory_file import (
     read_trajectory,
@@ -51,7 +52,7 @@ def main() -> int:
     except (OSError, InputError, _PlanError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
-        return 130
+        return INTERRUPTED
 
 
 def _run(arguments: argparse.Namespace) -> int:

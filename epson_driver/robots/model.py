@@ -3,6 +3,7 @@
 """A robot model read from config/robots/NAME.yaml, validated."""
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -110,10 +111,29 @@ def robot_models() -> tuple[str, ...]:
 def load_robot_model(name: str) -> RobotModel:
     """Read config/robots/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
 
+    Names may be written as EPSON does, C4-A601S, and shortened where only one model begins so.
     Raises FileNotFoundError (which lists the models there are) or InputError.
     """
-    path = Path(name) if name.endswith('.yaml') else share_file('config', 'robots', name + '.yaml')
+    path = Path(name) if name.endswith('.yaml') else _file_of(name)
     return _parse(read_yaml(path), path)
+
+
+def _file_of(name: str) -> Path:
+    """Return the file of a model. Raises FileNotFoundError that says which names are near."""
+    models = robot_models()
+    wanted = name.lower().replace('-', '_')
+    found = (
+        [wanted] if wanted in models else [m for m in models if wanted and m.startswith(wanted)]
+    )
+    if len(found) == 1:
+        return share_file('config', 'robots', f'{found[0]}.yaml')
+    try:
+        return share_file('config', 'robots', f'{name}.yaml')
+    except FileNotFoundError as error:
+        near = found or get_close_matches(wanted, models)
+        if not near:
+            raise
+        raise FileNotFoundError(f'{error}; did you mean {" or ".join(near)}?') from None
 
 
 def _parse(data: Any, path: Path) -> RobotModel:

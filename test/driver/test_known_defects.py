@@ -16,7 +16,7 @@ import pytest
 from support.driver_harness import HOME, LIMITS, Harness, WaxController, frame, open_gate, pose
 from support.event_loop import run, until
 
-from epson_driver.cli.__main__ import EXECUTABLES
+from epson_driver.cli.executables import EXECUTABLES
 from epson_driver.driver.delivery.points import FIRST_VELOCITY, trajectory_points
 from epson_driver.driver.services import ServiceError
 from epson_driver.motion import Trajectory
