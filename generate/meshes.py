@@ -30,7 +30,7 @@ from generate.shapes import mirrored
 FIRST = 'c3_a601s'
 """The model that comes first, and so keeps the files that others share with it."""
 
-FINEST = 0.15
+MIN_DETAIL_MM = 0.15
 """Details smaller than this, mm, are left out."""
 
 
@@ -91,7 +91,9 @@ def _link(pieces: list[Piece]) -> _RawLink:
     parts = sorted({piece.part for piece in pieces})
     visual = {
         colour: mesh(
-            _union([each.solid for each in pieces if each.colour == colour]).simplify(FINEST)
+            _union([each.solid for each in pieces if each.colour == colour]).simplify(
+                MIN_DETAIL_MM
+            )
         )
         for colour in colours
     }

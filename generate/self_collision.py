@@ -20,7 +20,7 @@ from epson_driver.motion import Array, JointLimits
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE_URI = 'package://epson_driver/'
-AT_A_LIMIT = 0.5
+LIMIT_PROBABILITY = 0.5
 """In every other sample, the probability that a joint stands at one of its limits."""
 
 
@@ -91,7 +91,7 @@ def random_configurations(limits: JointLimits, number: int, seed: int) -> Iterat
         angles = random.uniform(low, high)
         if index % 2:
             ends = np.where(random.random(low.size) < 0.5, low, high)
-            angles = np.where(random.random(low.size) < AT_A_LIMIT, ends, angles)
+            angles = np.where(random.random(low.size) < LIMIT_PROBABILITY, ends, angles)
         yield angles
 
 

@@ -35,7 +35,7 @@ VENV = ROOT / '.venv'
 CONSTRAINTS = 'requirements/constraints.txt'
 INTERFACES = ('control_msgs', 'epson_msgs', 'industrial_msgs')
 MEGABYTE = 1e6
-ROOM = 1.3
+DISK_MARGIN = 1.3
 """Times the disk use that must be free: wheels are unpacked beside what pip downloaded."""
 
 
@@ -374,7 +374,7 @@ def announce(names: Sequence[str], stream: IO[str]) -> None:
     """Say what all of it will take, before the first byte comes."""
     download = sum(STEPS[name].download for name in names)
     disk = sum(STEPS[name].disk for name in names)
-    lacking = list(missing(shutil.disk_usage(ROOT).free / MEGABYTE, ROOM * disk))
+    lacking = list(missing(shutil.disk_usage(ROOT).free / MEGABYTE, DISK_MARGIN * disk))
     if lacking:
         raise CannotInstallError('This machine lacks:\n  ' + '\n  '.join(lacking))
     stream.write(

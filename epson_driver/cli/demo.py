@@ -26,7 +26,7 @@ from rich.table import Table
 from epson_driver.cli.arguments import argument, picture
 from epson_driver.cli.cell import running_controller, running_driver
 from epson_driver.cli.demo_report import (
-    DEVIATION_ALLOWED,
+    MAX_DEVIATION_RAD,
     Drawn,
     Figures,
     Recording,
@@ -43,7 +43,7 @@ from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
 PINGS = 50
 
-MOST_SEEDS = 1_000_000
+MAX_SEEDS = 1_000_000
 
 PLANNING = ('coal', 'ompl', 'pinocchio', 'py_opw_kinematics', 'scipy')
 """The modules that --plan needs beyond the rest."""
@@ -136,7 +136,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument(
         '--seeds',
-        type=argument(count(1, MOST_SEEDS)),
+        type=argument(count(1, MAX_SEEDS)),
         metavar='COUNT',
         help='how many tasks --plan executes, one seed after the other (default: 1)',
     )
@@ -170,10 +170,10 @@ class Run:
     def faults(self) -> list[str]:
         """What was not as planned."""
         faults = []
-        if self.figures.waypoint_deviation > DEVIATION_ALLOWED:
+        if self.figures.waypoint_deviation > MAX_DEVIATION_RAD:
             faults.append(
                 f'a waypoint was missed by {self.figures.waypoint_deviation:.4f} rad, '
-                f'{DEVIATION_ALLOWED:g} rad are allowed'
+                f'{MAX_DEVIATION_RAD:g} rad are allowed'
             )
         if self.motion == 'smooth' and self.figures.stops:
             faults.append(f'the arm stopped {self.figures.stops} times on the way')

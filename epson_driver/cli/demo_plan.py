@@ -29,7 +29,7 @@ from epson_driver.robots import RobotModel, load_robot_model
 
 ROBOT = 'c3_a601s'
 
-VACUUM = 8
+VACUUM_OUTPUT = 8
 """The digital output that the gripper's valve would be on."""
 
 
@@ -124,7 +124,7 @@ def _attempt(
         if not succeeded:
             return Outcome(seed, took, None, f'{motion.name}: {text}', stranded=True)
         recordings.append(user.recording())
-        user.write_output(VACUUM, vacuum)
+        user.write_output(VACUUM_OUTPUT, vacuum)
         progress.advance(bar)
     return Outcome(seed, took, _judged(plan, recordings))
 

@@ -20,7 +20,7 @@ from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.faults.fault_text import describe
 
-_TIMEOUT = 5.0  # s
+_TIMEOUT_S = 5.0  # s
 
 _LOCAL = {'fault kinds': describe, 'completion': completion}
 """What is answered without a controller."""
@@ -48,7 +48,7 @@ def main() -> int:
         print(f'refused: {error}', file=sys.stderr)
         return 1
     except TimeoutError:
-        print(f'no answer from {args.host}:{args.port} in {_TIMEOUT:g} s', file=sys.stderr)
+        print(f'no answer from {args.host}:{args.port} in {_TIMEOUT_S:g} s', file=sys.stderr)
         return 1
     except ConnectionError as error:
         print(f'no controller: {error}', file=sys.stderr)
@@ -57,7 +57,7 @@ def main() -> int:
 
 
 async def _do(asked: Request | None, host: str, port: int, password: str) -> str:
-    async with logged_in(host, port, _TIMEOUT, password) as ask:
+    async with logged_in(host, port, _TIMEOUT_S, password) as ask:
         try:
             if asked is None:
                 return await status(ask)

@@ -18,7 +18,7 @@ _ESTOP = {
 _JOINTS = (6, 4)
 """How many joints a robot has, most likely first."""
 
-_DIGITS = 5
+_MAX_ERROR_DIGITS = 5
 """At most, of an error number."""
 
 _INDENT = '\n' + ' ' * 8
@@ -58,7 +58,7 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
-    known = number.isdecimal() and len(number) <= _DIGITS
+    known = number.isdecimal() and len(number) <= _MAX_ERROR_DIGITS
     if not known or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
         raise ConnectionError(f"'{value[:40]}' is no status")
     named = zip(tuple(FLAGS)[-len(bits) :], bits, strict=True)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from epson_driver.cli.executables import EXECUTABLES
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
-LONGEST_SAID = 200
+MAX_ECHO_CHARACTERS = 200
 """Characters of what was said in an answer to it."""
 
 
@@ -80,15 +80,15 @@ def request(words: Sequence[str]) -> Request:
         return ACTIONS[said]
     form = FORMS.get(words[0]) if words else None
     if form is None:
-        raise UsageError(f'{said[:LONGEST_SAID]}: must be one of {", ".join(TEXTS)}')
+        raise UsageError(f'{said[:MAX_ECHO_CHARACTERS]}: must be one of {", ".join(TEXTS)}')
     if not said.isprintable():
-        raise UsageError(f'{said[:LONGEST_SAID]!r}: must be printable')
+        raise UsageError(f'{said[:MAX_ECHO_CHARACTERS]!r}: must be printable')
     try:
         return form.request(words[1:])
     except ValueError as error:
         text = f'{error}: ' if isinstance(error, UsageError) else ''
         raise UsageError(
-            f'{said[:LONGEST_SAID]}: {text}must be {" or ".join(form.usages)}'
+            f'{said[:MAX_ECHO_CHARACTERS]}: {text}must be {" or ".join(form.usages)}'
         ) from error
 
 

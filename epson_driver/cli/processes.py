@@ -19,13 +19,13 @@ from pathlib import Path
 SAFE_DOMAINS = range(1, 102)
 """ROS domains whose ports lie below the ephemeral range of every common system."""
 
-MOST_CLAIMS = 20
+MAX_CLAIMS = 20
 """So many of the domains that were chosen stay claimed, the newest."""
 
 claims: deque[socket.socket] = deque()
 """Sockets that keep other processes from choosing the same domains, the oldest first."""
 
-END_TIMEOUT = 5.0
+END_TIMEOUT_S = 5.0
 
 EXECUTABLE = (sys.executable, '-m', 'epson_driver.cli')
 """What runs an executable of this package: its name and its arguments follow."""
@@ -51,7 +51,7 @@ def free_ros_domain() -> int:
     Each domain has UDP ports of its own, 250 apart from 7400 on (DDSI-RTPS 9.6.1); the first
     participant takes 7410. Until it does, another process could find the domain free, so a port
     that DDS leaves unused says that the domain is taken: until this process ends, or has chosen
-    MOST_CLAIMS others.
+    MAX_CLAIMS others.
     """
     for domain in random.sample(SAFE_DOMAINS, len(SAFE_DOMAINS)):
         first = 7400 + 250 * domain
@@ -65,7 +65,7 @@ def free_ros_domain() -> int:
             claim.close()
             continue
         claims.append(claim)
-        if len(claims) > MOST_CLAIMS:
+        if len(claims) > MAX_CLAIMS:
             claims.popleft().close()
         return domain
     raise RunError('every ROS domain from 1 to 101 is in use on this machine')
@@ -141,7 +141,7 @@ class Process:
         if self._popen.poll() is None:
             self._popen.send_signal(number)
         try:
-            return self._popen.wait(END_TIMEOUT)
+            return self._popen.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self.kill()
             return -signal.SIGKILL

@@ -18,7 +18,7 @@ from epson_driver.trace.player import Order, Player, Score
 from epson_driver.trace.recording import read_recording
 from epson_driver.trace.script import ROLES, Kind, Script, ScriptError, make_script
 
-TELL_AFTER = 2.0
+WAITING_NOTICE_S = 2.0
 """What the recording waits for is told when it has waited this long, s."""
 
 
@@ -74,7 +74,7 @@ async def _run(player: Player, script: Script, host: str, ports: dict[str, int])
 async def _tell_what_is_missing(player: Player) -> None:
     before = told = ''
     while True:
-        await asyncio.sleep(TELL_AFTER)
+        await asyncio.sleep(WAITING_NOTICE_S)
         missing = player.waits_for
         if missing and missing == before and missing != told:
             _tell(f'waiting for {missing}')

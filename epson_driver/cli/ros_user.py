@@ -29,7 +29,7 @@ from epson_driver.cli.demo_report import Recording
 from epson_driver.cli.processes import RunError
 from epson_driver.motion import Trajectory
 
-READY_TIMEOUT = 30.0
+READY_TIMEOUT_S = 30.0
 """How long anything but the motion itself may take, s."""
 
 
@@ -156,14 +156,14 @@ class RosUser:
         self._diagnostics = message
 
     def _wait(self, ready: Callable[[], Any], otherwise: str) -> None:
-        until = time.monotonic() + READY_TIMEOUT
+        until = time.monotonic() + READY_TIMEOUT_S
         while not ready():
             if time.monotonic() > until:
-                raise RunError(f'{otherwise} within {READY_TIMEOUT:g} s')
+                raise RunError(f'{otherwise} within {READY_TIMEOUT_S:g} s')
             self._check()
             self._executor.spin_once(timeout_sec=0.05)
 
-    def _complete(self, future: Any, timeout: float | None = READY_TIMEOUT) -> Any:
+    def _complete(self, future: Any, timeout: float | None = READY_TIMEOUT_S) -> Any:
         until = None if timeout is None else time.monotonic() + timeout
         while not future.done():
             if until is not None and time.monotonic() > until:

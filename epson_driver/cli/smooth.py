@@ -29,13 +29,13 @@ from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 from epson_driver.robots import load_robot_model
 
-FINEST = 0.001
+SAMPLE_PERIOD_S = 0.001
 """The motion is judged and drawn at samples this far apart, s."""
 
-SHORTEST_LOOK_AHEAD = 0.01
+MIN_LOOK_AHEAD_S = 0.01
 """As of the simulated controller, s; with less, the arm creeps, and it is planned without end."""
 
-MENTIONED = 3
+MAX_PROBLEMS_SHOWN = 3
 """So many of a plan's faults are spelled out."""
 
 
@@ -64,7 +64,7 @@ def _run(arguments: argparse.Namespace) -> int:
     timed = bool(given.times.any())
     plan_read = _checked(file, given, limits, mode)
     planner = _CountingPlanner(console)
-    parts = max(round(1.0 / arguments.rate / FINEST), 1)
+    parts = max(round(1.0 / arguments.rate / SAMPLE_PERIOD_S), 1)
     period = 1.0 / arguments.rate
     try:
         fine = smoothed(
@@ -129,8 +129,12 @@ def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode
     found = problems(Trajectory(limits.names, times, trajectory.positions), limits)
     wrong = [text for text in found if not text.startswith('points ')]  # too fast: will be slower
     if wrong:
-        more = f'; and {len(wrong) - MENTIONED} more' if len(wrong) > MENTIONED else ''
-        raise _PlanError(f'{file}: {"; ".join(islice(wrong, MENTIONED))}{more}')
+        more = (
+            f'; and {len(wrong) - MAX_PROBLEMS_SHOWN} more'
+            if len(wrong) > MAX_PROBLEMS_SHOWN
+            else ''
+        )
+        raise _PlanError(f'{file}: {"; ".join(islice(wrong, MAX_PROBLEMS_SHOWN))}{more}')
     return trajectory
 
 
@@ -209,7 +213,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--look-ahead',
-        type=argument(number(SHORTEST_LOOK_AHEAD, np.inf, 's')),
+        type=argument(number(MIN_LOOK_AHEAD_S, np.inf, 's')),
         default=np.inf,
         metavar='S',
         help='so much is known ahead of the arm, s, as in a stream (all points)',

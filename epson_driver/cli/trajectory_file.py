@@ -18,19 +18,19 @@ from epson_driver.inputs import (
 )
 from epson_driver.motion import Array, Trajectory
 
-LARGEST_FILE = 64_000_000
+MAX_FILE_BYTES = 64_000_000
 """Bytes: 180,000 points of six joints with all they can have."""
 
-LONGEST = 1_000_000
+MAX_DURATION_S = 1_000_000
 """Time of the last point, s, 11 days: beyond, a float no longer tells one nanosecond from the
 next."""
 
-FARTHEST = 1e6
+MAX_VALUE = 1e6
 """Positions, velocities and accelerations, in rad or m; what a robot can do is asked later."""
 
-_SECONDS = count(0, LONGEST)
+_SECONDS = count(0, MAX_DURATION_S)
 _NANOSECONDS = count(0, 2**32 - 1)
-_VALUE = number(-FARTHEST, FARTHEST)
+_VALUE = number(-MAX_VALUE, MAX_VALUE)
 
 
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
@@ -39,7 +39,7 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     `timed`: whether a point must have a time; otherwise one that has none is at 0 s. Raises
     InputError that names the file, the point and the key.
     """
-    data = read_yaml(path, largest=LARGEST_FILE, several=True)
+    data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
     file = printable(path)
     names = JOINT_NAMES.checked(_held(data, 'joint_names', file), f'{file}: joint_names')
     points = _held(data, 'points', file)

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from reprlib import Repr
 from typing import Any
 
-LONGEST_SHOWN = 200
+MAX_SHOWN_CHARACTERS = 200
 """Characters of a value in a sentence; of a longer one the beginning and the end."""
 
-LONGEST_NAME = 100
+MAX_JOINT_NAME_CHARACTERS = 100
 """Characters of a joint's name."""
 
-LONGEST_HOST = 253
+MAX_HOST_CHARACTERS = 253
 """Characters of a host's name (RFC 1035)."""
 
 
@@ -30,7 +30,7 @@ class _Shortened(Repr):
 
     def __init__(self) -> None:
         super().__init__()
-        self.maxstring = self.maxother = self.maxlong = LONGEST_SHOWN
+        self.maxstring = self.maxother = self.maxlong = MAX_SHOWN_CHARACTERS
         self.maxlevel = 4
         self.maxlist = self.maxtuple = self.maxdict = 8
 
@@ -56,9 +56,9 @@ class _Shortened(Repr):
 def shown(value: object) -> str:
     """Return a value for a sentence: what `repr` gives, shortened in the middle."""
     text = _Shortened().repr(value)
-    if len(text) <= LONGEST_SHOWN:
+    if len(text) <= MAX_SHOWN_CHARACTERS:
         return text
-    return f'{text[: LONGEST_SHOWN // 2]}…{text[-LONGEST_SHOWN // 4 :]}'
+    return f'{text[: MAX_SHOWN_CHARACTERS // 2]}…{text[-MAX_SHOWN_CHARACTERS // 4 :]}'
 
 
 def printable(text: object) -> str:
@@ -143,7 +143,7 @@ _JOINT_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_/-]*', re.ASCII)
 def _joint_names(value: Any) -> tuple[str, ...]:
     names = tuple(value) if isinstance(value, list | tuple) else ()
     for name in names:
-        if not _JOINT_NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+        if not _JOINT_NAME.fullmatch(name) or len(name) > MAX_JOINT_NAME_CHARACTERS:
             raise ValueError
     if not names or len(set(names)) != len(names):
         raise ValueError
@@ -153,7 +153,7 @@ def _joint_names(value: Any) -> tuple[str, ...]:
 JOINT_NAMES = Rule(
     _joint_names,
     'must be a list of names that differ, each of letters, digits, _, - and /, not beginning with '
-    f'a digit, of at most {LONGEST_NAME} characters',
+    f'a digit, of at most {MAX_JOINT_NAME_CHARACTERS} characters',
 )
 """A dot is none of them: each name is a part of names of parameters."""
 
@@ -168,7 +168,7 @@ def _host(value: Any) -> str:
         return value
     name = value.encode('idna').decode('ascii')  # what the resolver does; UnicodeError: it cannot
     labels = name.removesuffix('.').split('.')
-    if len(name) > LONGEST_HOST or not all(map(_LABEL.fullmatch, labels)):
+    if len(name) > MAX_HOST_CHARACTERS or not all(map(_LABEL.fullmatch, labels)):
         raise ValueError
     if labels[-1].isdecimal():  # no name ends so: a short form of an IPv4 address, or a mistake
         try:

@@ -18,7 +18,7 @@ import yaml
 from epson_driver.inputs.files import MEGABYTE, read_file
 from epson_driver.inputs.rules import InputError, printable, shown
 
-DEEPEST = 20
+MAX_NESTING = 20
 """Levels of nesting; no file of ours has more than 5."""
 
 _Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where there is one
@@ -125,8 +125,8 @@ def _built(text: str, *, several: bool) -> Any:
             else:
                 result = opened.value
             levels.append(opened)
-            if len(levels) > DEEPEST:
-                raise _WrongError(event, f'nested more than {DEEPEST} levels deep')
+            if len(levels) > MAX_NESTING:
+                raise _WrongError(event, f'nested more than {MAX_NESTING} levels deep')
         elif isinstance(event, yaml.CollectionEndEvent):
             levels.pop()
     return result

@@ -14,7 +14,7 @@ from epson_driver.link.silence import Silence, passed
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
 from epson_driver.link.wire_events import Address, Tap, WireEvent
-from epson_driver.log_lines import LogPace
+from epson_driver.log_lines import LogThrottle
 from epson_driver.simple_message import (
     ByteOrder,
     CommType,
@@ -97,7 +97,7 @@ class Link:
         self._receive_timeout = receive_timeout
         self.trace = trace
         self._quiet = quiet
-        self._log_pace = LogPace()
+        self._log_pace = LogThrottle()
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
         self._framer = Framer(byte_order)

@@ -46,12 +46,14 @@ class Frame:
         matrix = np.eye(4)
         x, y, z = np.eye(3)
         roll, pitch, yaw = self.rpy
-        matrix[:3, :3] = about(z, yaw) @ about(y, pitch) @ about(x, roll)
+        matrix[:3, :3] = (
+            rotation_about(z, yaw) @ rotation_about(y, pitch) @ rotation_about(x, roll)
+        )
         matrix[:3, 3] = self.xyz
         return matrix
 
 
-def about(axis: Array, angle: float) -> Array:
+def rotation_about(axis: Array, angle: float) -> Array:
     """Return the rotation by `angle`, rad, about a unit axis, shape (3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

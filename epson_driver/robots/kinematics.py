@@ -15,29 +15,29 @@ from typing import Any
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.robots.chain import PRISMATIC, Frame, about
+from epson_driver.robots.chain import PRISMATIC, Frame, rotation_about
 from epson_driver.robots.model import RobotModel
 from epson_driver.robots.opw import OpwParameters, opw_parameters
 
-TURN = 2.0 * np.pi
+FULL_TURN = 2.0 * np.pi
 
-LIMIT_TOLERANCE = 1e-9
+LIMIT_TOLERANCE_RAD = 1e-9
 """A joint this much outside its range, rad, is at the limit: rounding."""
 
-SAME = 1e-5
+SAME_SOLUTION_RAD = 1e-5
 """Solutions closer than this in all joints, rad, count as one: those of a stretched arm."""
 
-STRAIGHT = 2e-6
+STRAIGHT_WRIST_RAD = 2e-6
 """Joint 5 closer to 0 than this, rad, leaves joints 4 and 6 in line: only their sum counts. The
 solution is off by no more than this."""
 
-TILT = 2e-5
+TILT_RAD = 2e-5
 """The library loses a straight wrist to rounding; it is asked for one bent by this, rad, too."""
 
-PULL = 1e-13
+PULL_M = 1e-13
 """And a stretched arm: it is asked for a wrist nearer to the shoulder by this, m, too."""
 
-UPRIGHT = 1e-9
+GIMBAL_LOCK_RAD = 1e-9
 """V closer than this to ±π/2, rad, counts as that."""
 
 INSTALL = "pip install 'epson_driver[planning]'"
@@ -67,7 +67,7 @@ class Kinematics:
             if types[index] == PRISMATIC:
                 step[:3, 3] += chain.axes[index] * value
             else:
-                step[:3, :3] = about(chain.axes[index], value)
+                step[:3, :3] = rotation_about(chain.axes[index], value)
             frames[index] = frame = frame @ step
         return frames
 
@@ -90,7 +90,7 @@ class Kinematics:
         found: list[Array] = []
         for branch in self._solver.branches(pose, near):
             for joints in self._turns(branch):
-                if not any(np.all(np.abs(joints - other) < SAME) for other in found):
+                if not any(np.all(np.abs(joints - other) < SAME_SOLUTION_RAD) for other in found):
                     found.append(joints)
         found.sort(key=lambda joints: float(np.linalg.norm(joints - near)))
         return np.array(found).reshape(-1, len(near))
@@ -117,9 +117,9 @@ class Kinematics:
         limits = self.model.limits
         choices = []
         for value, low, high in zip(branch, limits.position_min, limits.position_max, strict=True):
-            first = np.ceil((low - LIMIT_TOLERANCE - value) / TURN)
-            last = np.floor((high + LIMIT_TOLERANCE - value) / TURN)
-            values = value + TURN * np.arange(first, last + 1.0)
+            first = np.ceil((low - LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
+            last = np.floor((high + LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
+            values = value + FULL_TURN * np.arange(first, last + 1.0)
             choices.append(np.clip(values, low, high))
         return [np.array(each) for each in product(*choices)]
 
@@ -168,7 +168,7 @@ class _Solver:
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return the solutions that there are of the eight, each joint anywhere.
 
-        Those of an arm at the edge of its reach may come twice, SAME apart at most.
+        Those of an arm at the edge of its reach may come twice, SAME_SOLUTION_RAD apart at most.
         """
         poses = np.array([pose, self._pulled(pose), self._tilted(pose)])
         poses = np.array([*poses, self._pulled(poses[2])])
@@ -178,11 +178,11 @@ class _Solver:
             for row in rows[np.all(np.isfinite(rows), axis=1)]:
                 bend = self._signs[4] * row[4] - self._offsets[4]
                 bend = np.arctan2(np.sin(bend), np.cos(bend))
-                if index < 2 and abs(bend) >= STRAIGHT:
+                if index < 2 and abs(bend) >= STRAIGHT_WRIST_RAD:
                     solutions.append(row)
-                elif abs(bend) < 2.0 * TILT:
+                elif abs(bend) < 2.0 * TILT_RAD:
                     straight = self._straightened(row, bend, near)
-                    if np.max(np.abs(self._forward(straight) - pose)) < 2.0 * STRAIGHT:
+                    if np.max(np.abs(self._forward(straight) - pose)) < 2.0 * STRAIGHT_WRIST_RAD:
                         solutions.append(straight)
         return solutions
 
@@ -195,20 +195,20 @@ class _Solver:
         return straight
 
     def _tilted(self, pose: Array) -> Array:
-        """Return a pose turned about the wrist by TILT, across the tool's axis."""
+        """Return a pose turned about the wrist by TILT_RAD, across the tool's axis."""
         tilted = pose.copy()
-        tilted[:3, :3] = pose[:3, :3] @ about(np.array([1.0, 0.0, 0.0]), TILT)
+        tilted[:3, :3] = pose[:3, :3] @ rotation_about(np.array([1.0, 0.0, 0.0]), TILT_RAD)
         tilted[:3, 3] += self._hand * (tilted[:3, 2] - pose[:3, 2])
         return tilted
 
     def _pulled(self, pose: Array) -> Array:
-        """Return a pose with the wrist nearer to the shoulder that faces it, by PULL."""
+        """Return a pose with the wrist nearer to the shoulder that faces it, by PULL_M."""
         wrist = pose[:3, 3] - self._hand * pose[:3, 2]
         facing = np.arctan2(wrist[1], wrist[0])
         out, up = self._shoulder
         away = wrist - (out * np.cos(facing), out * np.sin(facing), up)
         pulled = pose.copy()
-        pulled[:3, 3] -= PULL * away / max(float(np.linalg.norm(away)), PULL)
+        pulled[:3, 3] -= PULL_M * away / max(float(np.linalg.norm(away)), PULL_M)
         return pulled
 
 
@@ -221,12 +221,12 @@ def uvw(rotation: Array) -> Array:
     r = np.asarray(rotation, dtype=float)
     across = float(np.hypot(r[0, 0], r[1, 0]))
     v = np.arctan2(-r[2, 0], across)
-    if across > UPRIGHT:
+    if across > GIMBAL_LOCK_RAD:
         return np.array([np.arctan2(r[1, 0], r[0, 0]), v, np.arctan2(r[2, 1], r[2, 2])])
     return np.array([0.0, v, np.arctan2(-r[1, 2], r[1, 1])])
 
 
-def rotation_of(angles: Array) -> Array:
+def rotation_of_uvw(angles: Array) -> Array:
     """Return the rotation matrix of EPSON's U, V, W, rad."""
     u, v, w = np.asarray(angles, dtype=float)
     return Frame(np.zeros(3), np.array([w, v, u])).matrix[:3, :3]

@@ -16,26 +16,26 @@ from epson_driver.robots.chain import JOINT_TYPES, SHOWN_UNITS, UNITS, Chain, Fr
 from epson_driver.robots.reader import CONFIDENCES, Provenance, Range, Reader
 from epson_driver.share import share_file, share_folder
 
-STROKE: Range = (-1000.0, 1000.0, 'rad or m')
+POSITION_RANGE: Range = (-1000.0, 1000.0, 'rad or m')
 """Of positions: 159 turns, or a rail of 2 km."""
 
-LIMIT: Range = (1e-6, 1e6, 'in its unit')
+LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
 """Of velocities, accelerations and jerks (rad or m, per s, s² or s³). Below, an arm would take
 days for a move; above lies no machine, and times of the smoother would vanish beside rounding."""
 
-LENGTH: Range = (-100.0, 100.0, 'm')
-TURN: Range = (-10.0, 10.0, 'rad')
-AXIS: Range = (-1.0, 1.0, '')
-PULSES: Range = (-1e9, 1e9, 'pulses')
-WEIGHT: Range = (1e-3, 1e5, 'kg')
+LENGTH_RANGE: Range = (-100.0, 100.0, 'm')
+ANGLE_RANGE: Range = (-10.0, 10.0, 'rad')
+AXIS_RANGE: Range = (-1.0, 1.0, '')
+PULSES_RANGE: Range = (-1e9, 1e9, 'pulses')
+WEIGHT_RANGE: Range = (1e-3, 1e5, 'kg')
 
-FEWEST_PULSES = 1e-3
+MIN_PULSES_PER_DEGREE = 1e-3
 """Per degree or mm; with fewer, a joint's whole range is less than one pulse."""
 
 UNIT_TOLERANCE = 1e-9
 """How far from 1 the length of an axis may be."""
 
-NARROWEST = 1e-6
+MIN_JOINT_RANGE = 1e-6
 """The smallest range of a joint's positions, rad or m."""
 
 _KINDS = {
@@ -142,9 +142,11 @@ def _parse(data: Any, path: Path) -> RobotModel:
     types = reader.choices(data, 'joint_types', JOINT_TYPES, len(names))
     columns, provenance = _limits(reader, data, len(names))
     pulses = reader.get(data, 'pulses_per_degree', dict)
-    pulses_per_degree = reader.numbers(pulses, 'value', 'pulses_per_degree', len(names), PULSES)
-    if np.any(np.abs(pulses_per_degree) < FEWEST_PULSES):
-        rule = f'none may be less than {FEWEST_PULSES:g}'
+    pulses_per_degree = reader.numbers(
+        pulses, 'value', 'pulses_per_degree', len(names), PULSES_RANGE
+    )
+    if np.any(np.abs(pulses_per_degree) < MIN_PULSES_PER_DEGREE):
+        rule = f'none may be less than {MIN_PULSES_PER_DEGREE:g}'
         raise reader.error('pulses_per_degree.value', pulses_per_degree.tolist(), rule)
     provenance['pulses_per_degree'] = reader.provenance(pulses, 'pulses_per_degree', len(names))
     chain = _chain(reader, data, len(names), provenance)
@@ -157,8 +159,8 @@ def _parse(data: Any, path: Path) -> RobotModel:
     except ValueError as cause:
         raise InputError(f'{printable(path)}: {cause}') from cause
     for joint, width in zip(names, limits.position_max - limits.position_min, strict=True):
-        if width < NARROWEST:
-            rule = f'the range of {joint} must be at least {NARROWEST:g}'
+        if width < MIN_JOINT_RANGE:
+            rule = f'the range of {joint} must be at least {MIN_JOINT_RANGE:g}'
             raise reader.error('limits.position', float(width), rule)
     return RobotModel(
         name=reader.get(data, 'name', str),
@@ -185,18 +187,18 @@ def _limits(
         where = f'limits.{quantity}'
         block = reader.get(limits, quantity, dict, 'limits.')
         if quantity == 'position':
-            columns['position_min'] = reader.numbers(block, 'min', where, count, STROKE)
-            columns['position_max'] = reader.numbers(block, 'max', where, count, STROKE)
+            columns['position_min'] = reader.numbers(block, 'min', where, count, POSITION_RANGE)
+            columns['position_max'] = reader.numbers(block, 'max', where, count, POSITION_RANGE)
         else:
-            columns[quantity] = reader.numbers(block, 'max', where, count, LIMIT)
+            columns[quantity] = reader.numbers(block, 'max', where, count, LIMIT_RANGE)
         provenance[quantity] = reader.provenance(block, where, count)
     return columns, provenance
 
 
 def _chain(reader: Reader, data: Any, count: int, provenance: dict[str, Provenance]) -> Chain:
     block = reader.get(data, 'chain', dict)
-    origins = reader.vectors(block, 'origins', 'chain', count, LENGTH)
-    axes = reader.vectors(block, 'axes', 'chain', count, AXIS)
+    origins = reader.vectors(block, 'origins', 'chain', count, LENGTH_RANGE)
+    axes = reader.vectors(block, 'axes', 'chain', count, AXIS_RANGE)
     for axis in axes:
         if abs(np.linalg.norm(axis) - 1.0) > UNIT_TOLERANCE:
             raise reader.error('chain.axes', axis.tolist(), 'must have length 1')
@@ -215,8 +217,8 @@ def _frame(
     block = reader.get(data, key, dict)
     xyz = np.zeros(3)
     if not turned_only:
-        xyz = reader.numbers(block, 'xyz', key, 3, LENGTH, 'x, y and z')
-    rpy = reader.numbers(block, 'rpy', key, 3, TURN, 'roll, pitch and yaw')
+        xyz = reader.numbers(block, 'xyz', key, 3, LENGTH_RANGE, 'x, y and z')
+    rpy = reader.numbers(block, 'rpy', key, 3, ANGLE_RANGE, 'roll, pitch and yaw')
     provenance[key] = reader.provenance(block, key)
     return Frame(xyz, rpy)
 
@@ -228,4 +230,4 @@ def _weight(
         return None
     block = reader.get(data, key, dict)
     provenance[key] = reader.provenance(block, key)
-    return reader.number(block, 'value', key, WEIGHT)
+    return reader.number(block, 'value', key, WEIGHT_RANGE)

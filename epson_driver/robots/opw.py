@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.robots.chain import REVOLUTE, about
+from epson_driver.robots.chain import REVOLUTE, rotation_about
 from epson_driver.robots.model import RobotModel
 
 TOLERANCE = 1e-9
-"""How far axes may be from parallel or from crossing each other (m)."""
+"""How far axes may be from parallel (1 - cosine) or from crossing each other (m)."""
 
 
 class KinematicsError(ValueError):
@@ -58,7 +58,7 @@ def opw_parameters(model: RobotModel) -> OpwParameters:
     fore = axes[3] if axes[3] @ lower >= 0.0 else -axes[3]
     out = hand / np.linalg.norm(hand)
     standing, bent, pointing = _from_up(upper), _from_up(fore), _from_up(out)
-    rest = about(_Y, pointing).T @ model.tool0.matrix[:3, :3]  # what joint 6 has to turn
+    rest = rotation_about(_Y, pointing).T @ model.tool0.matrix[:3, :3]  # what joint 6 has to turn
     if abs(rest[2, 2] - 1.0) > TOLERANCE:
         raise _no_opw(model, 'the z axis of tool0 is not along joint 6')
     turned = float(np.arctan2(rest[1, 0], rest[0, 0]))
