@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An ament_python package that is a plain Python package as well.
+"""An ament_python package that is also a plain Python package.
 
 Both install scripts/NAME as lib/epson_driver/NAME, where `ros2 run` looks: colcon (`setup.py
 install|develop`) as scripts, a wheel as data, so that no `client` or `demo` lands in a user's
-bin/. The one command there is `epson_driver`.
+bin/. The only command there is `epson_driver`.
 """
 
 import os
@@ -23,7 +23,7 @@ BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
 
 
 def data_files():
-    """Return (target folder, files) for everything that is installed beside the code."""
+    """Yield (target folder, files) for everything that is installed beside the code."""
     yield 'share/ament_index/resource_index/packages', [f'resource/{NAME}']
     yield f'share/{NAME}', ['package.xml']
     for top in filter(os.path.isdir, ('config', 'urdf', 'launch')):
@@ -36,10 +36,10 @@ def data_files():
 
 
 class BuildScripts(build_scripts):
-    """Writes the interpreter into the scripts; newer setuptools leave that to pip alone."""
+    """Writes the interpreter into the scripts, which newer setuptools leave to pip."""
 
     def run(self):
-        """Copy the scripts to the build folder, then see to their first lines."""
+        """Copy the scripts to the build folder, then rewrite their first lines."""
         super().run()
         for script in (Path(self.build_dir, Path(name).name) for name in self.scripts):
             _, rest = script.read_text(encoding='utf-8').split('\n', 1)
@@ -47,7 +47,7 @@ class BuildScripts(build_scripts):
 
 
 def missing_packages():
-    """Return which of the ROS packages are not there that no Python package index has."""
+    """Return the message packages that the driver needs and AMENT_PREFIX_PATH does not have."""
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     folders = [Path(prefix, 'share') for prefix in prefixes if prefix]
     return [
@@ -58,7 +58,7 @@ def missing_packages():
 
 
 def tell_what_is_missing():
-    """Say what to do about missing packages: without their messages the driver cannot start."""
+    """Say what to do about missing message packages: without them the driver cannot start."""
     missing = missing_packages()
     if not missing:
         return
@@ -87,7 +87,7 @@ setup(
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed']},
     python_requires='>=3.11',
-    # ROS's own packages are not listed: on a ROS machine they are no Python distributions.
+    # ROS packages are not listed: on a ROS machine they are not Python distributions.
     # requirements/runtime.txt has them for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={

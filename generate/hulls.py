@@ -11,13 +11,13 @@ from epson_driver.motion import Array
 from generate.shapes import Solid
 
 MARGIN_MM = 0.1
-"""How far outside the faces lie, mm: more than what is lost by rounding."""
+"""How far outside the solid the faces lie: more than the rounding error."""
 
 MAX_FACES = 18
-"""How many faces a solid has at most; its triangles are less than four times as many."""
+"""Per solid; it has fewer than four times as many triangles."""
 
 MAX_VOLUME_RATIO = 1.04
-"""Volume over that of the convex hull from which on no further face is cut."""
+"""No further face is cut once the volume is at most this many times that of the convex hull."""
 
 TRIALS_PER_CUT = 8
 """How many planes are tried for each cut: those below the farthest corners."""

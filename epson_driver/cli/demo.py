@@ -46,7 +46,7 @@ PINGS = 50
 MAX_SEEDS = 1_000_000
 
 PLANNING = ('coal', 'ompl', 'pinocchio', 'py_opw_kinematics', 'scipy')
-"""The modules that --plan needs beyond the rest."""
+"""The additional modules that --plan needs."""
 
 INSTALL = (
     "pip install 'epson_driver[planning]' (in the source tree: make demo ARGS=--plan); "
@@ -73,7 +73,7 @@ def main() -> int:
         signal.signal(number, _on_signal)
     try:
         if arguments.plan:
-            from epson_driver.cli import demo_plan  # needs what may be missing
+            from epson_driver.cli import demo_plan  # imports the optional modules
 
             first = arguments.seed or 1
             seeds = range(first, first + (arguments.seeds or 1))
@@ -114,7 +114,7 @@ def _arguments() -> argparse.Namespace:
         help='how the controller moves: through all points, or resting at each (%(default)s)',
     )
     parser.add_argument(
-        '--compare', action='store_true', help='both, one after the other, in one picture'
+        '--compare', action='store_true', help='run both, one after the other, in one picture'
     )
     parser.add_argument(
         '--picture',
@@ -132,7 +132,7 @@ def _arguments() -> argparse.Namespace:
         '--seed',
         type=argument(count(1, 2**63 - 1)),
         metavar='N',
-        help='what --plan draws its task from (default: 1)',
+        help='seed of the random task of --plan (default: 1)',
     )
     parser.add_argument(
         '--seeds',
@@ -149,7 +149,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _on_signal(_number: int, _frame: object) -> NoReturn:
-    """Leave, once: a second signal must not keep what was started from being ended."""
+    """Leave, and ignore further signals, so that what was started is always ended."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
@@ -168,7 +168,7 @@ class Run:
 
     @property
     def faults(self) -> list[str]:
-        """What was not as planned."""
+        """The ways in which the motion was not as planned, a sentence each."""
         faults = []
         if self.figures.waypoint_deviation > MAX_DEVIATION_RAD:
             faults.append(
@@ -176,7 +176,8 @@ class Run:
                 f'{MAX_DEVIATION_RAD:g} rad are allowed'
             )
         if self.motion == 'smooth' and self.figures.stops:
-            faults.append(f'the arm stopped {self.figures.stops} times on the way')
+            times = 'once' if self.figures.stops == 1 else f'{self.figures.stops} times'
+            faults.append(f'the arm stopped {times} on the way')
         return faults
 
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver demo --plan`: a pick and place that is planned on the spot, and executed.
 
-The planner knows the obstacles and the arm's shape; driver and controller know neither. What the
-joint states showed is put back among the obstacles afterwards: only that decides.
+The planner knows the obstacles and the arm's shape; driver and controller know neither. Afterwards
+the recorded joint states are checked against the obstacles: only that decides.
 """
 
 import tempfile
@@ -30,7 +30,7 @@ from epson_driver.robots import RobotModel, load_robot_model
 ROBOT = 'c3_a601s'
 
 VACUUM_OUTPUT = 8
-"""The digital output that the gripper's valve would be on."""
+"""The digital output that would switch the gripper's valve."""
 
 
 COLUMNS = (
@@ -43,16 +43,16 @@ COLUMNS = (
     'nearest\n[mm]',
     'missed\n[mm]',
 )
-"""Seed, number of obstacles, time to plan, planned and real duration, stops on the way, smallest
-distance to an obstacle, largest distance from where the part is and shall be.
+"""Seed, number of obstacles, time to plan, planned and actual duration, stops on the way, smallest
+distance to an obstacle, largest distance by which the part, its place or home was missed.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one seed: `executed`, or the sentence that says why not.
+    """The result for one seed: `executed`, or the sentence that says why not.
 
-    `stranded`: the arm is not at home.
+    `stranded`: the arm is not at home, so that the next task cannot start.
     """
 
     seed: int
@@ -63,7 +63,7 @@ class Outcome:
 
     @property
     def faults(self) -> list[str]:
-        """What was not as it must be."""
+        """What was wrong with the execution, a sentence each."""
         if self.executed is None:
             return [self.failure]
         verdicts = self.executed.verdicts
@@ -78,7 +78,7 @@ class Outcome:
 
 
 def run(seeds: range, picture: Path, console: Console) -> int:
-    """Plan and execute the task of each seed. Returns 0 only if all was as it must be."""
+    """Plan and execute the task of each seed. Returns 0 only if nothing was wrong with any."""
     model = load_robot_model(ROBOT)
     outcomes = []
     with (
@@ -97,7 +97,7 @@ def run(seeds: range, picture: Path, console: Console) -> int:
                 said = '; '.join(outcome.faults) or 'executed'
                 progress.console.print(f'seed {seed}: {said}', highlight=False)
             if outcome.stranded:
-                break  # what is planned begins at home
+                break  # every plan begins at home
         progress.update(bar, description='done')
     return _report(outcomes, seeds, model, picture, console)
 
@@ -152,7 +152,7 @@ def _report(
         console.print(f'picture: {picture}', highlight=False)
     faults = [f'seed {each.seed}: {fault}' for each in outcomes for fault in each.faults]
     if faults or len(outcomes) < len(seeds):
-        console.print(f'[bold red]not as it must be:[/] {"; ".join(faults)}', highlight=False)
+        console.print(f'[bold red]something went wrong:[/] {"; ".join(faults)}', highlight=False)
         return 1
     nearest = min(each.nearest for each in executed)
     console.print(

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What happened in a demo run, in figures and as a picture, from the joint states that came."""
+"""A demo run in figures and as a picture, from the joint states that were received."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

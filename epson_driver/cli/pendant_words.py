@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What can be said to the pendant, as tables, and the remote commands that it becomes."""
+"""The words of `pendant` as tables, and the remote commands that they stand for."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,17 +10,17 @@ from epson_driver.cli.executables import EXECUTABLES
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 MAX_ECHO_CHARACTERS = 200
-"""Characters of what was said in an answer to it."""
+"""Error texts repeat no more characters of the words given."""
 
 
 class UsageError(ValueError):
-    """Words that mean nothing; the text says what may be said."""
+    """Words that have no meaning; the text says which are allowed."""
 
 
 class Request(NamedTuple):
-    """Remote commands that do the same: the first one that the controller knows counts.
+    """Equivalent remote commands; the first one that the controller knows is used.
 
-    `done` is the answer when it is done: a sentence, or what makes one of the value.
+    `done` is the text to print afterwards, or a function that makes it from the answer's value.
     """
 
     commands: tuple[str, ...]
@@ -28,7 +28,7 @@ class Request(NamedTuple):
 
 
 class Form(NamedTuple):
-    """Words with others behind them: what may be said, what it does, and its request."""
+    """A first word that takes arguments: its usages, what each does, and the request for them."""
 
     usages: Mapping[str, str]
     request: Callable[[Sequence[str]], Request]
@@ -57,7 +57,7 @@ ACTIONS: dict[str, Request] = {
     'start': Request(('Start,0',), 'the tasks run'),
     'reset': Request(('Reset',), 'reset; the motors are switched on separately'),
 }
-"""What is said, and the remote commands for it. What begins with Sim is for the simulation."""
+"""Actions without arguments, and their remote commands; Sim… is for the simulation only."""
 
 KINDS = {
     'in': ('DI', 'GetIO,{}', ''),
@@ -66,7 +66,8 @@ KINDS = {
     'aout': ('AO', '', ''),
     'flag': ('flag', 'GetMemIO,{}', 'SetMemIO,{},{}'),
 }
-"""How points are called here and in the simulation; a real controller's commands for them."""
+"""The name of a kind of I/O point here and in the simulation, and how real controllers read and
+write it."""
 
 SWITCH = {'off': '0', 'on': '1', '0': '0', '1': '1'}
 
@@ -74,7 +75,7 @@ ANALOG = ('ain', 'aout')
 
 
 def request(words: Sequence[str]) -> Request:
-    """Return what the words ask for. Raises UsageError."""
+    """Return the request that the words stand for. Raises UsageError."""
     said = ' '.join(words)
     if said in ACTIONS:
         return ACTIONS[said]
@@ -93,7 +94,7 @@ def request(words: Sequence[str]) -> Request:
 
 
 def points(value: str) -> str:
-    """Return the list of all points, for people."""
+    """Return the list of all I/O points as text."""
     names = {sim: (word, word in ANALOG) for word, (sim, _, _) in KINDS.items()}
     lines = []
     for part in value.split(';'):
@@ -150,7 +151,7 @@ def _fault(words: Sequence[str]) -> Request:
 
 
 def faults(value: str) -> str:
-    """Return the list of active faults, for people."""
+    """Return the list of active faults as text."""
     return '\n'.join(value.split(';')) if value else 'no faults'
 
 
@@ -171,16 +172,16 @@ def _reboot(words: Sequence[str]) -> Request:
 FORMS: dict[str, Form] = {
     'io': Form(
         {
-            'io': 'all points',
-            'io KIND INDEX': f'one point; KIND is {", ".join(KINDS)}',
-            'io KIND INDEX VALUE': 'set it, an input as what is wired to it does: on, off, or mV',
+            'io': 'list all I/O points',
+            'io KIND INDEX': f'read one point; KIND is {", ".join(KINDS)}',
+            'io KIND INDEX VALUE': 'set it (an input: as if wired so): on, off, or mV',
         },
         _io,
     ),
     'fault': Form(
         {
-            'fault': 'the active faults',
-            'fault NAME [KEY=VALUE …]': 'begin one',
+            'fault': 'list the active faults',
+            'fault NAME [KEY=VALUE …]': 'start one',
             'fault clear [NAME]': 'clear one, or all',
         },
         _fault,
@@ -188,14 +189,14 @@ FORMS: dict[str, Form] = {
     'disturb': Form({'disturb JOINT DEGREES': 'push a joint'}, _disturb),
     'reboot': Form({'reboot [SECONDS]': 'switch off and on again'}, _reboot),
 }
-"""The first word, and what may follow."""
+"""The actions with arguments, by their first word."""
 
 ALONE = {
-    'status': 'what the controller says of itself',
-    'fault kinds': 'which faults there are, and their parameters',
-    'completion': 'a line for bash\'s completion: eval "$(epson_driver pendant completion)"',
+    'status': 'the state of the controller',
+    'fault kinds': 'list the kinds of faults and their parameters',
+    'completion': 'print a line for bash\'s completion: eval "$(epson_driver pendant completion)"',
 }
-"""What is no remote command."""
+"""Words that are not a remote command each."""
 
 TEXTS: dict[str, str] = {
     'status': ALONE['status'],
@@ -203,11 +204,11 @@ TEXTS: dict[str, str] = {
     **{usage: text for form in FORMS.values() for usage, text in form.usages.items()},
     **ALONE,
 }
-"""Everything that can be said, and what it does."""
+"""Every usage, and what it does."""
 
 
 def following() -> dict[str, list[str]]:
-    """Return for a word (nothing: at first) which words may follow it."""
+    """Return which words may follow a word; under '', which may come first."""
     found: dict[str, list[str]] = {'': ['status', 'completion']}
     for said in ACTIONS:
         first, _, second = said.partition(' ')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of an executed plan: the arm among its obstacles, and what the joint states said."""
+"""The picture of an executed plan: the arm among the obstacles, and the recorded joint states."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ PATHS = ('#0072B2', '#D55E00', '#009E73')
 """Colours of the three motions."""
 
 FADING = 0.5
-"""How much of the arm's colour is lost at the moments before and after the one in the middle."""
+"""How much the arm's colour fades for the moments before and after the one in the middle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ def _draw_time(velocity: Any, clearance: Any, executed: Executed, model: RobotMo
 
 
 def _shade(plots: Iterable[Any], executed: Executed, begin: float) -> None:
-    """Shade the time with the part in the hand."""
+    """Shade the time during which the gripper holds the part."""
     carrying = executed.recordings[1].times - begin
     for axes in plots:
         axes.axvspan(carrying[0], carrying[-1], color='#E69F00', alpha=0.12, linewidth=0.0)

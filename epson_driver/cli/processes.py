@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Starting the executables as processes that disturb nobody: free ports, a free ROS domain."""
+"""Start the executables as processes on free ports and in a ROS domain that nobody uses."""
 
 import contextlib
 import dataclasses
@@ -20,7 +20,7 @@ SAFE_DOMAINS = range(1, 102)
 """ROS domains whose ports lie below the ephemeral range of every common system."""
 
 MAX_CLAIMS = 20
-"""So many of the domains that were chosen stay claimed, the newest."""
+"""How many of the chosen domains stay claimed; the oldest claim is dropped first."""
 
 claims: deque[socket.socket] = deque()
 """Sockets that keep other processes from choosing the same domains, the oldest first."""
@@ -28,11 +28,11 @@ claims: deque[socket.socket] = deque()
 END_TIMEOUT_S = 5.0
 
 EXECUTABLE = (sys.executable, '-m', 'epson_driver.cli')
-"""What runs an executable of this package: its name and its arguments follow."""
+"""The command that runs an executable of this package; its name and arguments follow."""
 
 
 class RunError(RuntimeError):
-    """What was started cannot go on; the text says why."""
+    """The run cannot go on; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Process:
 
     @property
     def process_id(self) -> int:
-        """The system's number for it."""
+        """The process id."""
         return self._popen.pid
 
     @property

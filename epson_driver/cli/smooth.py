@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver smooth FILE`: a planned trajectory through the smoother, without any robot.
 
-Writes the smooth trajectory as the same kind of file, and reports and draws it beside what a
+Writes the smooth trajectory in the same format, and reports and draws it beside what a
 point-to-point controller and a plain spline make of the plan.
 """
 
@@ -30,13 +30,13 @@ from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, p
 from epson_driver.robots import load_robot_model
 
 SAMPLE_PERIOD_S = 0.001
-"""The motion is judged and drawn at samples this far apart, s."""
+"""Time between the samples at which the motion is judged and drawn, s."""
 
 MIN_LOOK_AHEAD_S = 0.01
-"""As of the simulated controller, s; with less, the arm creeps, and it is planned without end."""
+"""As of the simulated controller; with less, the arm creeps and planning never ends."""
 
 MAX_PROBLEMS_SHOWN = 3
-"""So many of a plan's faults are spelled out."""
+"""How many of the problems of a plan are spelled out."""
 
 
 class _PlanError(ValueError):
@@ -44,7 +44,7 @@ class _PlanError(ValueError):
 
 
 def main() -> int:
-    """Smooth a file. Returns 0, or ends with 2 and a sentence if it cannot be done."""
+    """Smooth a file. Returns 0, or exits with 2 and a sentence if the plan cannot be smoothed."""
     parser = _parser()
     arguments = parser.parse_args()
     try:
@@ -92,7 +92,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 class _CountingPlanner:
-    """Plans, counts the plans and their time, and shows that it is busy."""
+    """A planner that counts the plans and their time, and shows that it is busy."""
 
     def __init__(self, console: Console) -> None:
         self.plans = 0
@@ -127,7 +127,9 @@ def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode
     timed = mode is Mode.TIME_PRESERVING
     times = trajectory.times if timed else np.arange(len(trajectory.times), dtype=float) * 1e3
     found = problems(Trajectory(limits.names, times, trajectory.positions), limits)
-    wrong = [text for text in found if not text.startswith('points ')]  # too fast: will be slower
+    wrong = [
+        text for text in found if not text.startswith('points ')
+    ]  # not those that are only too fast: they are slowed down
     if wrong:
         more = (
             f'; and {len(wrong) - MAX_PROBLEMS_SHOWN} more'
@@ -208,15 +210,15 @@ def _parser() -> argparse.ArgumentParser:
         '--mode',
         choices=[mode.value for mode in Mode],
         default=Mode.TIME_PRESERVING.value,
-        help='keep the times of the plan where the limits allow, or only its points and be as '
-        'fast as they allow (%(default)s)',
+        help='keep the times of the plan where the limits allow it, or keep its points only and '
+        'be as fast as the limits allow (%(default)s)',
     )
     parser.add_argument(
         '--look-ahead',
         type=argument(number(MIN_LOOK_AHEAD_S, np.inf, 's')),
         default=np.inf,
         metavar='S',
-        help='so much is known ahead of the arm, s, as in a stream (all points)',
+        help='how far ahead of the arm points are known, s, as in a stream (all points)',
     )
     parser.add_argument(
         '--output', type=Path, metavar='FILE', help='the smooth trajectory (NAME_smooth.yaml)'

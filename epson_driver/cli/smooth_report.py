@@ -16,18 +16,18 @@ SAMPLE_RATE_HZ = 1000.0
 """Samples per second of point-to-point motion and of the spline."""
 
 COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#F0E442')
-"""Of the joints: Okabe and Ito's, which the colour-blind can tell apart."""
+"""Colours of the joints: Okabe and Ito's palette, which colour-blind people can tell apart."""
 
 MAX_AXIS_RATIOS = (1.35, 2.5, 4.0)
 """How many times the limit the axes of velocity, acceleration and jerk show at most."""
 
 MAX_SHARED_TIME_RATIO = 3.0
-"""Up to this ratio of their durations, all motions are drawn over the same time."""
+"""Motions share one time axis if the longest takes at most this many times the shortest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A motion through a plan's points: sampled, and when it passes them, s, shape (n,)."""
+    """A sampled motion through the points of a plan, and when it passes them, s, shape (n,)."""
 
     title: str
     motion: Trajectory
@@ -55,8 +55,8 @@ def column(
 ) -> Column:
     """Return a motion with its figures.
 
-    With it comes when it passes the plan's points, or that is found out. `command`: the plan if
-    its times count.
+    If the times at which it passes the points of the plan are not given, they are found.
+    `command`: the plan, if its times count.
     """
     if isinstance(motion, tuple):
         sampled, at = motion

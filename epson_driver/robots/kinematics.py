@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where Tool 0 is for given joints, and which joints bring it to a pose.
+"""Forward and inverse kinematics of Tool 0.
 
 Poses are homogeneous matrices, shape (4, 4), m. Forward kinematics follow the chain and hold for
 every model. Inverse kinematics are closed-form (py-opw-kinematics, `[planning]` extra) and hold
@@ -22,23 +22,23 @@ from epson_driver.robots.opw import OpwParameters, opw_parameters
 FULL_TURN = 2.0 * np.pi
 
 LIMIT_TOLERANCE_RAD = 1e-9
-"""A joint this much outside its range, rad, is at the limit: rounding."""
+"""A joint up to this far outside its range counts as at the limit, because of rounding."""
 
 SAME_SOLUTION_RAD = 1e-5
-"""Solutions closer than this in all joints, rad, count as one: those of a stretched arm."""
+"""Solutions closer than this in all joints count as one; a stretched arm has such pairs."""
 
 STRAIGHT_WRIST_RAD = 2e-6
-"""Joint 5 closer to 0 than this, rad, leaves joints 4 and 6 in line: only their sum counts. The
-solution is off by no more than this."""
+"""With joint 5 closer to 0 than this, joints 4 and 6 are in line: only their sum counts. The error
+of the solution is no larger."""
 
 TILT_RAD = 2e-5
-"""The library loses a straight wrist to rounding; it is asked for one bent by this, rad, too."""
+"""Rounding makes the library miss a straight wrist; it also solves for one bent by this angle."""
 
 PULL_M = 1e-13
-"""And a stretched arm: it is asked for a wrist nearer to the shoulder by this, m, too."""
+"""It misses a stretched arm too, and also solves for a wrist this much nearer to the shoulder."""
 
 GIMBAL_LOCK_RAD = 1e-9
-"""V closer than this to ±π/2, rad, counts as that."""
+"""V closer than this to ±π/2 counts as ±π/2."""
 
 INSTALL = "pip install 'epson_driver[planning]'"
 
@@ -72,15 +72,15 @@ class Kinematics:
         return frames
 
     def forward(self, joints: Array) -> Array:
-        """Return the pose of tool0 in base_link for joints, whether within the limits or not."""
+        """Return the pose of tool0 in base_link; the joints may be outside the limits."""
         return np.asarray(self.link_frames(joints)[-1] @ self._tool0)
 
     def inverse(self, pose: Array, near: Array | None = None) -> Array:
-        """Return all joints within the limits that bring tool0 to a pose in base_link.
+        """Return all joint positions within the limits that bring tool0 to a pose in base_link.
 
         Shape (k, n), the nearest to `near` (default: all joints 0) first; k is 0 if the pose is
-        out of reach. Joints that can turn more than once are there with every turn. Where joint 5
-        is straight, joint 4 is as in `near`, one solution of infinitely many.
+        out of reach. A joint that can turn more than once is returned with every turn. Where joint
+        5 is straight, joint 4 is as in `near`, one solution of infinitely many.
 
         Raises KinematicsError for a chain without a closed form, ModuleNotFoundError that says
         what to install, ValueError for a matrix that is no pose.
@@ -104,7 +104,7 @@ class Kinematics:
         return np.asarray(self._world @ pose)
 
     def epson_point(self, joints: Array) -> tuple[Array, Array]:
-        """Return what the pendant would show of Tool 0: X, Y, Z, m, and U, V, W, rad."""
+        """Return Tool 0 as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad."""
         pose = self.in_base(self.forward(joints))
         return pose[:3, 3], uvw(pose[:3, :3])
 
@@ -113,7 +113,7 @@ class Kinematics:
         return _Solver(self.model, self.forward)
 
     def _turns(self, branch: Array) -> list[Array]:
-        """Return a solution with every turn of every joint that its range has."""
+        """Return a solution with every full turn of each joint that fits into its range."""
         limits = self.model.limits
         choices = []
         for value, low, high in zip(branch, limits.position_min, limits.position_max, strict=True):
@@ -132,7 +132,7 @@ class Kinematics:
 
 
 def opw_robot(parameters: OpwParameters) -> Any:
-    """Return the library's robot with these parameters; it takes and gives joints in rad.
+    """Return py-opw-kinematics' robot with these parameters; its joint angles are in rad.
 
     Raises ModuleNotFoundError that says what to install.
     """
@@ -155,9 +155,9 @@ class _Solver:
     """py-opw-kinematics with the parameters of one model."""
 
     def __init__(self, model: RobotModel, forward: Callable[[Array], Array]) -> None:
-        parameters = opw_parameters(model)  # first: what cannot be solved needs no library
+        parameters = opw_parameters(model)  # first: a chain that cannot be solved needs no library
         self._robot = opw_robot(parameters)
-        from scipy.spatial.transform import RigidTransform  # which the library needs as well
+        from scipy.spatial.transform import RigidTransform  # a dependency of the library
 
         self._pose: Any = RigidTransform
         self._signs, self._offsets = np.array(parameters.signs), np.array(parameters.offsets)
@@ -166,7 +166,7 @@ class _Solver:
         self._forward = forward
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return the solutions that there are of the eight, each joint anywhere.
+        """Return those of the eight solutions that exist, regardless of the joint limits.
 
         Those of an arm at the edge of its reach may come twice, SAME_SOLUTION_RAD apart at most.
         """
@@ -187,7 +187,7 @@ class _Solver:
         return solutions
 
     def _straightened(self, joints: Array, bend: float, near: Array) -> Array:
-        """Return joints with a wrist that is quite straight, and joint 4 as in `near`."""
+        """Return the joints with the wrist exactly straight, and joint 4 as in `near`."""
         straight = joints.copy()
         straight[4] -= self._signs[4] * bend
         straight[5] += self._signs[5] * self._signs[3] * (joints[3] - near[3])

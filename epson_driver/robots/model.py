@@ -17,11 +17,11 @@ from epson_driver.robots.reader import CONFIDENCES, Provenance, Range, Reader
 from epson_driver.share import share_file, share_folder
 
 POSITION_RANGE: Range = (-1000.0, 1000.0, 'rad or m')
-"""Of positions: 159 turns, or a rail of 2 km."""
+"""159 turns, or a rail of 2 km."""
 
 LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
-"""Of velocities, accelerations and jerks (rad or m, per s, s² or s³). Below, an arm would take
-days for a move; above lies no machine, and times of the smoother would vanish beside rounding."""
+"""Of velocities, accelerations and jerks (rad or m, per s, s² or s³). Below it, a move would take
+days; above it, there is no such machine, and the smoother's times would be lost to rounding."""
 
 LENGTH_RANGE: Range = (-100.0, 100.0, 'm')
 ANGLE_RANGE: Range = (-10.0, 10.0, 'rad')
@@ -33,10 +33,10 @@ MIN_PULSES_PER_DEGREE = 1e-3
 """Per degree or mm; with fewer, a joint's whole range is less than one pulse."""
 
 UNIT_TOLERANCE = 1e-9
-"""How far from 1 the length of an axis may be."""
+"""How far the length of an axis vector may be from 1."""
 
 MIN_JOINT_RANGE = 1e-6
-"""The smallest range of a joint's positions, rad or m."""
+"""The smallest difference between the position limits of a joint, rad or m."""
 
 _KINDS = {
     ('revolute',) * 6: 'six-axis',
@@ -46,13 +46,13 @@ _KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """Data of one robot model; of its joints in the controller's order.
+    """The data of one robot model; joints are in the controller's order.
 
     pulses_per_degree: shape (n,), encoder pulses per degree, per mm for a prismatic joint.
     joint_types: 'revolute' or 'prismatic'. chain: the joints, in base_link. tool0: the
     controller's Tool 0 in the last link's frame. base: EPSON's world in base_link. payload,
-    mass: the heaviest load and the arm itself, kg, None where nobody tells. provenance: what maps
-    each quantity to its source, by its name in the file (those of `limits` without that word).
+    mass: of the heaviest load and of the arm itself, kg, None if unknown. provenance: the source
+    of each quantity, by its key in the file (without `limits.`).
     """
 
     name: str
@@ -94,7 +94,7 @@ class RobotModel:
 
     @cached_property
     def shown_per_unit(self) -> Array:
-        """How many of what EPSON shows (degrees, mm) the SI unit has, shape (n,)."""
+        """EPSON's units (degrees, mm) per SI unit, shape (n,)."""
         return np.array([SHOWN_UNITS[unit][1] for unit in self.limits.units])
 
     @cached_property

@@ -3,8 +3,8 @@
 """The seven lengths of a six-axis arm with an ortho-parallel basis and a spherical wrist (OPW).
 
 They follow from the chain, so a model file has each length once. In the OPW pose, all angles 0,
-the arm stands upright and the tool frame is parallel to base_link; the model's zero pose is
-another one, which the offsets tell. angle = sign · joint - offset.
+the arm stands upright and the tool frame is parallel to base_link; the model's zero pose differs
+from it by the offsets: angle = sign · joint - offset.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ TOLERANCE = 1e-9
 
 
 class KinematicsError(ValueError):
-    """A model whose chain has no closed-form inverse here. The text says what is in the way."""
+    """A model whose chain has no closed-form inverse. The text says why."""
 
 
 _Y, _Z = np.eye(3)[1:]
@@ -28,7 +28,7 @@ _Y, _Z = np.eye(3)[1:]
 
 @dataclass(frozen=True)
 class OpwParameters:
-    """What the closed form needs.
+    """The parameters of the closed form.
 
     lengths, m: a1 from joint 1's axis to joint 2's, a2 elbow offset, b sideways offset of the
     wrist, c1 height of joint 2, c2 upper arm, c3 elbow to wrist, c4 wrist to Tool 0. offsets: rad,

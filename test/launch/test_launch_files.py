@@ -274,8 +274,8 @@ def test_several_robots_share_nothing() -> None:
     ('arguments', 'text'),
     [
         ({'namespaces': 'a,b,c'}, 'robot_ips has 2 addresses, but namespaces has 3 names'),
-        ({'namespaces': 'a,a'}, 'namespaces = a,a: they must be there and differ'),
-        ({'namespaces': 'a,'}, 'namespaces = a,: they must be there and differ'),
+        ({'namespaces': 'a,a'}, 'namespaces = a,a: each must have a name, and no two the same'),
+        ({'namespaces': 'a,'}, 'namespaces = a,: each must have a name, and no two the same'),
     ],
 )
 def test_lists_of_robots_that_do_not_fit_are_refused(arguments: dict[str, str], text: str) -> None:
