@@ -31,7 +31,7 @@ def is_text(line):
 
 
 def sentences():
-    """Return all texts in the code of the driver, its node and links, each f-string's parts joined by …."""
+    """Return all texts in the driver's code, each f-string's parts joined by …."""
     for package in ('driver', 'node', 'link', 'simple_message'):
         for path in (ROOT / 'epson_driver' / package).rglob('*.py'):
             for node in ast.walk(without_docstrings(path)):
