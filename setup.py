@@ -82,6 +82,8 @@ setup(
     version='0.1.0',
     description='ROS 2 driver for EPSON and other simple-message robot controllers',
     license='Apache-2.0',
+    url='https://example.org/epson_driver',
+    author='epson_driver developers',
     maintainer='epson_driver developers',
     maintainer_email='epson-driver@example.org',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
@@ -94,8 +96,9 @@ setup(
         'report': ['matplotlib'],
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
-        'test': ['hypothesis', 'pytest', 'pytest-timeout', 'scipy'],
+        'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],
         'dev': [
+            'catkin-pkg',
             'colcon-common-extensions',
             'coverage',
             'hypothesis',
