@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -80,14 +81,26 @@ def interrupted(process: subprocess.Popen[str]) -> str:
         return process.stdout.read()
 
 
-def started(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [*processes.EXECUTABLE, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=processes.ros_environment(processes.free_ros_domain()),
-    )
+@pytest.fixture
+def started() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start executables in a ROS domain of their own; they end with the test."""
+    all_started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [*processes.EXECUTABLE, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=processes.ros_environment(processes.free_ros_domain()),
+        )
+        all_started.append(process)
+        return process
+
+    yield start
+    for process in all_started:
+        process.kill()
+        process.wait()
 
 
 def line_with(process: subprocess.Popen[str], text: str) -> str:
@@ -102,7 +115,9 @@ def line_with(process: subprocess.Popen[str], text: str) -> str:
 
 
 @pytest.mark.invariant(9)
-def test_more_of_ctrl_c_while_controller_and_client_end() -> None:
+def test_more_of_ctrl_c_while_controller_and_client_end(
+    started: Callable[..., subprocess.Popen[str]],
+) -> None:
     free = [f'--{name}-port=0' for name in ('motion', 'state', 'io', 'remote')]
     controller = started('sim_controller', *free)
     ports = dict(re.findall(r'(\w+)=(\d+)', line_with(controller, 'listening ')))
@@ -117,7 +132,9 @@ def test_more_of_ctrl_c_while_controller_and_client_end() -> None:
 
 
 @pytest.mark.invariant(9)
-def test_more_of_ctrl_c_while_the_demo_ends_leaves_nothing_running(tmp_path: Path) -> None:
+def test_more_of_ctrl_c_while_the_demo_ends_leaves_nothing_running(
+    started: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
     demo = started('demo', f'--picture={tmp_path / "report.png"}')
     line_with(demo, 'sim_controller on')
     children = Path(f'/proc/{demo.pid}/task/{demo.pid}/children').read_text().split()
