@@ -1,4 +1,4 @@
-# Everything a newcomer needs: `make demo` and `make test`. Both create .venv on first use; nothing else is changed.
+# `make demo` and `make test` are all that a newcomer needs. Both create .venv on first use, and change nothing else.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,11 +9,12 @@ INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 	$(shell find $(wildcard epson_driver config launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
 
-# Two at a time, each with one thread for its matrices. Whoever is done takes tests from the end of the other's.
+# Four processes, each with one thread for matrices: tests of real processes mostly wait. Each file stays in one of
+# them, so that what its tests share is started once.
 ALL_TESTS := --numprocesses 4 --dist loadfile --no-loadscope-reorder
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
-# An environment stays with the Python that made it: PYTHON=... with another one is a mistake to be told of.
+# An environment belongs to the Python that made it: PYTHON=... with another one is an error.
 ifneq ($(origin PYTHON),file)
 ifneq ($(and $(wildcard $(VENV)/pyvenv.cfg),$(filter-out clean help,$(or $(MAKECMDGOALS),help))),)
 SERIES := $(shell $(PYTHON) -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
@@ -23,30 +24,29 @@ endif
 endif
 endif
 
-# Fast DDS would multicast on every network otherwise.
+# Otherwise Fast DDS would multicast on every network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: demo test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
 
 help:
-	@echo "make demo    a planned trajectory through ROS 2 to a simulated EPSON controller, and a report"
-	@echo "             (other arguments: make demo ARGS='--trajectory FILE'; ARGS=--plan: a pick and place, planned on the spot)"
-	@echo "make test    the tests, in five minutes (a part of them: make test ARGS=test/client)"
-	@echo "make test-all       the tests with all that is rare and long: half an hour"
-	@echo "make coverage       which statements the tests run (those of test-all: make coverage ARGS=all)"
-	@echo "make lint    ruff and mypy"
-	@echo "make bench          what a step of the smoother costs in streams of 10 to 100,000 points, what a robot costs its"
-	@echo "                    driver, and a check for collision with collision meshes and with visual ones"
-	@echo "make bench-motion   the smoother against stop-and-go, splines and optima; tables and pictures in benchmark/results"
-	@echo "             (a part of it: make bench-motion ARGS='--quick'; all of what can be chosen: ARGS=--help)"
-	@echo "make soak           2,000 goals and 20,000 service calls: the driver's memory stays flat (ten minutes)"
-	@echo "make soak-tests     2,000 random plans, and new examples for every property (hours)"
-	@echo "make generate       meshes, URDFs and MoveIt files, made again from config/robots"
-	@echo "make pictures       the pictures of the robots in docs, and the animation in the README (ten minutes)"
-	@echo "make clean   remove what the others made"
-	@echo "PYTHON=...   the interpreter to use, 3.11 or newer (now: $(PYTHON))"
+	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
+	@echo "                   (ARGS='--trajectory FILE': another one; ARGS=--plan: plan a pick and place first)"
+	@echo "make test          run the tests (some of them: make test ARGS=test/driver)"
+	@echo "make test-all      run the slow tests as well (half an hour)"
+	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
+	@echo "make lint          run ruff and mypy"
+	@echo "make bench         measure the CPU time of the smoother, of a driver per robot, and of collision checks"
+	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
+	@echo "                   tables and pictures go to benchmark/results"
+	@echo "make soak          send 2,000 goals and 20,000 service calls, and watch the driver's memory (ten minutes)"
+	@echo "make soak-tests    run 2,000 random plans, and new examples for every property (hours)"
+	@echo "make generate      regenerate meshes, URDFs and MoveIt files from config/robots"
+	@echo "make pictures      redraw the pictures of the robots in docs and the animation of the README (ten minutes)"
+	@echo "make clean         remove the environment and everything else that make has created"
+	@echo "PYTHON=...         the interpreter to use, 3.11 or newer (now: $(PYTHON))"
 
-# ALSO: what is to come after the driver, so that all sizes are named before the first download
+# ALSO: the steps after the driver, so that all sizes are announced before the first download
 demo: ALSO := $(if $(findstring --plan,$(ARGS)),planning)
 test test-all soak-tests coverage lint generate pictures: ALSO := dev
 bench bench-motion: ALSO := bench
@@ -63,7 +63,7 @@ test-all: $(VENV)/.dev
 soak-tests: $(VENV)/.dev
 	$(PYTEST) -m 'soak or hypothesis' $(or $(ARGS),$(ALL_TESTS))
 
-# also what child processes run; no report if a test fails
+# includes child processes; no report if a test fails
 coverage: $(VENV)/.dev
 	rm -f .coverage .coverage.*
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
@@ -85,11 +85,11 @@ bench: $(VENV)/.bench
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
 
-# not in the tests, which have a short form of it: ten minutes
+# ten minutes; the tests have a short form of it
 soak: $(VENV)/.driver
 	$(BIN)/python -m benchmark.soak $(ARGS)
 
-# in this order: each uses what the one before has made
+# in this order: each uses the output of the one before
 generate: $(VENV)/.dev
 	$(BIN)/python -m generate.meshes
 	$(BIN)/python -m generate.urdf
@@ -104,7 +104,7 @@ clean:
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# What make installs in one go, each with a stamp. The lines, sizes and bars are install.py's.
+# The steps of the installation, each with a stamp. install.py prints the progress.
 $(VENV)/.runtime: requirements/runtime.txt requirements/constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "no $(PYTHON): Python 3.11 or newer is needed (make PYTHON=...)" >&2; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An ament_python package that is a plain Python package as well.
+"""An ament_python package that is also a plain Python package.
 
 Both install scripts/NAME as lib/epson_driver/NAME, where `ros2 run` looks: colcon (`setup.py
 install|develop`) as scripts, a wheel as data, so that no `client` or `demo` lands in a user's
-bin/. The one command there is `epson_driver`.
+bin/. The only command there is `epson_driver`.
 """
 
 import os
@@ -18,11 +18,12 @@ from distutils.command.build_scripts import build_scripts  # isort: skip
 NAME = 'epson_driver'
 NAMES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth')
 EXECUTABLES = [f'scripts/{name}' for name in NAMES]
+INTERFACES = ('epson_msgs', 'industrial_msgs')
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
 
 
 def data_files():
-    """Return (target folder, files) for everything that is installed beside the code."""
+    """Yield (target folder, files) for everything that is installed beside the code."""
     yield 'share/ament_index/resource_index/packages', [f'resource/{NAME}']
     yield f'share/{NAME}', ['package.xml']
     for top in filter(os.path.isdir, ('config', 'urdf', 'launch')):
@@ -35,34 +36,69 @@ def data_files():
 
 
 class BuildScripts(build_scripts):
-    """Writes the interpreter into the scripts; newer setuptools leave that to pip alone."""
+    """Writes the interpreter into the scripts, which newer setuptools leave to pip."""
 
     def run(self):
-        """Copy the scripts to the build folder, then see to their first lines."""
+        """Copy the scripts to the build folder, then rewrite their first lines."""
         super().run()
         for script in (Path(self.build_dir, Path(name).name) for name in self.scripts):
             _, rest = script.read_text(encoding='utf-8').split('\n', 1)
             script.write_text(f'#!{sys.executable}\n{rest}', encoding='utf-8')
 
 
+def missing_packages():
+    """Return the message packages that the driver needs and AMENT_PREFIX_PATH does not have."""
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    folders = [Path(prefix, 'share') for prefix in prefixes if prefix]
+    return [
+        name
+        for name in ('control_msgs', *INTERFACES)
+        if not any((folder / name / 'package.xml').is_file() for folder in folders)
+    ]
+
+
+def tell_what_is_missing():
+    """Say what to do about missing message packages: without them the driver cannot start."""
+    missing = missing_packages()
+    if not missing:
+        return
+    here = Path(__file__).resolve().parent
+    advice = []
+    if 'control_msgs' in missing:
+        advice.append('control_msgs comes with ROS 2 (rosdep install)')
+    if not set(INTERFACES).isdisjoint(missing):
+        advice.append(
+            f'colcon must be told of {here.name}/interfaces, as it looks for no packages within '
+            f'one: colcon build --base-paths {here} {here / "interfaces"}'
+        )
+    print(f'{NAME} needs {", ".join(missing)}: {"; ".join(advice)}', file=sys.stderr)
+
+
+if BY_COLCON:
+    tell_what_is_missing()
+
 setup(
     name=NAME,
     version='0.1.0',
     description='ROS 2 driver for EPSON and other simple-message robot controllers',
     license='Apache-2.0',
+    url='https://example.org/epson_driver',
+    author='epson_driver developers',
     maintainer='epson_driver developers',
     maintainer_email='epson-driver@example.org',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed']},
     python_requires='>=3.11',
-    # ROS's own packages are not listed: on a ROS machine they are no Python distributions.
+    # ROS packages are not listed: on a ROS machine they are not Python distributions.
     # requirements/runtime.txt has them for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
-        'report': ['matplotlib', 'rosbags'],
-        'panel': ['viser', 'yourdfpy'],
+        'report': ['matplotlib'],
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
+        # The name that colcon looks for: without it, `colcon test` collects with unittest.
+        'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],
         'dev': [
+            'catkin-pkg',
             'colcon-common-extensions',
             'coverage',
             'hypothesis',
@@ -70,6 +106,7 @@ setup(
             'pytest',
             'pytest-timeout',
             'pytest-xdist',
+            'rosdep',
             'ruff',
             'types-PyYAML',
         ],

@@ -15,14 +15,14 @@ from epson_driver.share import share_file
 
 NO_ERROR = 0
 NO_TEXTS = 'none'
-"""The name of the table without any text: for controllers whose numbers nobody has listed."""
+"""The name of the empty table, for controllers whose error numbers are not listed."""
 
 
 class ErrorText(NamedTuple):
-    """What an error number means, what a person does about it, and whether both are certain.
+    """What an error number means, what to do about it, and whether both are certain.
 
-    `confirmed` False: from memory only; no document at hand says so. `source` is a word that the
-    head of the file explains.
+    `confirmed` False: from memory only; no document at hand confirms it. `source` is a word that
+    the head of the file explains.
     """
 
     meaning: str
@@ -47,9 +47,9 @@ class ErrorTexts(Mapping[int, ErrorText]):
         return len(self._texts)
 
     def phrase(self, number: int) -> str:
-        """Return the number with its meaning, to go on a sentence: `4031 (motion attempted …)`.
+        """Return the number with its meaning, for use in a sentence: `4031 (motion attempted …)`.
 
-        A number without a text stands alone; one that is not confirmed says so.
+        A number without a text is returned alone; a text that is not confirmed says so.
         """
         text = self._texts.get(number)
         if text is None or number == NO_ERROR:
@@ -58,7 +58,7 @@ class ErrorTexts(Mapping[int, ErrorText]):
         return f'{number} ({text.meaning}{doubt})'
 
     def advice(self, number: int, otherwise: str) -> str:
-        """Return what a person does about it; `otherwise` where that is not known."""
+        """Return what to do about it, or `otherwise` if that is not known."""
         text = self._texts.get(number)
         return text.remedy if text is not None and text.remedy else otherwise
 

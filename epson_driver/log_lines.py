@@ -1,58 +1,58 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log lines that others could cause as often as they like, and whose text others choose.
+"""Log lines that a peer can cause as often as it likes, and whose text it chooses.
 
-Both are dealt with where lines are written: `LogPace` bounds how many there are, and
-`PrintableFormatter` writes none that does something to the terminal it is read on.
+Both are dealt with where lines are written: `LogThrottle` bounds their rate, and
+`PrintableFormatter` escapes everything that would act on the reader's terminal.
 """
 
 import logging
 
 from epson_driver.inputs import printable
 
-PERIOD = 1.0
-"""After how long one more line is written, s."""
+PERIOD_S = 1.0
+"""The least time between two lines of a kind, after the burst, s."""
 
 
-class LogPace:
-    """Lets `burst` lines pass, then one in each period, and counts the others for the next one.
+class LogThrottle:
+    """Lets `burst` lines pass, then one per period; each says how many were held back before it.
 
-    Periods in which nothing was to be written are saved up for the next burst.
+    Periods without a line are saved up for the next burst.
     """
 
     def __init__(self, burst: int = 1) -> None:
-        self._saved = (burst - 1) * PERIOD
+        self._saved = (burst - 1) * PERIOD_S
         self._next = float('-inf')
         self._held = 0
 
     def passes(self, now: float) -> int | None:
-        """Return how many lines were held back before this one; None: so is this one.
+        """Return how many lines were held back before this one, or None to hold it back as well.
 
-        `now` is of any clock that never goes back, s.
+        `now`: the time on any monotonic clock, s.
         """
         due = max(self._next, now - self._saved)
         if now < due:
             self._held += 1
             return None
         held, self._held = self._held, 0
-        self._next = due + PERIOD
+        self._next = due + PERIOD_S
         return held
 
     def line(self, text: str, now: float) -> str | None:
-        """Return what to log at this time, s; None: nothing."""
+        """Return the line to log at this time, s, or None to hold it back."""
         held = self.passes(now)
         return None if held is None else counted(text, held)
 
 
 def counted(text: str, held: int) -> str:
-    """Return the line, with the number of those that were held back before it."""
+    """Return the line with the number of lines held back before it."""
     return f'{text} (and {held} like it before)' if held else text
 
 
 class PrintableFormatter(logging.Formatter):
-    """Formats records so that every line is printable, and a message is one line.
+    """Formats records as printable text, each message on one line.
 
-    Only a traceback and a stack have more lines.
+    Only tracebacks and stacks have more lines.
     """
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tells what is wrong with a URDF, of what parsers let pass.
+"""Finds mistakes in a URDF that parsers accept.
 
 python -m generate.check [FILE ...]
 """
@@ -22,7 +22,7 @@ TYPES = (*MOVING, 'fixed')
 
 
 def problems(text: str) -> list[str]:
-    """Return what is wrong with a URDF: a sentence each, none if all is well."""
+    """Return the mistakes in a URDF, a sentence each."""
     try:
         robot = ElementTree.fromstring(text)
     except ElementTree.ParseError as cause:
@@ -138,7 +138,7 @@ def _finite(numbers: Array, count: int) -> bool:
 
 
 def main(names: list[str]) -> int:
-    """Check files, or all URDFs of the package; return 1 if something is wrong."""
+    """Check files, or all URDFs of the package; return 1 if there are mistakes."""
     paths = [Path(name) for name in names] or sorted(share_folder('urdf').glob('*.urdf'))
     found = [f'{path}: {each}' for path in paths for each in problems(path.read_text('utf-8'))]
     sys.stdout.write(''.join(f'{each}\n' for each in found))

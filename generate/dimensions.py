@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The lengths that the shape of a six-axis arm follows, from the chain of its model."""
+"""The lengths that determine the shape of a six-axis arm, from the chain of its model."""
 
 from dataclasses import dataclass
 

@@ -10,16 +10,16 @@ from manifold3d import Manifold
 from epson_driver.motion import Array
 from generate.shapes import Solid
 
-MARGIN = 0.1
-"""How far outside the faces lie, mm: more than what is lost by rounding."""
+MARGIN_MM = 0.1
+"""How far outside the solid the faces lie: more than the rounding error."""
 
-FACES = 18
-"""How many faces a solid has at most; its triangles are less than four times as many."""
+MAX_FACES = 18
+"""Per solid; it has fewer than four times as many triangles."""
 
-SNUG = 1.04
-"""Volume over that of the convex hull from which on no further face is cut."""
+MAX_VOLUME_RATIO = 1.04
+"""No further face is cut once the volume is at most this many times that of the convex hull."""
 
-TRIALS = 8
+TRIALS_PER_CUT = 8
 """How many planes are tried for each cut: those below the farthest corners."""
 
 _AXES = np.concatenate([np.eye(3), -np.eye(3)])
@@ -39,20 +39,20 @@ def few_faces(solid: Solid, symmetric: bool = False) -> Solid:
     points = np.asarray(mesh.vert_properties, dtype=float)[:, :3]
     candidates = np.concatenate([_slants(), _facets(points, np.asarray(mesh.tri_verts))])
     supports = np.max(candidates @ points.T, axis=1)
-    low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
+    low, high = points.min(axis=0) - MARGIN_MM, points.max(axis=0) + MARGIN_MM
     around = Manifold.cube(high - low).translate(low)
     faces = len(_AXES)
-    while faces < FACES and around.volume() > SNUG * hull.volume():
+    while faces < MAX_FACES and around.volume() > MAX_VOLUME_RATIO * hull.volume():
         corners = np.asarray(around.to_mesh().vert_properties, dtype=float)[:, :3]
         overhang = np.round(np.max(candidates @ corners.T, axis=1) - supports, 3)
         cuts = []
-        for normal in candidates[np.argsort(-overhang, kind='stable')[:TRIALS]]:
+        for normal in candidates[np.argsort(-overhang, kind='stable')[:TRIALS_PER_CUT]]:
             planes = [normal]
             if symmetric and abs(normal[1]) > 1e-3:
                 planes.append(normal * (1.0, -1.0, 1.0))
             cut = around
             for plane in planes:
-                cut = cut.trim_by_plane(-plane, -float(np.max(points @ plane)) - MARGIN)
+                cut = cut.trim_by_plane(-plane, -float(np.max(points @ plane)) - MARGIN_MM)
             gain = (around.volume() - cut.volume()) / len(planes)
             cuts.append((round(gain, 3), cut, len(planes)))
         _, around, more = max(cuts, key=lambda each: each[0])

@@ -28,10 +28,10 @@ from generate.links import LEFT, LINKS, RIGHT, Piece
 from generate.shapes import mirrored
 
 FIRST = 'c3_a601s'
-"""The model that comes first, and so keeps the files that others share with it."""
+"""The model that is generated first; it owns the files that others share with it."""
 
-FINEST = 0.15
-"""Details smaller than this, mm, are left out."""
+MIN_DETAIL_MM = 0.15
+"""Smaller details are left out."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Link:
 
 
 def six_axis_models() -> list[RobotModel]:
-    """Return the models that meshes are made for, the first one first."""
+    """Return the models for which meshes are made, FIRST first."""
     names = sorted(robot_models(), key=lambda name: (name != FIRST, name))
     models = [load_robot_model(name) for name in names]
     return [model for model in models if model.joint_types == ('revolute',) * 6]
@@ -91,7 +91,9 @@ def _link(pieces: list[Piece]) -> _RawLink:
     parts = sorted({piece.part for piece in pieces})
     visual = {
         colour: mesh(
-            _union([each.solid for each in pieces if each.colour == colour]).simplify(FINEST)
+            _union([each.solid for each in pieces if each.colour == colour]).simplify(
+                MIN_DETAIL_MM
+            )
         )
         for colour in colours
     }
@@ -120,7 +122,7 @@ def _union(solids: list[Manifold]) -> Manifold:
 
 
 def mesh(solid: Manifold) -> trimesh.Trimesh:
-    """Return a solid's surface, in m, as a file will have it: in single precision."""
+    """Return the surface of a solid, m, in single precision as in the files."""
     surface: Mesh = solid.to_mesh()
     vertices = np.round(np.asarray(surface.vert_properties, dtype=float)[:, :3], 3) / MM
     return trimesh.Trimesh(vertices.astype(np.float32), surface.tri_verts, process=True)
@@ -179,7 +181,7 @@ def _list(values: Array, digits: int) -> str:
 
 
 def write(folder: Path, models: list[RobotModel]) -> None:
-    """Write all meshes and links.yaml files of the models, in place of what is there."""
+    """Write all meshes and links.yaml files of the models; the old ones are removed."""
     shutil.rmtree(folder, ignore_errors=True)
     for model, made, homes in sharing(models):
         for name, link in made.items():

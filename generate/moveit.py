@@ -47,7 +47,7 @@ def main(names: Sequence[str]) -> int:
 
 
 def six_axis_models() -> list[str]:
-    """Return the models that get a configuration: six joints, and a URDF."""
+    """Return the models for which a configuration is made: those with six joints and a URDF."""
     return [
         name
         for name in robot_models()
@@ -56,7 +56,7 @@ def six_axis_models() -> list[str]:
 
 
 def urdf_of(name: str) -> Path:
-    """Return where a model's URDF is."""
+    """Return the path of the URDF of a model."""
     return ROOT / 'urdf' / f'{name}.urdf'
 
 

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model
-from epson_driver.robots.chain import about
+from epson_driver.robots.chain import rotation_about
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.share import share_folder
 from generate.meshes import six_axis_models
@@ -41,7 +41,7 @@ def bodies(
     """Yield the surfaces of a robot; place: x, y and the angle about z (degrees) of base_link."""
     links = yaml.safe_load((MESHES / model.name / 'links.yaml').read_text('utf-8'))
     stand = np.eye(4)
-    stand[:3, :3] = about(np.array([0.0, 0.0, 1.0]), np.radians(place[2]))
+    stand[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(place[2]))
     stand[:2, 3] = place[:2]
     frames = [np.eye(4), *Kinematics(model).link_frames(np.radians(degrees))]
     for frame, link in zip(frames, links.values(), strict=True):

@@ -17,10 +17,10 @@ SUN = np.array([0.55, -0.75, 1.0]) / np.linalg.norm([0.55, -0.75, 1.0])
 SUN_SIZE = 0.11
 """How soft the shadows are: the sun's radius over its distance."""
 
-CREASE = np.radians(35.0)
-"""Faces that meet at less than this look like one smooth surface."""
+CREASE_ANGLE_RAD = np.radians(35.0)
+"""Faces that meet at a smaller angle are shaded as one smooth surface."""
 
-STRIP = 1_000_000
+RAYS_AT_ONCE = 1_000_000
 """How many rays are followed at once."""
 
 
@@ -35,7 +35,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the eye is and what it looks at, m, and the height of the picture there, m."""
+    """Position of the eye, the point it looks at, and the height of the picture there; m."""
 
     eye: Sequence[float]
     target: Sequence[float]
@@ -49,7 +49,7 @@ def render(
     world = _World(bodies)
     width, height = size
     picture = np.zeros((height * width, 3))
-    rows = max(STRIP // (width * samples), 1)
+    rows = max(RAYS_AT_ONCE // (width * samples), 1)
     for top in range(0, height, rows):
         bottom = min(top + rows, height)
         v, u = np.mgrid[top:bottom, 0:width]
@@ -76,7 +76,7 @@ def _even_numbers(pixels: int, samples: int, seed: int) -> Array:
 
 
 def project(camera: Camera, point: Sequence[float], size: tuple[int, int]) -> tuple[float, float]:
-    """Return where in the picture (pixels to the right, down) a point in the world is seen."""
+    """Return the pixel (right, down) at which a point in the world is seen."""
     forward, right, up = _axes(camera)
     ray = np.array(point) - np.array(camera.eye)
     scale = size[1] / camera.height * (forward @ forward) / (ray @ forward)
@@ -84,7 +84,7 @@ def project(camera: Camera, point: Sequence[float], size: tuple[int, int]) -> tu
 
 
 def _axes(camera: Camera) -> tuple[Array, Array, Array]:
-    """Return the way to the target, and the unit vectors to the right and up in the picture."""
+    """Return the vector to the target, and the picture's unit vectors to the right and up."""
     forward = np.array(camera.target) - np.array(camera.eye)
     right = _unit(np.cross(forward, [0.0, 0.0, 1.0]))
     return forward, right, _unit(np.cross(right, forward))
@@ -177,7 +177,7 @@ def corner_normals(mesh: trimesh.Trimesh) -> Array:
     areas = np.cross(b - a, c - a)
     normals = areas / np.maximum(np.linalg.norm(areas, axis=1), 1e-30)[:, None]
     around = mesh.vertex_faces[mesh.faces]  # (faces, 3, most), -1 where there are fewer
-    together = np.einsum('fx,fcmx->fcm', normals, normals[around]) > np.cos(CREASE)
+    together = np.einsum('fx,fcmx->fcm', normals, normals[around]) > np.cos(CREASE_ANGLE_RAD)
     together &= around >= 0
     sums = np.einsum('fcm,fcmx->fcx', together.astype(float), areas[around])
     lost = np.linalg.norm(sums, axis=2) < 1e-30

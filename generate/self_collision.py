@@ -20,8 +20,8 @@ from epson_driver.motion import Array, JointLimits
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE_URI = 'package://epson_driver/'
-AT_A_LIMIT = 0.5
-"""In every other sample, the probability that a joint stands at one of its limits."""
+LIMIT_PROBABILITY = 0.5
+"""In every other sample, the probability that a joint is at one of its limits."""
 
 
 @dataclass(frozen=True, order=True)
@@ -82,7 +82,7 @@ class CollisionBodies:
 def random_configurations(limits: JointLimits, number: int, seed: int) -> Iterator[Array]:
     """Yield configurations within the limits, shape (n,), the same ones for the same seed.
 
-    The first and every other one is uniform; in the rest each joint may stand at one of its
+    The first and every other one is uniform; in the rest each joint may be at one of its
     limits, as a folded arm does: uniform samples hardly ever come there.
     """
     random = np.random.default_rng(seed)
@@ -91,7 +91,7 @@ def random_configurations(limits: JointLimits, number: int, seed: int) -> Iterat
         angles = random.uniform(low, high)
         if index % 2:
             ends = np.where(random.random(low.size) < 0.5, low, high)
-            angles = np.where(random.random(low.size) < AT_A_LIMIT, ends, angles)
+            angles = np.where(random.random(low.size) < LIMIT_PROBABILITY, ends, angles)
         yield angles
 
 

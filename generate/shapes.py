@@ -10,7 +10,7 @@ from manifold3d import CrossSection, Manifold
 
 Solid: TypeAlias = Manifold
 
-AROUND = 28
+DRUM_SIDES = 28
 """How many sides a drum has."""
 
 _TURNS = {'x': (0.0, 90.0, 0.0), 'y': (-90.0, 0.0, 0.0), 'z': (0.0, 0.0, 0.0)}
@@ -22,7 +22,7 @@ def drum(
     radius: float,
     span: tuple[float, float],
     edge: float = 3.0,
-    sides: int = AROUND,
+    sides: int = DRUM_SIDES,
     ends: str = 'both',
 ) -> Solid:
     """Return a cylinder along an axis with rounded edges.

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writes urdf/NAME.urdf of every six-axis model, for whoever has no xacro.
+"""Writes urdf/NAME.urdf of every six-axis model, for users without xacro.
 
 python -m generate.urdf
 """
@@ -25,7 +25,7 @@ def urdf(model: RobotModel, **arguments: str) -> str:
     source = share_folder('urdf') / 'epson_robot.urdf.xacro'
     document = xacro.process_file(str(source), mappings={'robot_model': model.name, **arguments})
     for node in list(document.childNodes):
-        if node is not document.documentElement:  # xacro's note, with this machine's paths in it
+        if node is not document.documentElement:  # xacro's comment, which has this machine's paths
             document.removeChild(node)
     document.insertBefore(document.createComment(f' {NOTE} '), document.documentElement)
     return str(document.toprettyxml(indent='  ')).replace(' ?><!--', ' ?>\n<!--')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A model without a robot: a slider per joint, and RViz."""
+"""A robot model in RViz with a slider per joint; no controller is needed."""
 
 from pathlib import Path
 

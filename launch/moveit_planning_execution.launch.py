@@ -49,10 +49,10 @@ def included(name: str, *passed: str):
 
 
 def moveit(context: LaunchContext):
-    """Return move_group, the arm's place in the world, and RViz if asked for.
+    """Return move_group, the pose of the arm in the world, and RViz on request.
 
-    move_group gets no name: parameters would then reach that node alone, and not those that it
-    makes in the same process.
+    move_group gets no node name: with one, its parameters would not reach the other nodes that it
+    creates in the same process.
     """
     values = context.launch_configurations
     robot = (values['robot_model'], values['tf_prefix'])

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver, and a simulated controller for it if asked for."""
+"""The driver and, on request, a simulated controller for it."""
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
@@ -27,12 +27,12 @@ def generate_launch_description():
 
 
 def processes(context: LaunchContext):
-    """Return the client, and the controller before it."""
+    """Return the client, preceded by the controller if there is one."""
     values = context.launch_configurations
     actions = []
     if values['use_sim_controller'] == 'true':
         controller = ExecutableInPackage(executable='sim_controller', package='epson_driver')
-        actions.append(  # no ROS node: it takes no --ros-args
+        actions.append(  # not a ROS node: it accepts no --ros-args
             ExecuteProcess(cmd=[controller, *controller_arguments(values)], output='screen')
         )
     files = [values['params_file']] if values['params_file'] else []
@@ -40,7 +40,7 @@ def processes(context: LaunchContext):
         Node(
             package='epson_driver',
             executable='client',
-            name='epson_driver',  # then arguments win over params_file, whatever it calls the node
+            name='epson_driver',  # so that arguments override a params_file for any name
             namespace=values['namespace'],
             parameters=[*files, client_parameters(values)],
             output='screen',

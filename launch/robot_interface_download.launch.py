@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver, which sends a whole trajectory before the arm moves."""
+"""The driver in download mode: the whole trajectory is sent before the arm moves."""
 
 from pathlib import Path
 

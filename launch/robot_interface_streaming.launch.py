@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver, which sends a trajectory point by point, each acknowledged."""
+"""The driver in streaming mode: a trajectory is sent point by point, each acknowledged."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver, robot_state_publisher, and RViz, which shows where the arm is."""
+"""The driver, robot_state_publisher, and RViz, which shows the state of the arm."""
 
 from pathlib import Path
 

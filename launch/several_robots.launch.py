@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several robots on one machine: a driver and a description for each, in its own namespace.
 
-An example to start from: robots that differ in more than their addresses get lists of their own.
+An example to start from: for robots that differ in more than their addresses, add further lists.
 """
 
 from pathlib import Path
@@ -44,7 +44,7 @@ def robots(context: LaunchContext):
 
 
 def group(robot: Robot):
-    """Return the launch files of one robot; the group keeps its arguments from the others."""
+    """Return the launch files of one robot, in a group that scopes their arguments."""
     own = [
         ('namespace', robot.namespace),
         ('tf_prefix', robot.tf_prefix),

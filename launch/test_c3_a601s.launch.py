@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The C3-A601S without a robot: a slider per joint, and RViz."""
+"""The C3-A601S in RViz with a slider per joint; no controller is needed."""
 
 from pathlib import Path
 

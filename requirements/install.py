@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Installs what make asks for into .venv: a line for each step, with its sizes, and a bar.
+"""Installs what make needs into .venv: one line per step, with sizes and a progress bar.
 
-Runs before anything is installed, so it needs the standard library only. Of pip's output a bar is
-left on a terminal and nothing elsewhere; all of it is kept in .venv/install.log, and shown when a
-step fails, with what can be done about it.
+It runs before anything is installed, so it uses the standard library only. On a terminal pip's
+output is replaced by a bar; all of it is kept in .venv/install.log, and shown with advice when a
+step fails.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ VENV = ROOT / '.venv'
 CONSTRAINTS = 'requirements/constraints.txt'
 INTERFACES = ('control_msgs', 'epson_msgs', 'industrial_msgs')
 MEGABYTE = 1e6
-ROOM = 1.3
-"""Times the disk use that must be free: wheels are unpacked beside what pip downloaded."""
+DISK_MARGIN = 1.3
+"""Free space needed over final disk use: pip unpacks wheels beside its downloads."""
 
 
 class Step(NamedTuple):
-    """Something that is installed in one go."""
+    """Packages that are installed together."""
 
     name: str
     title: str
@@ -49,9 +49,9 @@ class Step(NamedTuple):
     download: int
     """What pip downloads, MB, as measured on Linux, x86-64 (test_install.py compares)."""
     disk: int
-    """What it takes in .venv, MB, likewise."""
+    """What it occupies in .venv, MB, measured the same way."""
     alone: str = ''
-    """A package of it; where that one is there before, so is more of the step."""
+    """One of its packages; if that is already installed, so is much of the step."""
 
 
 STEPS = {
@@ -127,7 +127,7 @@ NO_HINT = 'Run make again; if it ends the same way, start from the beginning: ma
 
 
 class CannotInstallError(Exception):
-    """What is wrong, and what to do about it, as the user gets it."""
+    """What is wrong and what to do about it, for the user."""
 
 
 def hint(output: str) -> str:
@@ -141,7 +141,7 @@ def hint(output: str) -> str:
 
 
 def missing(free: float, needed: float) -> Iterator[str]:
-    """Yield what this machine lacks, a sentence each; free and needed: MB on the disk."""
+    """Yield what this machine lacks, a sentence each; free and needed: disk space, MB."""
     debian = 'Debian, Ubuntu: apt install'
     for name, variable in (('cc', 'CC'), ('c++', 'CXX')):
         compiler = (shlex.split(os.environ.get(variable, '')) or [name])[0]
@@ -160,7 +160,7 @@ def missing(free: float, needed: float) -> Iterator[str]:
         yield f'{free:.0f} MB free on the disk of {ROOT}: {needed:.0f} MB are needed'
 
 
-# --- What pip says ----------------------------------------------------------------------------
+# --- Output of pip ----------------------------------------------------------------------------
 UNITS = {'bytes': 1e-6, 'kB': 1e-3, 'MB': 1.0, 'GB': 1e3}
 FILE = re.compile(r'\s*(Downloading|Using cached) (\S+) \(([\d.]+) (bytes|kB|MB|GB)\)')
 LOCAL = re.compile(r'\s*Processing (\S+\.whl)')  # an index on this machine
@@ -171,15 +171,15 @@ SATISFIED = re.compile(r'Requirement already satisfied: ([A-Za-z0-9._-]+)')
 
 
 class Pip:
-    """What runs of pip have done so far, from the lines that they print."""
+    """The progress of pip, from the lines that it prints."""
 
     def __init__(self) -> None:
         self.downloaded = 0.0
         """Size of the files that came, from the index or from pip's cache, MB."""
         self.part = 0.0
-        """Of the one on its way, MB."""
+        """Downloaded of the current file, MB."""
         self.unpacking = 0
-        """Number of packages that are being unpacked."""
+        """Number of packages being unpacked."""
         self.doing = ''
         self.satisfied: set[str] = set()
         self._size = 0.0
@@ -208,9 +208,9 @@ class Pip:
         return True
 
 
-# --- What the user sees -----------------------------------------------------------------------
+# --- Progress -----------------------------------------------------------------------
 class Bar:
-    """One line on a terminal, drawn over while a step runs; elsewhere a plain line."""
+    """A progress line that is redrawn on a terminal while a step runs; elsewhere a plain line."""
 
     def __init__(self, title: str, sizes: str, stream: IO[str]) -> None:
         self.live = stream.isatty() and os.environ.get('TERM') != 'dumb'
@@ -227,7 +227,7 @@ class Bar:
         self._stream.flush()
 
     def draw(self, share: float | None, doing: str) -> None:
-        """Show how much is done, 0 to 1 (None: unknown), and what is being done."""
+        """Show the share that is done, 0 to 1 (None: unknown), and the current activity."""
         passed = time.monotonic() - self._begin
         if not self.live or passed < self._drawn + 0.1:
             return
@@ -241,14 +241,14 @@ class Bar:
         self._say(f'{self._title} {drawn} {minutes}:{seconds:02} {doing}', end='')
 
     def end(self, well: bool) -> None:
-        """Leave the line as it is to stay."""
+        """Write the final form of the line."""
         if self.live:
             result = f'{time.monotonic() - self._begin:.0f} s' if well else 'failed'
             self._say(f'{self._title}{self._sizes}: {result}', end='\n')
 
 
 def unknown() -> None:
-    """Return the share that is done of what has no measure."""
+    """Return the share that is done where it cannot be measured: None."""
 
 
 def run(
@@ -260,7 +260,7 @@ def run(
     """Run commands side by side; raise CannotInstallError with their output if one fails."""
     seen = seen or Pip()
     environment = os.environ | {'PYTHONUNBUFFERED': '1', 'PIP_NO_INPUT': '1'}
-    for name in ('PIP_QUIET', 'PIP_VERBOSE'):  # the lines that Pip reads
+    for name in ('PIP_QUIET', 'PIP_VERBOSE'):  # class Pip reads the normal output
         environment.pop(name, None)
     with contextlib.ExitStack() as stack:
         selector = stack.enter_context(selectors.DefaultSelector())
@@ -343,7 +343,7 @@ def disk_use(folder: Path) -> float:
 
 
 def slim() -> None:
-    """Remove what nothing here uses, and keep one copy of files that are there several times.
+    """Remove what nothing here uses, and link files that are identical.
 
     Wheels cannot hold links: a library with three names comes as three files.
     """
@@ -371,10 +371,10 @@ def slim() -> None:
 
 # --- The steps --------------------------------------------------------------------------------
 def announce(names: Sequence[str], stream: IO[str]) -> None:
-    """Say what all of it will take, before the first byte comes."""
+    """Say how much will be downloaded and stored, before the download begins."""
     download = sum(STEPS[name].download for name in names)
     disk = sum(STEPS[name].disk for name in names)
-    lacking = list(missing(shutil.disk_usage(ROOT).free / MEGABYTE, ROOM * disk))
+    lacking = list(missing(shutil.disk_usage(ROOT).free / MEGABYTE, DISK_MARGIN * disk))
     if lacking:
         raise CannotInstallError('This machine lacks:\n  ' + '\n  '.join(lacking))
     stream.write(
@@ -404,7 +404,7 @@ def install(name: str, bar: Bar) -> Pip:
 
 
 def runtime(bar: Bar) -> Pip:
-    """Make the environment, with the pip that this was tried with, and what the driver runs on."""
+    """Make the environment with the pinned pip, and install what the driver runs on."""
     bar.draw(None, 'making the environment')
     if not Path(python()).exists():
         venv.EnvBuilder(symlinks=True, with_pip=True).create(VENV)

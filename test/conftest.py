@@ -23,7 +23,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope='session', autouse=True)
 def _patience() -> None:
     """Processes may take their time to end: on a busy machine they are as right as elsewhere."""
-    processes.END_TIMEOUT = 300.0
+    processes.END_TIMEOUT_S = 300.0
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

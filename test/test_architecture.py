@@ -51,11 +51,13 @@ BOTTOM = frozenset(
         'robots',
         'share',
         'simple_message',
+        'socket_errors',
     }
 )
 
 PACKAGES = {
     'share': Package(0, NOTHING),
+    'socket_errors': Package(0, NOTHING),
     'log_lines': Package(0, frozenset({'inputs'})),
     'inputs': Package(0, NOTHING, frozenset({'yaml'})),
     'error_texts': Package(0, frozenset({'inputs', 'share'})),
@@ -67,8 +69,8 @@ PACKAGES = {
         frozenset({'numpy', 'py_opw_kinematics', 'scipy'}),
     ),
     'profiles': Package(0, frozenset({'inputs', 'simple_message', 'share'})),
-    'remote_ethernet': Package(1, frozenset({'inputs'})),
-    'link': Package(1, frozenset({'inputs', 'log_lines', 'simple_message'})),
+    'remote_ethernet': Package(1, frozenset({'inputs', 'socket_errors'})),
+    'link': Package(1, frozenset({'inputs', 'log_lines', 'simple_message', 'socket_errors'})),
     'trace': Package(1, frozenset({'inputs', 'link', 'simple_message'})),
     'sim_controller': Package(2, BOTTOM | {'remote_ethernet'}, ANY),
     'driver': Package(2, BOTTOM | {'link', 'remote_ethernet', 'trace'}, frozenset({'numpy'})),

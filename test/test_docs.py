@@ -94,7 +94,7 @@ def test_the_index_has_every_page() -> None:
 
 
 def test_the_index_has_every_executable() -> None:
-    from epson_driver.cli.__main__ import EXECUTABLES
+    from epson_driver.cli.executables import EXECUTABLES
 
     text = (ROOT / 'docs' / 'README.md').read_text(encoding='utf-8')
     for name in EXECUTABLES:

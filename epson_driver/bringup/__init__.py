@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the launch files start, worked out from their arguments. No ROS: they import launch."""
+"""From launch arguments to what is started. No ROS here: the launch files import launch."""
 
 from epson_driver.bringup.arguments import launch_arguments, model_argument
 from epson_driver.bringup.client import INTERFACE, client_parameters, controller_arguments

@@ -12,7 +12,7 @@ SWITCH = ('true', 'false')
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument of launch files. An empty default: the node's own default holds."""
+    """One argument of launch files. With an empty default, the default of the node applies."""
 
     name: str
     default: str
@@ -50,7 +50,7 @@ TABLE = (
     Argument(
         'tf_prefix',
         '',
-        'Put before the names of all joints and links, such as left_ for left_joint_1.',
+        'Prefix of the names of all joints and links, such as left_ for left_joint_1.',
     ),
     Argument(
         'motion_port', '', "TCP port of the motion server. Empty: the controller's usual one."
@@ -66,28 +66,27 @@ TABLE = (
     Argument(
         'params_file',
         '',
-        'YAML file of parameters for the client; what is given as an argument wins over it. '
-        'Empty: none.',
+        'YAML file of parameters for the client; arguments override it. Empty: none.',
     ),
     Argument(
         'use_sim_controller',
         'false',
-        'Start a simulated controller as well, on robot_ip, which must be of this machine.',
+        'Start a simulated controller as well, on robot_ip, an address of this machine.',
         SWITCH,
     ),
     Argument(
         'sim_motion',
         'smooth',
-        'How the simulated controller moves: through the points, or with a rest at each.',
+        'How the simulated controller moves: through the points, or stopping at each.',
         ('smooth', 'ptp'),
     ),
     Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
     Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
-    Argument('namespaces', 'left,right', 'One namespace per robot, with commas between them.'),
+    Argument('namespaces', 'left,right', 'One namespace per robot, separated by commas.'),
     Argument(
         'robot_ips',
         '127.0.0.1,127.0.0.2',
-        'One address per robot, in the order of namespaces, with commas between them.',
+        'One address per robot, in the order of namespaces, separated by commas.',
     ),
 )
 
@@ -97,7 +96,7 @@ _ROWS = {row.name: row for row in TABLE}
 def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
     """Return the keywords of DeclareLaunchArgument, one mapping per name, in this order.
 
-    Where a file has a default of its own, `defaults` has it by the argument's name.
+    `defaults` holds the defaults of one launch file, by the name of the argument.
     """
     return [_keywords(_ROWS[name], defaults.get(name)) for name in names]
 

@@ -30,14 +30,14 @@ _DIGITS = re.compile(r'[0-9]{1,5}', re.ASCII)
 
 PORTS = ('motion_port', 'state_port', 'io_port', 'remote_port')
 SIM_REMOTE_PORT = '5000'
-"""Where the simulated controller listens for Remote Ethernet, also as an RC620, which has none."""
+"""The simulated controller's Remote Ethernet port, even as an RC620, which has none."""
 
 
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
     """Return the client's parameters that follow from launch arguments; empty ones set nothing.
 
     Raises FileNotFoundError or InputError for a model that cannot be read, InputError for an
-    address, a prefix or a port that cannot be one.
+    address, prefix or port that is not valid.
     """
     prefix = values['tf_prefix']
     joints = load_robot_model(values['robot_model']).joint_names
@@ -45,7 +45,7 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
         'robot_model': values['robot_model'],
         'interface': values['interface'],
     }
-    if prefix:  # without one they are the model's anyway
+    if prefix:  # else the names of the model apply
         names = [prefix + name for name in joints]
         parameters['joint_names'] = list(JOINT_NAMES.checked(names, _where('tf_prefix')))
     if values['robot_ip']:
@@ -56,7 +56,7 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
 
 
 def controller_arguments(values: Mapping[str, str]) -> list[str]:
-    """Return the command line of the simulated controller that this client meets."""
+    """Return the command line of the simulated controller for this client."""
     words = ['--robot', values['robot_model'], '--motion', values['sim_motion']]
     if values['robot_ip']:
         words += ['--host', values['robot_ip']]

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from epson_driver.share import share_file, share_folder
 
 WORLD = 'world'
-"""The frame in which the arm stands; it belongs to no robot and gets no prefix."""
+"""The frame in which the arm is placed; it belongs to no robot and has no prefix."""
 
 _NAMES = {
     'virtual_joint': ('name', 'child_link'),
@@ -19,7 +19,7 @@ _NAMES = {
 
 
 class BringupError(RuntimeError):
-    """What a launch file was asked for cannot be started; the text says why."""
+    """The launch arguments cannot be satisfied; the text says why."""
 
 
 def described_models() -> tuple[str, ...]:

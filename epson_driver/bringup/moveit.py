@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What move_group and MoveIt's panel in RViz are told: config/moveit/ as ROS parameters."""
+"""The parameters of move_group and of MoveIt's panel in RViz, from config/moveit/."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from epson_driver.share import share_file
 
 
 def move_group_parameters(model: str, prefix: str = '') -> dict[str, Any]:
-    """Return move_group's parameters, all but the two descriptions of the robot."""
+    """Return the parameters of move_group, without the two descriptions of the robot."""
     controllers = _load('moveit_controllers.yaml')
     manager = controllers['moveit_simple_controller_manager']
     for name in manager['controller_names']:

@@ -3,42 +3,86 @@
 """`epson_driver NAME …`: every executable behind one command."""
 
 import sys
+from difflib import get_close_matches
 from importlib import import_module
+from xml.etree import ElementTree
 
-EXECUTABLES = {
-    'client': 'the ROS 2 node: joint states, robot status, FollowJointTrajectory',
-    'sim_controller': 'a simulated EPSON controller',
-    'demo': 'both of them, and a planned trajectory executed, with a report',
-    'smooth': 'a planned trajectory made smooth: a file, a report and a picture',
-    'replay': 'the controller as a trace recorded it, for bug reports',
-    'robots': 'the robot models there are, with their numbers and where those come from',
-    'pendant': 'what a person does at the controller: motors, E-stop, reset, status',
-}
+from epson_driver.cli.executables import EXECUTABLES
+from epson_driver.cli.interrupt import (
+    INTERRUPTED,
+    ignore_interrupts,
+    leave_at_interrupt,
+    raise_at_interrupt,
+)
+from epson_driver.share import share_file
+
+INTERFACES = ('epson_msgs', 'industrial_msgs')
+"""Message packages that no binary release has: they are built from interfaces/."""
 
 
 def main() -> int:
-    """Run the executable named first, with the remaining arguments."""
+    """Run the executable named first, with the remaining arguments; return its exit code."""
+    leave_at_interrupt()
+    try:
+        return _run()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    finally:
+        ignore_interrupts()
+
+
+def version() -> str:
+    """Return the version of this package, from its package.xml."""
+    package = ElementTree.parse(share_file('package.xml'))  # noqa: S314 - our own file
+    return str(package.findtext('version'))
+
+
+def _run() -> int:
     name = sys.argv[1] if len(sys.argv) > 1 else ''
+    if name == '--version':
+        print(f'epson_driver {version()}')
+        return 0
+    if name in ('-h', '--help'):
+        print(_usage())
+        return 0
     if name not in EXECUTABLES:
-        asked_for_help = name in ('-h', '--help')
-        rows = [f'  {executable:15} {text}' for executable, text in EXECUTABLES.items()]
-        text = '\n'.join(['usage: epson_driver NAME [arguments]', '', *rows])
-        print(text, file=sys.stdout if asked_for_help else sys.stderr)
-        return 0 if asked_for_help else 2
+        print(f'{_unknown(name)}{_usage()}', file=sys.stderr)
+        return 2
     del sys.argv[1]
     try:
         executable = import_module(f'epson_driver.cli.{name}')
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith('epson_driver'):
             raise
-        print(
-            f'epson_driver {name}: the Python module {error.name} is missing: source a ROS 2 '
-            'workspace, or install requirements/runtime.txt (see README.md)',
-            file=sys.stderr,
-        )
+        print(f'epson_driver {name}: {_missing(error.name)}', file=sys.stderr)
         return 1
+    raise_at_interrupt()
     result: int = executable.main()
     return result
+
+
+def _usage() -> str:
+    rows = [f'  {executable:15} {text}' for executable, text in EXECUTABLES.items()]
+    usage = 'usage: epson_driver NAME [arguments]\n       epson_driver [--help | --version]'
+    return '\n'.join([usage, '', *rows, '', 'epson_driver NAME --help says what each one takes'])
+
+
+def _unknown(name: str) -> str:
+    """Return the line about a name that no executable has; nothing if none was given."""
+    if not name:
+        return ''
+    near = get_close_matches(name.lower(), EXECUTABLES, n=1, cutoff=0.5)
+    guess = f'; did you mean {near[0]}?' if near else ''
+    return f'epson_driver: no executable {name[:100]!r}{guess}\n\n'
+
+
+def _missing(module: str) -> str:
+    package = module.partition('.')[0]
+    text = f'the Python module {package} is missing: source a ROS 2 workspace'
+    if package in INTERFACES:
+        text += ' that was built with colcon build --base-paths src/epson_driver '
+        text += 'src/epson_driver/interfaces'
+    return f'{text}, or install requirements/runtime.txt (see README.md)'
 
 
 if __name__ == '__main__':

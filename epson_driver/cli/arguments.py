@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of arguments: argparse says which argument it was, and ends with 2."""
+"""Types of command-line arguments, for argparse, which names the argument and exits with 2."""
 
 import argparse
+import errno
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -12,11 +13,11 @@ from epson_driver.inputs import HOST, Rule, count, printable, shown
 
 PORT = Rule(count(1, 65_535).read, 'must be a port from 1 to 65535')
 FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
-"""0 for any free one."""
+"""0 stands for any free port."""
 
 
 def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callable[[str], Any]:
-    """Return the `type` of an argument: a number, or what `parse` makes of it, under a rule."""
+    """Return a `type` for argparse: the number, or what `parse` returns, checked by a rule."""
 
     def read(text: str) -> Any:
         try:
@@ -35,7 +36,7 @@ PICTURES = ('.png', '.pdf', '.svg', '.jpg')
 
 
 def picture(text: str) -> Path:
-    """Return the path of a picture, in a format that can be drawn."""
+    """Return the path of a picture; its suffix must be of a format that can be written."""
     path = Path(text)
     if path.suffix not in PICTURES:
         rule = f'must end in {" or ".join(PICTURES)}'
@@ -43,8 +44,18 @@ def picture(text: str) -> Path:
     return path
 
 
+def if_in_use(cause: BaseException | None) -> str:
+    """Return what to do if a port could not be opened because another process has it."""
+    if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:
+        return ''
+    return (
+        '; end the process that has it, or choose other ports with --motion-port, --state-port … '
+        '(0: any free one) and tell the client of them (motion_port, state_port …)'
+    )
+
+
 def _number(text: str) -> int | float:
-    if not text.isascii() or '_' in text:  # Python takes more than people mean
+    if not text.isascii() or '_' in text:  # int() accepts other digits and underscores
         raise ValueError
     try:
         return int(text)

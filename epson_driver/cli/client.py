@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from epson_driver.cli.interrupt import ignore_interrupts
 from epson_driver.inputs import printable
 from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_log import RosLogHandler
@@ -32,15 +33,16 @@ _log = logging.getLogger(__name__)
 def main() -> int:
     """Run until SIGINT or SIGTERM; then stop the arms, end their goals, and leave.
 
-    Returns 0; 1 if a name or a parameter cannot be used (no arm is driven then), or if any part
-    failed: a thread, a task, a callback. All arms are stopped then before the process ends.
+    Returns 0, or 1 if a name or a parameter is not valid (no arm is driven then), or if any part
+    failed: a thread, a task or a callback. In that case all arms are stopped before the process
+    ends.
     """
     try:
         namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
         # The signals come to the event loop: results can still be published after Ctrl-C.
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    except (RuntimeError, ValueError) as error:  # rcl's, and what is no text
-        print(f'client: {printable(error)}', file=sys.stderr)
+    except (RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
+        print(f'epson_driver client: {printable(error)}', file=sys.stderr)
         return 1
     nodes: list[Node] = []
     try:
@@ -56,7 +58,7 @@ def main() -> int:
 
 
 class Failures:
-    """What failed in any part of the process: the first one ends it. Lives in the event loop."""
+    """Failures of any part of the process; the first one ends it. Used in the event loop."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -71,7 +73,7 @@ class Failures:
             _log.critical('%s: all arms are stopped, and the driver ends', what, exc_info=error)
 
     def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Take what asyncio would only log: the loop's exception handler."""
+        """Handle what asyncio would only log; this is the loop's exception handler."""
         error = context.get('exception')
         if error is None:
             _log.error('%s', context['message'])
@@ -79,21 +81,21 @@ class Failures:
             self.tell(context['message'], error)
 
     def in_thread(self, what: str, error: BaseException) -> None:
-        """Take what failed in another thread, also when the loop has ended."""
+        """Report a failure in another thread, even if the loop has ended."""
         try:
             self._loop.call_soon_threadsafe(self.tell, what, error)
-        except RuntimeError:  # it is closed
+        except RuntimeError:  # the loop is closed
             self.tell(what, error)
 
     def on_thread_end(self, arguments: Any) -> None:
-        """Take what ended a thread: threading.excepthook."""
+        """Report the exception that ended a thread; this is threading.excepthook."""
         name = '' if arguments.thread is None else arguments.thread.name
         self.in_thread(f'the thread {name} ended', arguments.exc_value)
 
 
 def _namespaces(arguments: Sequence[str]) -> list[str]:
     parser = argparse.ArgumentParser(
-        prog='client',
+        prog='epson_driver client',
         description='The ROS 2 node that drives a controller, or several in one process: one for '
         'each --namespace.',
         epilog='ROS arguments as everywhere: --ros-args -p robot_ip:=192.168.0.1; for several '
@@ -145,12 +147,13 @@ def _run(nodes: Sequence[Node]) -> int:
         while not driving.done():
             try:
                 loop.run_until_complete(driving)
-            except BaseException as error:  # noqa: BLE001 - it is told
+            except BaseException as error:  # noqa: BLE001 - it is reported
                 # asyncio lets the SystemExit of a callback or a task out at once
                 failures.tell('the event loop was left', error)
+    ignore_interrupts()  # the arms are at rest, and the rest takes a moment
     for client in clients:
         client.end()
-    if not ros.leave():  # no way to end a thread that hangs; the arms stand
+    if not ros.leave():  # a thread that hangs cannot be ended; the arms are at rest
         _log.critical('the thread that serves ROS does not end')
         logging.shutdown()
         os._exit(1)
@@ -180,13 +183,13 @@ async def _drive(
     if not _make_clients(nodes, clients):
         return 1
     gc.collect()
-    gc.freeze()  # what start-up made is never freed: searching it would hold the loop for 15 ms
+    gc.freeze()  # these objects are never freed: scanning them would stall the loop for 15 ms
     ros.start()
     running = [asyncio.create_task(client.run()) for client in clients]
     ends = [asyncio.create_task(event.wait()) for event in (signaled, failures.happened)]
     await asyncio.wait([*running, *ends], return_when=asyncio.FIRST_COMPLETED)
     _tell_ends(running, failures)
-    # all at once; what is too late (TimeoutError) loses its results, but not the time
+    # all at once; after a TimeoutError results may not have been published, but the arm stops
     stopping = [client.shut_down() for client in clients]
     for outcome in await asyncio.gather(*stopping, return_exceptions=True):
         if isinstance(outcome, BaseException) and not isinstance(outcome, TimeoutError):
@@ -202,7 +205,7 @@ async def _drive(
 
 
 def _tell_ends(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
-    """Tell of each client that has ended by itself: none ever should."""
+    """Report each client that has ended by itself, which none ever should."""
     for task in running:
         if task.cancelled():
             failures.tell('a driver was cancelled', asyncio.CancelledError())

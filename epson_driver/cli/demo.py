@@ -9,7 +9,6 @@ on the spot (demo_plan.py).
 """
 
 import argparse
-import os
 import signal
 import socket
 import sys
@@ -24,18 +23,18 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.cli import processes
 from epson_driver.cli.arguments import argument, picture
+from epson_driver.cli.cell import running_controller, running_driver
 from epson_driver.cli.demo_report import (
-    DEVIATION_ALLOWED,
+    MAX_DEVIATION_RAD,
     Drawn,
     Figures,
     Recording,
     draw,
     measure,
 )
-from epson_driver.cli.processes import RunError
-from epson_driver.cli.ros_user import RosUser
+from epson_driver.cli.interrupt import INTERRUPTED
+from epson_driver.cli.processes import Ports, RunError
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
@@ -44,15 +43,17 @@ from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
 PINGS = 50
 
-MOST_SEEDS = 1_000_000
+MAX_SEEDS = 1_000_000
 
 PLANNING = ('coal', 'ompl', 'pinocchio', 'py_opw_kinematics', 'scipy')
-"""The modules that --plan needs beyond the rest."""
+"""The additional modules that --plan needs."""
 
 INSTALL = (
     "pip install 'epson_driver[planning]' (in the source tree: make demo ARGS=--plan); "
     'OMPL comes for Python up to 3.13'
 )
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth'}
 
@@ -68,16 +69,14 @@ def main() -> int:
                 f'--plan needs {", ".join(missing)}: {INSTALL}', highlight=False, markup=False
             )
             return 2
-    for number in (
-        signal.SIGINT,
-        signal.SIGTERM,
-    ):  # SIGINT too: a shell's `&` passes it on ignored
-        signal.signal(number, _on_terminate)
+    for number in SIGNALS:  # SIGINT too: a shell's `&` passes it on ignored
+        signal.signal(number, _on_signal)
     try:
         if arguments.plan:
-            from epson_driver.cli import demo_plan  # needs what may be missing
+            from epson_driver.cli import demo_plan  # imports the optional modules
 
-            seeds = range(arguments.seed, arguments.seed + arguments.seeds)
+            first = arguments.seed or 1
+            seeds = range(first, first + (arguments.seeds or 1))
             return demo_plan.run(seeds, arguments.picture, console)
         trajectory = read_trajectory(arguments.trajectory)
         motions = ('ptp', 'smooth') if arguments.compare else (arguments.motion,)
@@ -93,7 +92,7 @@ def main() -> int:
         return 1
     except KeyboardInterrupt:
         console.print('stopped')
-        return 130
+        return INTERRUPTED
 
 
 def _arguments() -> argparse.Namespace:
@@ -115,7 +114,7 @@ def _arguments() -> argparse.Namespace:
         help='how the controller moves: through all points, or resting at each (%(default)s)',
     )
     parser.add_argument(
-        '--compare', action='store_true', help='both, one after the other, in one picture'
+        '--compare', action='store_true', help='run both, one after the other, in one picture'
     )
     parser.add_argument(
         '--picture',
@@ -132,24 +131,27 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         '--seed',
         type=argument(count(1, 2**63 - 1)),
-        default=1,
         metavar='N',
-        help='what --plan draws its task from (default: %(default)s)',
+        help='seed of the random task of --plan (default: 1)',
     )
     parser.add_argument(
         '--seeds',
-        type=argument(count(1, MOST_SEEDS)),
-        default=1,
+        type=argument(count(1, MAX_SEEDS)),
         metavar='COUNT',
-        help='so many tasks, one seed after the other (default: %(default)s)',
+        help='how many tasks --plan executes, one seed after the other (default: 1)',
     )
     arguments = parser.parse_args()
     if arguments.plan and (arguments.compare or arguments.motion != 'smooth'):
         parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
+    if not arguments.plan and (arguments.seed is not None or arguments.seeds is not None):
+        parser.error('--seed and --seeds say what --plan plans: add --plan, or leave them out')
     return arguments
 
 
-def _on_terminate(_number: int, _frame: object) -> NoReturn:
+def _on_signal(_number: int, _frame: object) -> NoReturn:
+    """Leave, and ignore further signals, so that what was started is always ended."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
@@ -166,55 +168,38 @@ class Run:
 
     @property
     def faults(self) -> list[str]:
-        """What was not as planned."""
+        """The ways in which the motion was not as planned, a sentence each."""
         faults = []
-        if self.figures.waypoint_deviation > DEVIATION_ALLOWED:
+        if self.figures.waypoint_deviation > MAX_DEVIATION_RAD:
             faults.append(
                 f'a waypoint was missed by {self.figures.waypoint_deviation:.4f} rad, '
-                f'{DEVIATION_ALLOWED:g} rad are allowed'
+                f'{MAX_DEVIATION_RAD:g} rad are allowed'
             )
         if self.motion == 'smooth' and self.figures.stops:
-            faults.append(f'the arm stopped {self.figures.stops} times on the way')
+            times = 'once' if self.figures.stops == 1 else f'{self.figures.stops} times'
+            faults.append(f'the arm stopped {times} on the way')
         return faults
 
 
 def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) -> Run:
     """Execute the trajectory. Raises RunError if the goal is not reached."""
     began = time.monotonic()
-    domain = processes.free_ros_domain()
-    start = ','.join(f'{position:.9g}' for position in trajectory.positions[0])
-    controller = processes.sim_controller(
-        folder / 'sim_controller.log', f'--motion={motion}', f'--start={start}'
-    )
-    with processes.ended_at_exit(controller):
-        ports = controller.ports()
-        names = '[' + ','.join(trajectory.joint_names) + ']'
-        client = processes.client(
-            folder / 'client.log',
+    start = trajectory.positions[0].tolist()
+    with running_controller(folder, start, f'--motion={motion}') as ports:
+        with running_driver(
+            folder,
             ports,
-            domain,
-            joint_names=names,
+            trajectory.joint_names,
+            console,
             allow_nonzero_velocity_at_trajectory_end='true',
-        )
-        with processes.ended_at_exit(client):
-            console.print(
-                f'sim_controller on 127.0.0.1:{ports.motion} (motion) and :{ports.state} (state), '
-                f'client in ROS domain {domain}',
-                highlight=False,
-            )
-            os.environ.update(processes.ros_environment(domain))
-            user = RosUser(trajectory.joint_names, client.check_alive)
-            try:
-                user.enable()
-                console.print(f'robot ready after {time.monotonic() - began:.1f} s')
-                text, succeeded = user.execute(trajectory, console)
-                if not succeeded:
-                    raise RunError(f'the goal was not reached: {text}')
-                latencies = user.reply_latencies()
-                run = user.recording()
-            finally:
-                user.close()
-        round_trips = _ping(ports)
+        ) as user:
+            console.print(f'robot ready after {time.monotonic() - began:.1f} s')
+            text, succeeded = user.execute(trajectory, console)
+            if not succeeded:
+                raise RunError(f'the goal was not reached: {text}')
+            latencies = user.reply_latencies()
+            run = user.recording()
+        round_trips = _ping(ports)  # with the controller to itself
     return Run(motion, run, measure(trajectory, run), text, latencies, round_trips)
 
 
@@ -233,7 +218,7 @@ def _report(
     return 0
 
 
-def _ping(ports: processes.Ports) -> list[float]:
+def _ping(ports: Ports) -> list[float]:
     """Return the round-trip times of PINGs to the controller's I/O port, s, sorted."""
     frame = encode(request(Ping()), LITTLE_ENDIAN)
     times = []

@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver demo --plan`: a pick and place that is planned on the spot, and executed.
 
-The planner knows the obstacles and the arm's shape; driver and controller know neither. What the
-joint states showed is put back among the obstacles afterwards: only that decides.
+The planner knows the obstacles and the arm's shape; driver and controller know neither. Afterwards
+the recorded joint states are checked against the obstacles: only that decides.
 """
 
-import contextlib
-import os
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +18,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from epson_driver.cli import processes
+from epson_driver.cli.cell import running_controller, running_driver
 from epson_driver.cli.demo_report import Recording, measure
 from epson_driver.cli.plan_report import Executed, draw
 from epson_driver.cli.ros_user import RosUser
@@ -31,8 +29,8 @@ from epson_driver.robots import RobotModel, load_robot_model
 
 ROBOT = 'c3_a601s'
 
-VACUUM = 8
-"""The digital output that the gripper's valve would be on."""
+VACUUM_OUTPUT = 8
+"""The digital output that would switch the gripper's valve."""
 
 
 COLUMNS = (
@@ -45,16 +43,16 @@ COLUMNS = (
     'nearest\n[mm]',
     'missed\n[mm]',
 )
-"""Seed, number of obstacles, time to plan, planned and real duration, stops on the way, smallest
-distance to an obstacle, largest distance from where the part is and shall be.
+"""Seed, number of obstacles, time to plan, planned and actual duration, stops on the way, smallest
+distance to an obstacle, largest distance by which the part, its place or home was missed.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one seed: `executed`, or the sentence that says why not.
+    """The result for one seed: `executed`, or the sentence that says why not.
 
-    `stranded`: the arm is not at home.
+    `stranded`: the arm is not at home, so that the next task cannot start.
     """
 
     seed: int
@@ -65,7 +63,7 @@ class Outcome:
 
     @property
     def faults(self) -> list[str]:
-        """What was not as it must be."""
+        """What was wrong with the execution, a sentence each."""
         if self.executed is None:
             return [self.failure]
         verdicts = self.executed.verdicts
@@ -80,12 +78,13 @@ class Outcome:
 
 
 def run(seeds: range, picture: Path, console: Console) -> int:
-    """Plan and execute the task of each seed. Returns 0 only if all was as it must be."""
+    """Plan and execute the task of each seed. Returns 0 only if nothing was wrong with any."""
     model = load_robot_model(ROBOT)
     outcomes = []
     with (
-        tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder,
-        _cell(Path(folder), model, console) as user,
+        tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name,
+        running_controller(folder := Path(name), HOME, f'--robot={model.name}') as ports,
+        running_driver(folder, ports, model.joint_names, console, robot_model=model.name) as user,
         Progress(
             TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(), console=console
         ) as progress,
@@ -98,35 +97,9 @@ def run(seeds: range, picture: Path, console: Console) -> int:
                 said = '; '.join(outcome.faults) or 'executed'
                 progress.console.print(f'seed {seed}: {said}', highlight=False)
             if outcome.stranded:
-                break  # what is planned begins at home
+                break  # every plan begins at home
         progress.update(bar, description='done')
     return _report(outcomes, seeds, model, picture, console)
-
-
-@contextlib.contextmanager
-def _cell(folder: Path, model: RobotModel, console: Console) -> Iterator[RosUser]:
-    """Start a controller with its arm at home and a driver; end both when the block is left."""
-    domain = processes.free_ros_domain()
-    start = ','.join(f'{position:.9g}' for position in HOME)
-    controller = processes.sim_controller(
-        folder / 'sim_controller.log', f'--robot={model.name}', f'--start={start}'
-    )
-    with processes.ended_at_exit(controller):
-        ports = controller.ports()
-        client = processes.client(folder / 'client.log', ports, domain, robot_model=model.name)
-        with processes.ended_at_exit(client):
-            console.print(
-                f'sim_controller on 127.0.0.1:{ports.motion} (motion) and :{ports.state} (state), '
-                f'client in ROS domain {domain}',
-                highlight=False,
-            )
-            os.environ.update(processes.ros_environment(domain))
-            user = RosUser(model.joint_names, client.check_alive)
-            try:
-                user.enable()
-                yield user
-            finally:
-                user.close()
 
 
 def _attempt(
@@ -151,7 +124,7 @@ def _attempt(
         if not succeeded:
             return Outcome(seed, took, None, f'{motion.name}: {text}', stranded=True)
         recordings.append(user.recording())
-        user.write_output(VACUUM, vacuum)
+        user.write_output(VACUUM_OUTPUT, vacuum)
         progress.advance(bar)
     return Outcome(seed, took, _judged(plan, recordings))
 
@@ -179,7 +152,7 @@ def _report(
         console.print(f'picture: {picture}', highlight=False)
     faults = [f'seed {each.seed}: {fault}' for each in outcomes for fault in each.faults]
     if faults or len(outcomes) < len(seeds):
-        console.print(f'[bold red]not as it must be:[/] {"; ".join(faults)}', highlight=False)
+        console.print(f'[bold red]something went wrong:[/] {"; ".join(faults)}', highlight=False)
         return 1
     nearest = min(each.nearest for each in executed)
     console.print(

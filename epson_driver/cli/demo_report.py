@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What happened in a demo run, in figures and as a picture, from the joint states that came."""
+"""A demo run in figures and as a picture, from the joint states that were received."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from epson_driver.cli.smooth_report import COLOURS
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.smoothed import passages
 
-STILL, MOVING = 0.06, 0.15
+STOPPED_SHARE, MOVING_SHARE = 0.06, 0.15
 """Below the first share of the run's typical speed the arm has stopped, above the second it moves
 again; between them the noise of the arrival times decides nothing."""
 
-NEAR = 2
+NEIGHBOURS = 2
 """So many joint states before and after one say how fast it is."""
 
-DEVIATION_ALLOWED = 0.02
+MAX_DEVIATION_RAD = 0.02
 """How far from a waypoint the motion may pass, rad. Between two joint states it is taken for
 straight: 1 mrad off at the highest acceleration if they are 14 ms apart, more if they are rarer.
 """
@@ -58,7 +58,7 @@ class Figures:
 def measure(trajectory: Trajectory, run: Recording) -> Figures:
     """Return the figures of a run; the joints of both are in the same order."""
     speeds = _speeds(run)
-    moving = np.flatnonzero(speeds > STILL)
+    moving = np.flatnonzero(speeds > STOPPED_SHARE)
     first, last = (int(moving[0]), int(moving[-1])) if moving.size else (0, 0)
     distances, times = _waypoints(trajectory, run)
     gaps = np.diff(run.times)
@@ -84,17 +84,17 @@ def _speeds(run: Recording) -> Array:
     From the states around each, two on either side: one that came late is no stop. The median,
     since states that come in a burst look too fast.
     """
-    steps = np.abs(run.positions[2 * NEAR :] - run.positions[: -2 * NEAR]).max(axis=1)
-    between = np.maximum(run.times[2 * NEAR :] - run.times[: -2 * NEAR], 1e-3)
-    speeds = np.pad(steps / between, NEAR)
+    steps = np.abs(run.positions[2 * NEIGHBOURS :] - run.positions[: -2 * NEIGHBOURS]).max(axis=1)
+    between = np.maximum(run.times[2 * NEIGHBOURS :] - run.times[: -2 * NEIGHBOURS], 1e-3)
+    speeds = np.pad(steps / between, NEIGHBOURS)
     typical = np.median(speeds[speeds > 0.0]) if speeds.any() else 1.0
     return np.asarray(speeds / typical)
 
 
 def _stops(speeds: Array) -> int:
     """Return how often the arm stopped and moved on."""
-    moving = speeds >= MOVING
-    decided = moving | (speeds <= STILL)
+    moving = speeds >= MOVING_SHARE
+    decided = moving | (speeds <= STOPPED_SHARE)
     begins = np.flatnonzero(np.diff(moving[decided].astype(int)) == 1)
     return max(len(begins) - 1, 0)
 

@@ -23,15 +23,15 @@ from epson_driver.sim_controller.faults.fault_text import describe
 _TIMEOUT_S = 5.0  # s
 
 _LOCAL = {'fault kinds': describe, 'completion': completion}
-"""What is answered without a controller."""
+"""What needs no controller to be answered."""
 
 
 class _RejectedError(Exception):
-    """The controller does not do it; the text says why."""
+    """The controller refuses; the text says why."""
 
 
 def main() -> int:
-    """Do one action. Return 0 if it is done, 1 if it is refused or nobody answers."""
+    """Do one action. Return 0 if it was done, 1 if it was refused or nobody answered."""
     parser = _parser()
     args = parser.parse_args()
     said = ' '.join(args.action)
@@ -68,7 +68,7 @@ async def _do(asked: Request | None, host: str, port: int, password: str) -> str
 
 
 async def _first_known(ask: Ask, commands: Sequence[str]) -> str:
-    """Give the first of the commands that the controller knows; return the value."""
+    """Send the commands until the controller knows one; return the value of its answer."""
     for command in commands:
         try:
             return await ask(command)
@@ -105,7 +105,7 @@ async def _reason(ask: Ask, error: RemoteError) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='pendant',
+        prog='epson_driver pendant',
         description='What a person does at the controller.',
         usage='%(prog)s [-h] [--host HOST] [--port PORT] [--password PASSWORD] WORD …',
         epilog='\n'.join(['words:', *(f'  {said:26}{text}' for said, text in TEXTS.items())]),
@@ -118,6 +118,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--port', type=argument(PORT), default=5000, help='its remote port (%(default)s)'
     )
-    parser.add_argument('--password', default='', help='of the remote port (none)')
-    parser.add_argument('action', nargs='+', metavar='WORD', help='what to do: see below')
+    parser.add_argument('--password', default='', help='password of the remote port (none)')
+    parser.add_argument('action', nargs='+', metavar='WORD', help='the action, as listed below')
     return parser

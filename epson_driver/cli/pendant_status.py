@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`pendant status`: what a controller says of itself. What it does not say is left out."""
+"""`pendant status`: the state of a controller. What it does not report is left out."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,14 +16,14 @@ _ESTOP = {
     EStop.PRESSED.value: 'pressed (release, then reset)',
     EStop.LATCHED.value: 'released, not reset (reset)',
 }
-_MAX_DIGITS = 5
-"""At most, of an error number."""
+_MAX_ERROR_DIGITS = 5
+"""An error number has no more digits."""
 
 _INDENT = '\n' + ' ' * 8
 
 
 async def status(ask: Ask) -> str:
-    """Ask a controller, real or simulated, for all it says; return it in rows."""
+    """Query all that a controller, real or simulated, reports; return it as rows of text."""
     flags, number = await ask_flags(ask)
     condition = dict(
         part.split('=', 1)
@@ -51,12 +51,12 @@ async def status(ask: Ask) -> str:
 async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     """Return the names of the flags that are set, and the error number.
 
-    RC+ 5 sends ten flags, without Test; so they are counted from the end. Raises ConnectionError
-    for an answer that is none.
+    RC+ 5 sends ten flags, without Test, so they are counted from the end. Raises ConnectionError
+    for an answer that is not a status.
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
-    known = number.isdecimal() and len(number) <= _MAX_DIGITS
+    known = number.isdecimal() and len(number) <= _MAX_ERROR_DIGITS
     if not known or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
         raise ConnectionError(f"'{value[:40]}' is no status")
     named = zip(tuple(FLAGS)[-len(bits) :], bits, strict=True)
@@ -131,7 +131,7 @@ def _faults(value: str | None) -> str | None:
 
 
 def _late(value: str | None) -> str | None:
-    """Return what the simulated controller says of its timing since it was started."""
+    """Return what the simulated controller reports about missed deadlines since it was started."""
     if value is None:
         return None
     cycles, plans, failures, violations = value.split(',')

@@ -1,25 +1,26 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What can be said to the pendant, as tables, and the remote commands that it becomes."""
+"""The words of `pendant` as tables, and the remote commands that they stand for."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from epson_driver.cli.executables import EXECUTABLES
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
-MAX_SAID_CHARACTERS = 200
-"""Characters of what was said in an answer to it."""
+MAX_ECHO_CHARACTERS = 200
+"""Error texts repeat no more characters of the words given."""
 
 
 class UsageError(ValueError):
-    """Words that mean nothing; the text says what may be said."""
+    """Words that have no meaning; the text says which are allowed."""
 
 
 class Request(NamedTuple):
-    """Remote commands that do the same: the first one that the controller knows counts.
+    """Equivalent remote commands; the first one that the controller knows is used.
 
-    `done` is the answer when it is done: a sentence, or what makes one of the value.
+    `done` is the text to print afterwards, or a function that makes it from the answer's value.
     """
 
     commands: tuple[str, ...]
@@ -27,7 +28,7 @@ class Request(NamedTuple):
 
 
 class Form(NamedTuple):
-    """Words with others behind them: what may be said, what it does, and its request."""
+    """A first word that takes arguments: its usages, what each does, and the request for them."""
 
     usages: Mapping[str, str]
     request: Callable[[Sequence[str]], Request]
@@ -56,7 +57,7 @@ ACTIONS: dict[str, Request] = {
     'start': Request(('Start,0',), 'the tasks run'),
     'reset': Request(('Reset',), 'reset; the motors are switched on separately'),
 }
-"""What is said, and the remote commands for it. What begins with Sim is for the simulation."""
+"""Actions without arguments, and their remote commands; Sim… is for the simulation only."""
 
 KINDS = {
     'in': ('DI', 'GetIO,{}', ''),
@@ -65,7 +66,8 @@ KINDS = {
     'aout': ('AO', '', ''),
     'flag': ('flag', 'GetMemIO,{}', 'SetMemIO,{},{}'),
 }
-"""How points are called here and in the simulation; a real controller's commands for them."""
+"""The name of a kind of I/O point here and in the simulation, and how real controllers read and
+write it."""
 
 SWITCH = {'off': '0', 'on': '1', '0': '0', '1': '1'}
 
@@ -73,26 +75,26 @@ ANALOG = ('ain', 'aout')
 
 
 def request(words: Sequence[str]) -> Request:
-    """Return what the words ask for. Raises UsageError."""
+    """Return the request that the words stand for. Raises UsageError."""
     said = ' '.join(words)
     if said in ACTIONS:
         return ACTIONS[said]
     form = FORMS.get(words[0]) if words else None
     if form is None:
-        raise UsageError(f'{said[:MAX_SAID_CHARACTERS]}: must be one of {", ".join(TEXTS)}')
+        raise UsageError(f'{said[:MAX_ECHO_CHARACTERS]}: must be one of {", ".join(TEXTS)}')
     if not said.isprintable():
-        raise UsageError(f'{said[:MAX_SAID_CHARACTERS]!r}: must be printable')
+        raise UsageError(f'{said[:MAX_ECHO_CHARACTERS]!r}: must be printable')
     try:
         return form.request(words[1:])
     except ValueError as error:
         text = f'{error}: ' if isinstance(error, UsageError) else ''
         raise UsageError(
-            f'{said[:MAX_SAID_CHARACTERS]}: {text}must be {" or ".join(form.usages)}'
+            f'{said[:MAX_ECHO_CHARACTERS]}: {text}must be {" or ".join(form.usages)}'
         ) from error
 
 
 def points(value: str) -> str:
-    """Return the list of all points, for people."""
+    """Return the list of all I/O points as text."""
     names = {sim: (word, word in ANALOG) for word, (sim, _, _) in KINDS.items()}
     lines = []
     for part in value.split(';'):
@@ -149,7 +151,7 @@ def _fault(words: Sequence[str]) -> Request:
 
 
 def faults(value: str) -> str:
-    """Return the list of active faults, for people."""
+    """Return the list of active faults as text."""
     return '\n'.join(value.split(';')) if value else 'no faults'
 
 
@@ -170,16 +172,16 @@ def _reboot(words: Sequence[str]) -> Request:
 FORMS: dict[str, Form] = {
     'io': Form(
         {
-            'io': 'all points',
-            'io KIND INDEX': f'one point; KIND is {", ".join(KINDS)}',
-            'io KIND INDEX VALUE': 'set it, an input as what is wired to it does: on, off, or mV',
+            'io': 'list all I/O points',
+            'io KIND INDEX': f'read one point; KIND is {", ".join(KINDS)}',
+            'io KIND INDEX VALUE': 'set it (an input: as if wired so): on, off, or mV',
         },
         _io,
     ),
     'fault': Form(
         {
-            'fault': 'the active faults',
-            'fault NAME [KEY=VALUE …]': 'begin one',
+            'fault': 'list the active faults',
+            'fault NAME [KEY=VALUE …]': 'start one',
             'fault clear [NAME]': 'clear one, or all',
         },
         _fault,
@@ -187,14 +189,14 @@ FORMS: dict[str, Form] = {
     'disturb': Form({'disturb JOINT DEGREES': 'push a joint'}, _disturb),
     'reboot': Form({'reboot [SECONDS]': 'switch off and on again'}, _reboot),
 }
-"""The first word, and what may follow."""
+"""The actions with arguments, by their first word."""
 
 ALONE = {
-    'status': 'what the controller says of itself',
-    'fault kinds': 'which faults there are, and their parameters',
-    'completion': 'a line for bash\'s completion: eval "$(pendant completion)"',
+    'status': 'the state of the controller',
+    'fault kinds': 'list the kinds of faults and their parameters',
+    'completion': 'print a line for bash\'s completion: eval "$(epson_driver pendant completion)"',
 }
-"""What is no remote command."""
+"""Words that are not a remote command each."""
 
 TEXTS: dict[str, str] = {
     'status': ALONE['status'],
@@ -202,11 +204,11 @@ TEXTS: dict[str, str] = {
     **{usage: text for form in FORMS.values() for usage, text in form.usages.items()},
     **ALONE,
 }
-"""Everything that can be said, and what it does."""
+"""Every usage, and what it does."""
 
 
 def following() -> dict[str, list[str]]:
-    """Return for a word (nothing: at first) which words may follow it."""
+    """Return which words may follow a word; under '', which may come first."""
     found: dict[str, list[str]] = {'': ['status', 'completion']}
     for said in ACTIONS:
         first, _, second = said.partition(' ')
@@ -222,13 +224,17 @@ def following() -> dict[str, list[str]]:
 
 
 def completion() -> str:
-    """Return a bash function that completes the words, and the line that uses it."""
+    """Return a bash function that completes the words, and the line that uses it.
+
+    It completes `epson_driver NAME` as well, and files where it knows no word.
+    """
     words = following()
     first = words.pop('')
     cases = ''.join(f' {word}) w="{" ".join(after)}";;' for word, after in words.items())
     return (
         '_pendant() { local w; case "${COMP_WORDS[COMP_CWORD-1]}" in'
-        f'{cases} *pendant) w="{" ".join(first)}";; *) w="";; esac; '
+        f'{cases} *pendant) w="{" ".join(first)}";; '
+        f'*epson_driver) w="{" ".join(EXECUTABLES)}";; *) w="";; esac; '
         'COMPREPLY=($(compgen -W "$w" -- "${COMP_WORDS[COMP_CWORD]}")); }; '
-        'complete -F _pendant pendant'
+        'complete -o default -F _pendant pendant epson_driver'
     )

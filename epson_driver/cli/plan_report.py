@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of an executed plan: the arm among its obstacles, and what the joint states said."""
+"""The picture of an executed plan: the arm among the obstacles, and the recorded joint states."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ from epson_driver.robots import RobotModel
 EYE = view(np.radians(14.0), np.radians(40.0))
 """The picture is seen from in front of the robot and above."""
 
-PIXELS = 1400
+WIDTH_PIXELS = 1400
 """Width of the scene before it is halved."""
 
 PATHS = ('#0072B2', '#D55E00', '#009E73')
 """Colours of the three motions."""
 
-PALE = 0.5
-"""How much of the arm's colour is lost at the moments before and after the one in the middle."""
+FADING = 0.5
+"""How much the arm's colour fades for the moments before and after the one in the middle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def _draw_scene(axes: Any, executed: Executed) -> None:
         np.concatenate([colours, table[1]]),
         EYE,
         (left, right, bottom, top),
-        PIXELS,
+        WIDTH_PIXELS,
     )
     axes.imshow(
         halved(image), origin='lower', extent=(left, right, bottom, top), interpolation='bilinear'
@@ -120,7 +120,7 @@ def _draw_scene(axes: Any, executed: Executed) -> None:
 
 def _paler(triangles: Triangles) -> Triangles:
     corners, colours = triangles
-    return corners, colours + PALE * (1.0 - colours)
+    return corners, colours + FADING * (1.0 - colours)
 
 
 def _draw_time(velocity: Any, clearance: Any, executed: Executed, model: RobotModel) -> None:
@@ -163,7 +163,7 @@ def _draw_time(velocity: Any, clearance: Any, executed: Executed, model: RobotMo
 
 
 def _shade(plots: Iterable[Any], executed: Executed, begin: float) -> None:
-    """Shade the time with the part in the hand."""
+    """Shade the time during which the gripper holds the part."""
     carrying = executed.recordings[1].times - begin
     for axes in plots:
         axes.axvspan(carrying[0], carrying[-1], color='#E69F00', alpha=0.12, linewidth=0.0)

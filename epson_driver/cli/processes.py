@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Starting the executables as processes that disturb nobody: free ports, a free ROS domain."""
+"""Start the executables as processes on free ports and in a ROS domain that nobody uses."""
 
 import contextlib
 import dataclasses
@@ -19,19 +19,20 @@ from pathlib import Path
 SAFE_DOMAINS = range(1, 102)
 """ROS domains whose ports lie below the ephemeral range of every common system."""
 
-MOST_CLAIMS = 20
-"""So many of the domains that were chosen stay claimed, the newest."""
+MAX_CLAIMS = 20
+"""How many of the chosen domains stay claimed; the oldest claim is dropped first."""
 
-_claims: deque[socket.socket] = deque()
+claims: deque[socket.socket] = deque()
+"""Sockets that keep other processes from choosing the same domains, the oldest first."""
 
-END_TIMEOUT = 5.0
+END_TIMEOUT_S = 5.0
 
 EXECUTABLE = (sys.executable, '-m', 'epson_driver.cli')
-"""What runs an executable of this package: its name and its arguments follow."""
+"""The command that runs an executable of this package; its name and arguments follow."""
 
 
 class RunError(RuntimeError):
-    """What was started cannot go on; the text says why."""
+    """The run cannot go on; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def free_ros_domain() -> int:
     Each domain has UDP ports of its own, 250 apart from 7400 on (DDSI-RTPS 9.6.1); the first
     participant takes 7410. Until it does, another process could find the domain free, so a port
     that DDS leaves unused says that the domain is taken: until this process ends, or has chosen
-    MOST_CLAIMS others.
+    MAX_CLAIMS others.
     """
     for domain in random.sample(SAFE_DOMAINS, len(SAFE_DOMAINS)):
         first = 7400 + 250 * domain
@@ -63,9 +64,9 @@ def free_ros_domain() -> int:
         except OSError:
             claim.close()
             continue
-        _claims.append(claim)
-        if len(_claims) > MOST_CLAIMS:
-            _claims.popleft().close()
+        claims.append(claim)
+        if len(claims) > MAX_CLAIMS:
+            claims.popleft().close()
         return domain
     raise RunError('every ROS domain from 1 to 101 is in use on this machine')
 
@@ -114,7 +115,7 @@ class Process:
 
     @property
     def process_id(self) -> int:
-        """The system's number for it."""
+        """The process id."""
         return self._popen.pid
 
     @property
@@ -140,7 +141,7 @@ class Process:
         if self._popen.poll() is None:
             self._popen.send_signal(number)
         try:
-            return self._popen.wait(END_TIMEOUT)
+            return self._popen.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self.kill()
             return -signal.SIGKILL
@@ -175,16 +176,22 @@ class Process:
 def sim_controller(
     log: Path,
     *arguments: str,
+    start: Sequence[float] | None = None,
     ports: Ports | None = None,
     environment: dict[str, str] | None = None,
 ) -> Process:
-    """Start a simulated controller, on free ports unless `ports` says which."""
+    """Start a simulated controller, on free ports unless `ports` says which.
+
+    `start`: where its joints are at first, rad or m; None: where the executable puts them.
+    """
     wanted = ports or Ports(0, 0, 0, 0)
     numbers = [
         word
         for name in ('motion', 'state', 'io', 'remote')
         for word in (f'--{name}-port', str(getattr(wanted, name)))
     ]
+    if start is not None:
+        numbers.append('--start=' + ','.join(f'{position:.9g}' for position in start))
     return Process('sim_controller', [*numbers, *arguments], log, environment or dict(os.environ))
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`replay`: plays the controller's side of a recorded run to a client, for bug reports."""
+"""`epson_driver replay`: plays the controller's side of a recorded run, for bug reports."""
 
 import argparse
 import asyncio
@@ -10,15 +10,16 @@ import signal
 import sys
 from pathlib import Path
 
-from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.arguments import FREE_PORT, argument, host, if_in_use
 from epson_driver.inputs import InputError, number, printable
+from epson_driver.socket_errors import reason
 from epson_driver.trace.pcap import PcapError
 from epson_driver.trace.player import Order, Player, Score
 from epson_driver.trace.recording import read_recording
 from epson_driver.trace.script import ROLES, Kind, Script, ScriptError, make_script
 
-TELL_AFTER = 2.0
-"""What the recording waits for is told when it has waited this long, s."""
+WAITING_NOTICE_S = 2.0
+"""After how long a message says what the player is waiting for, s."""
 
 
 def main() -> int:
@@ -39,7 +40,7 @@ def main() -> int:
     try:
         asyncio.run(_run(player, script, args.host, ports))
     except OSError as error:
-        print(f'replay: {error}', file=sys.stderr)
+        print(f'epson_driver replay: {error}{if_in_use(error.__cause__)}', file=sys.stderr)
         return 2
     score = player.finish()
     print(_report(score))
@@ -51,13 +52,14 @@ async def _run(player: Player, script: Script, host: str, ports: dict[str, int])
     loop = asyncio.get_running_loop()
     for each in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(each, stop.set)
-    stage = _Stage(player, stop)
-    servers = {
-        role: await loop.create_server(
-            functools.partial(_Connection, stage, script.ports[role]), host, port
-        )
-        for role, port in ports.items()
-    }
+    playback = _Playback(player, stop)
+    servers: dict[str, asyncio.Server] = {}
+    for role, port in ports.items():
+        connection = functools.partial(_Connection, playback, script.ports[role])
+        try:
+            servers[role] = await loop.create_server(connection, host, port)
+        except OSError as error:
+            raise OSError(f'{role} port {host}:{port}: {reason(error)}') from error
     open_ports = {role: each.sockets[0].getsockname()[1] for role, each in servers.items()}
     print('listening', *(f'{role}={port}' for role, port in open_ports.items()), flush=True)
     telling = asyncio.create_task(_tell_what_is_missing(player))
@@ -65,14 +67,14 @@ async def _run(player: Player, script: Script, host: str, ports: dict[str, int])
     telling.cancel()
     for server in servers.values():
         server.close()
-    stage.close()
-    await asyncio.sleep(0)  # what was closed goes now
+    playback.close()
+    await asyncio.sleep(0)  # let the transports close
 
 
 async def _tell_what_is_missing(player: Player) -> None:
     before = told = ''
     while True:
-        await asyncio.sleep(TELL_AFTER)
+        await asyncio.sleep(WAITING_NOTICE_S)
         missing = player.waits_for
         if missing and missing == before and missing != told:
             _tell(f'waiting for {missing}')
@@ -80,8 +82,8 @@ async def _tell_what_is_missing(player: Player) -> None:
         before = missing
 
 
-class _Stage:
-    """Lets time pass for the player, and does what it says."""
+class _Playback:
+    """Runs the player against the clock, and carries out its orders on the connections."""
 
     def __init__(self, player: Player, stop: asyncio.Event) -> None:
         self.player = player
@@ -91,7 +93,7 @@ class _Stage:
         self._transports: dict[int, asyncio.Transport] = {}
 
     def connect(self, port: int, transport: asyncio.Transport) -> int | None:
-        """Return the recorded connection for a new one, or None."""
+        """Return the number of the recorded connection that a new one plays, or None."""
         number = self.player.connect(port, self._loop.time())
         if number is not None:
             self._transports[number] = transport
@@ -104,7 +106,7 @@ class _Stage:
             self.go_on()
 
     def go_on(self) -> None:
-        """Do what is due, and come back when more is."""
+        """Carry out the orders that are due, and schedule the next ones."""
         if self._timer is not None:
             self._timer.cancel()
         for order in self.player.advance(self._loop.time()):
@@ -117,7 +119,7 @@ class _Stage:
             self._timer = self._loop.call_later(pause, self.go_on)
 
     def close(self) -> None:
-        """Close what is open."""
+        """Close all connections."""
         if self._timer is not None:
             self._timer.cancel()
         for transport in self._transports.values():
@@ -138,31 +140,31 @@ class _Stage:
 class _Connection(asyncio.Protocol):
     """A client on one of the ports."""
 
-    def __init__(self, stage: _Stage, port: int) -> None:
-        self._stage = stage
+    def __init__(self, playback: _Playback, port: int) -> None:
+        self._playback = playback
         self._port = port
         self._number: int | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Play to it, or close it if nothing was recorded for it now."""
+        """Start playing, or close the connection if the recording has none for it."""
         if not isinstance(transport, asyncio.Transport):
             raise TypeError(transport)
-        self._number = self._stage.connect(self._port, transport)
+        self._number = self._playback.connect(self._port, transport)
         if self._number is None:
             transport.close()
         else:
-            self._stage.go_on()
+            self._playback.go_on()
 
     def data_received(self, data: bytes) -> None:
-        """Take what it sent."""
-        if self._number is not None and self._stage.player.plays(self._number):
-            self._stage.player.receive(self._number, data)
-            self._stage.go_on()
+        """Hand the bytes of the client to the player."""
+        if self._number is not None and self._playback.player.plays(self._number):
+            self._playback.player.receive(self._number, data)
+            self._playback.go_on()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
+        """Forget the connection."""
         if self._number is not None:
-            self._stage.leave(self._number)
+            self._playback.leave(self._number)
 
 
 def _report(score: Score) -> str:
@@ -179,14 +181,14 @@ def _report(score: Score) -> str:
 
 def _tell(text: str) -> None:
     with contextlib.suppress(BrokenPipeError):
-        print(f'replay: {text}', file=sys.stderr, flush=True)
+        print(f'epson_driver replay: {text}', file=sys.stderr, flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='replay',
+        prog='epson_driver replay',
         description="Plays the controller's side of a recorded run once. Exit code 0: the client "
-        'did all that was recorded and nothing else; 1: it did not; 2: not playable.',
+        'did exactly what was recorded; 1: it did not; 2: the file cannot be played.',
         allow_abbrev=False,
     )
     parser.add_argument('file', type=Path, metavar='FILE', help='a trace, or a pcap of tcpdump')
@@ -201,10 +203,10 @@ def _parser() -> argparse.ArgumentParser:
         type=argument(number(0.01, 100.0)),
         default=1.0,
         metavar='FACTOR',
-        help='of time (%(default)s)',
+        help='how many times as fast as recorded (%(default)s)',
     )
     parser.add_argument(
-        '--controller', metavar='ADDRESS', help='whose side, if the file has several controllers'
+        '--controller', metavar='ADDRESS', help='which controller to play, if the file has several'
     )
     return parser
 

@@ -24,7 +24,7 @@ COLOURS = {'high': 'green', 'medium': 'yellow', 'low': 'red'}
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of words. Words that are a confidence get its colour on a terminal."""
+    """A table of text. Confidences are coloured on a terminal."""
 
     title: str
     head: tuple[str, ...]
@@ -43,7 +43,7 @@ def main() -> int:
     plain = arguments.plain or not console.is_terminal
     try:
         _print(sheets, console, plain)
-    except BrokenPipeError:  # `| head` has seen enough; nothing more may be flushed into it
+    except BrokenPipeError:  # `| head` has ended: keep Python from flushing into the pipe at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
@@ -51,14 +51,19 @@ def main() -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver robots',
-        description='The robot models there are; with NAME, all numbers of one and their sources.',
+        description='List the robot models; with NAME, all numbers of one and their sources.',
         epilog="confidence: high (two independent sources, or EPSON's own for this model), medium "
-        '(one source, or from a sister model), low (a proxy or a guess). What is not high should '
-        'be checked against the manipulator manual.',
+        '(one source, or a sister model), low (a proxy or a guess). Check everything that is not '
+        'high against the manipulator manual.',
     )
-    parser.add_argument('name', nargs='?', metavar='NAME', help='a model, or a .yaml file of one')
     parser.add_argument(
-        '--plain', action='store_true', help='tabs instead of tables, as into a pipe'
+        'name',
+        nargs='?',
+        metavar='NAME',
+        help='a model, such as c4_a601s or C4-A601S, or a .yaml file',
+    )
+    parser.add_argument(
+        '--plain', action='store_true', help='tabs instead of tables (default in a pipe)'
     )
     return parser
 

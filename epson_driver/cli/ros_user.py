@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a user's program does with the driver: enable it, send a goal, watch the joint states."""
+"""A ROS node that uses the driver as an application does: enable, send a goal, record states."""
 
 import time
 from collections.abc import Callable
@@ -29,14 +29,14 @@ from epson_driver.cli.demo_report import Recording
 from epson_driver.cli.processes import RunError
 from epson_driver.motion import Trajectory
 
-READY_TIMEOUT = 30.0
+READY_TIMEOUT_S = 30.0
 """How long anything but the motion itself may take, s."""
 
 
 class RosUser:
-    """A node beside the driver, for joints in the order of `joint_names`.
+    """A ROS node that uses the driver; its joints are in the order of `joint_names`.
 
-    `check` is called while waiting, and raises if that is in vain.
+    `check` is called while waiting, and raises when there is nothing left to wait for.
     """
 
     def __init__(self, joint_names: tuple[str, ...], check: Callable[[], None]) -> None:
@@ -63,7 +63,7 @@ class RosUser:
         )
 
     def close(self) -> None:
-        """Leave ROS."""
+        """Destroy the node and shut ROS down."""
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.shutdown()
@@ -103,7 +103,7 @@ class RosUser:
     ) -> tuple[str, bool]:
         """Send the goal; return the result's text and whether it succeeded.
 
-        `on_progress` hears how many of the points are behind the arm. The recording begins anew.
+        `on_progress` is called with the number of points passed. A new recording begins.
         """
         goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
         self._states.clear()
@@ -120,7 +120,7 @@ class RosUser:
         return answer.result.error_string, answer.status == GoalStatus.STATUS_SUCCEEDED
 
     def write_output(self, index: int, value: int) -> None:
-        """Set a digital output of the controller. Raises RunError that says why it cannot be."""
+        """Set a digital output of the controller. Raises RunError that says why it was not set."""
         self._wait(self._write_io.service_is_ready, 'no ~/write_io service')
         point = IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=index, value=value)
         answer = self._complete(self._write_io.call_async(WriteIo.Request(points=[point])))
@@ -128,14 +128,14 @@ class RosUser:
             raise RunError(f'~/write_io: {answer.message}')
 
     def reply_latencies(self) -> dict[str, str]:
-        """Return what the driver's diagnostics say about the replies on the motion link."""
+        """Return the values that the driver's diagnostics have for the motion link."""
         self._diagnostics = None
         self._wait(lambda: self._diagnostics, 'no diagnostics')
         link = next(s for s in self._diagnostics.status if s.name.endswith('motion link'))
         return {value.key: value.value for value in link.values}
 
     def recording(self) -> Recording:
-        """Return the joint states that came while the last goal ran, joints in the given order."""
+        """Return the joint states received during the last goal, joints in `joint_names` order."""
         if not self._states:
             raise RunError('no joint states came while the goal ran')
         columns = [self._states[0].name.index(name) for name in self._joint_names]
@@ -156,14 +156,14 @@ class RosUser:
         self._diagnostics = message
 
     def _wait(self, ready: Callable[[], Any], otherwise: str) -> None:
-        until = time.monotonic() + READY_TIMEOUT
+        until = time.monotonic() + READY_TIMEOUT_S
         while not ready():
             if time.monotonic() > until:
-                raise RunError(f'{otherwise} within {READY_TIMEOUT:g} s')
+                raise RunError(f'{otherwise} within {READY_TIMEOUT_S:g} s')
             self._check()
             self._executor.spin_once(timeout_sec=0.05)
 
-    def _complete(self, future: Any, timeout: float | None = READY_TIMEOUT) -> Any:
+    def _complete(self, future: Any, timeout: float | None = READY_TIMEOUT_S) -> Any:
         until = None if timeout is None else time.monotonic() + timeout
         while not future.done():
             if until is not None and time.monotonic() > until:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.arguments import FREE_PORT, argument, host, if_in_use
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
@@ -72,7 +72,7 @@ def main() -> int:
 
 
 def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) -> int:
-    """Return the port asked for, or the profile's; one that it has not, the usual one."""
+    """Return the port asked for, else the profile's, else (where that is 0) the default."""
     asked: int | None = getattr(args, f'{name}_port')
     if asked is not None:
         return asked
@@ -95,17 +95,18 @@ async def _run(
     try:
         ports = await servers.open(host, ports)
     except (OSError, PlannerError) as error:
-        print(f'sim_controller: {error}', file=sys.stderr)
+        advice = if_in_use(error.__cause__)
+        print(f'epson_driver sim_controller: {error}{advice}', file=sys.stderr)
         return 1
     gc.collect()
-    gc.freeze()  # what start-up made is never freed: do not search it again in the motion cycle
+    gc.freeze()  # objects made at start-up are never freed: do not scan them in the motion cycle
     print('listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True)
     moving = asyncio.create_task(servers.run())
     stopped = asyncio.create_task(stop.wait())
     try:
         await asyncio.wait((moving, stopped), return_when=asyncio.FIRST_COMPLETED)
         if moving.done():
-            await moving  # it ends only with an error, and nothing works without it
+            await moving  # it ends only with an error, which is raised here
     finally:
         moving.cancel()
         await servers.close()
@@ -152,7 +153,7 @@ def _fault(text: str) -> Fault:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='sim_controller',
+        prog='epson_driver sim_controller',
         description='A simulated EPSON controller. SIGINT or SIGTERM ends it.',
         allow_abbrev=False,
     )
@@ -178,10 +179,12 @@ def _parser() -> argparse.ArgumentParser:
         '--look-ahead',
         type=argument(number(*LOOK_AHEAD, 's')),
         metavar='SECONDS',
-        help="smooth motion: how much is taken ahead of the arm (the profile's, 1.0 for rc620)",
+        help="smooth motion: how far ahead of the arm it takes points (the profile's)",
     )
     parser.add_argument(
-        '--byte-order', choices=('little', 'big'), help="of all messages (the profile's)"
+        '--byte-order',
+        choices=('little', 'big'),
+        help="byte order of all messages (the profile's)",
     )
     parser.add_argument(
         '--state-period',
@@ -195,12 +198,14 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME[:KEY=VALUE,…]',
-        help='a fault from the start, may be given several times (pendant fault lists them)',
+        help='a fault from the start; may be repeated (`pendant fault kinds` lists them)',
     )
     parser.add_argument(
-        '--seed', type=argument(SEED), default=0, help='of what is random in faults (%(default)s)'
+        '--seed', type=argument(SEED), default=0, help='of the random faults (%(default)s)'
     )
     parser.add_argument(
-        '--start', metavar='Q1,…,Qn', help='initial joints, rad (m), as in -1.0,0.2,0,0,0,0'
+        '--start',
+        metavar='Q1,…,Qn',
+        help='initial joint positions, rad or m, such as -1.0,0.2,0,0,0,0',
     )
     return parser

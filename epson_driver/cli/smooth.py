@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver smooth FILE`: a planned trajectory through the smoother, without any robot.
 
-Writes the smooth trajectory as the same kind of file, and reports and draws it beside what a
+Writes the smooth trajectory in the same format, and reports and draws it beside what a
 point-to-point controller and a plain spline make of the plan.
 """
 
@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from epson_driver.cli.arguments import argument, picture
+from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.smooth_report import Study, column, draw, point_to_point, spline
 from epson_driver.cli.trajectory_file import (
     read_trajectory,
@@ -28,14 +29,14 @@ from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 from epson_driver.robots import load_robot_model
 
-FINEST = 0.001
-"""The motion is judged and drawn at samples this far apart, s."""
+SAMPLE_PERIOD_S = 0.001
+"""Time between the samples at which the motion is judged and drawn, s."""
 
-SHORTEST_LOOK_AHEAD = 0.01
-"""As of the simulated controller, s; with less, the arm creeps, and it is planned without end."""
+MIN_LOOK_AHEAD_S = 0.01
+"""As of the simulated controller; with less, the arm creeps and planning never ends."""
 
-MENTIONED = 3
-"""So many of a plan's faults are spelled out."""
+MAX_PROBLEMS_SHOWN = 3
+"""How many of the problems of a plan are spelled out."""
 
 
 class _PlanError(ValueError):
@@ -43,7 +44,7 @@ class _PlanError(ValueError):
 
 
 def main() -> int:
-    """Smooth a file. Returns 0, or ends with 2 and a sentence if it cannot be done."""
+    """Smooth a file. Returns 0, or exits with 2 and a sentence if the plan cannot be smoothed."""
     parser = _parser()
     arguments = parser.parse_args()
     try:
@@ -51,7 +52,7 @@ def main() -> int:
     except (OSError, InputError, _PlanError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
-        return 130
+        return INTERRUPTED
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -63,7 +64,7 @@ def _run(arguments: argparse.Namespace) -> int:
     timed = bool(given.times.any())
     plan_read = _checked(file, given, limits, mode)
     planner = _CountingPlanner(console)
-    parts = max(round(1.0 / arguments.rate / FINEST), 1)
+    parts = max(round(1.0 / arguments.rate / SAMPLE_PERIOD_S), 1)
     period = 1.0 / arguments.rate
     try:
         fine = smoothed(
@@ -91,7 +92,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 class _CountingPlanner:
-    """Plans, counts the plans and their time, and shows that it is busy."""
+    """A planner that counts the plans and their time, and shows that it is busy."""
 
     def __init__(self, console: Console) -> None:
         self.plans = 0
@@ -126,10 +127,16 @@ def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode
     timed = mode is Mode.TIME_PRESERVING
     times = trajectory.times if timed else np.arange(len(trajectory.times), dtype=float) * 1e3
     found = problems(Trajectory(limits.names, times, trajectory.positions), limits)
-    wrong = [text for text in found if not text.startswith('points ')]  # too fast: will be slower
+    wrong = [
+        text for text in found if not text.startswith('points ')
+    ]  # not those that are only too fast: they are slowed down
     if wrong:
-        more = f'; and {len(wrong) - MENTIONED} more' if len(wrong) > MENTIONED else ''
-        raise _PlanError(f'{file}: {"; ".join(islice(wrong, MENTIONED))}{more}')
+        more = (
+            f'; and {len(wrong) - MAX_PROBLEMS_SHOWN} more'
+            if len(wrong) > MAX_PROBLEMS_SHOWN
+            else ''
+        )
+        raise _PlanError(f'{file}: {"; ".join(islice(wrong, MAX_PROBLEMS_SHOWN))}{more}')
     return trajectory
 
 
@@ -203,15 +210,15 @@ def _parser() -> argparse.ArgumentParser:
         '--mode',
         choices=[mode.value for mode in Mode],
         default=Mode.TIME_PRESERVING.value,
-        help='keep the times of the plan where the limits allow, or only its points and be as '
-        'fast as they allow (%(default)s)',
+        help='keep the times of the plan where the limits allow it, or keep its points only and '
+        'be as fast as the limits allow (%(default)s)',
     )
     parser.add_argument(
         '--look-ahead',
-        type=argument(number(SHORTEST_LOOK_AHEAD, np.inf, 's')),
+        type=argument(number(MIN_LOOK_AHEAD_S, np.inf, 's')),
         default=np.inf,
         metavar='S',
-        help='so much is known ahead of the arm, s, as in a stream (all points)',
+        help='how far ahead of the arm points are known, s, as in a stream (all points)',
     )
     parser.add_argument(
         '--output', type=Path, metavar='FILE', help='the smooth trajectory (NAME_smooth.yaml)'

@@ -12,22 +12,22 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.smoothed import Figures, measure, passed
 
-RATE = 1000.0
+SAMPLE_RATE_HZ = 1000.0
 """Samples per second of point-to-point motion and of the spline."""
 
 COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#F0E442')
-"""Of the joints: Okabe and Ito's, which the colour-blind can tell apart."""
+"""Colours of the joints: Okabe and Ito's palette, which colour-blind people can tell apart."""
 
-SHOWN = (1.35, 2.5, 4.0)
+MAX_AXIS_RATIOS = (1.35, 2.5, 4.0)
 """How many times the limit the axes of velocity, acceleration and jerk show at most."""
 
-COMPARABLE = 3.0
-"""Up to this ratio of their durations, all motions are drawn over the same time."""
+MAX_SHARED_TIME_RATIO = 3.0
+"""Motions share one time axis if the longest takes at most this many times the shortest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A motion through a plan's points: sampled, and when it passes them, s, shape (n,)."""
+    """A sampled motion through the points of a plan, and when it passes them, s, shape (n,)."""
 
     title: str
     motion: Trajectory
@@ -55,8 +55,8 @@ def column(
 ) -> Column:
     """Return a motion with its figures.
 
-    With it comes when it passes the plan's points, or that is found out. `command`: the plan if
-    its times count.
+    If the times at which it passes the points of the plan are not given, they are found.
+    `command`: the plan, if its times count.
     """
     if isinstance(motion, tuple):
         sampled, at = motion
@@ -71,7 +71,7 @@ def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, A
     """Return the motion that rests at every point, at full speed, and when it is at them, s."""
     moves = [go(limits, start, target) for start, target in pairwise(plan.positions)]
     at = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
-    times = np.arange(0.0, at[-1] + 1.0 / RATE, 1.0 / RATE)
+    times = np.arange(0.0, at[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
     index = np.clip(np.searchsorted(at, times, 'right') - 1, 0, max(len(moves) - 1, 0))
     if moves:
         states = [
@@ -96,7 +96,7 @@ def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
     if len(t) == 1:
         still = np.zeros((2, *q.shape))
         return Trajectory(plan.joint_names, t, q, still[0], still[1]), t
-    times = np.arange(0.0, t[-1] + 1.0 / RATE, 1.0 / RATE)
+    times = np.arange(0.0, t[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
     i = np.clip(np.searchsorted(t, times, 'right') - 1, 0, len(t) - 2)
     h = (t[i + 1] - t[i])[:, None]
     s = (np.minimum(times, t[-1]) - t[i])[:, None]
@@ -146,7 +146,7 @@ def draw(path: Path, study: Study) -> None:
         gridspec_kw={'height_ratios': (1.25, 1, 1, 1)},
     )
     durations = [each.figures.duration for each in study.columns]
-    together = max(durations) <= COMPARABLE * min(durations)
+    together = max(durations) <= MAX_SHARED_TIME_RATIO * min(durations)
     for place, each in enumerate(study.columns):
         _draw_column(grid[:, place], each, study)
         width = max(max(durations) if together else durations[place], 0.1)
@@ -168,7 +168,7 @@ def _shown(study: Study) -> list[float]:
     """Return how many times the limit the axes of velocity, acceleration and jerk reach."""
     figures = [each.figures for each in study.columns]
     worst = np.max([(each.velocity, each.acceleration, each.jerk) for each in figures], axis=0)
-    return [float(value) for value in np.clip(1.08 * worst, 1.25, SHOWN)]
+    return [float(value) for value in np.clip(1.08 * worst, 1.25, MAX_AXIS_RATIOS)]
 
 
 def _draw_column(axes: Any, drawn: Column, study: Study) -> None:
@@ -192,7 +192,7 @@ def _draw_column(axes: Any, drawn: Column, study: Study) -> None:
         axes[0].plot(
             at_points, study.plan.positions[:, joint], 'o', color=colour, markersize=marker
         )
-    for part, (at, values, worst), shown in zip(axes[1:], rows, SHOWN, strict=True):
+    for part, (at, values, worst), shown in zip(axes[1:], rows, MAX_AXIS_RATIOS, strict=True):
         part.axhspan(-1.0, 1.0, color='#009E73', alpha=0.10, linewidth=0)
         for joint in range(values.shape[1]):
             part.plot(at, values[:, joint], color=COLOURS[joint % len(COLOURS)], linewidth=1.1)

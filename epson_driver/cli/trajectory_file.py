@@ -18,28 +18,27 @@ from epson_driver.inputs import (
 )
 from epson_driver.motion import Array, Trajectory
 
-LARGEST_FILE = 64_000_000
-"""Bytes: 180,000 points of six joints with all they can have."""
+MAX_FILE_BYTES = 64_000_000
+"""180,000 points of six joints with velocities and accelerations."""
 
-LONGEST = 1_000_000
-"""Time of the last point, s, 11 days: beyond, a float no longer tells one nanosecond from the
-next."""
+MAX_DURATION_S = 1_000_000
+"""Latest time of a point, s (11 days); beyond it, a float does not resolve nanoseconds."""
 
-FARTHEST = 1e6
-"""Positions, velocities and accelerations, in rad or m; what a robot can do is asked later."""
+MAX_VALUE = 1e6
+"""Of positions, velocities and accelerations (rad or m); a robot's limits are checked later."""
 
-_SECONDS = count(0, LONGEST)
+_SECONDS = count(0, MAX_DURATION_S)
 _NANOSECONDS = count(0, 2**32 - 1)
-_VALUE = number(-FARTHEST, FARTHEST)
+_VALUE = number(-MAX_VALUE, MAX_VALUE)
 
 
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
-    """Return the trajectory of a file; of several documents in it, the first.
+    """Return the trajectory in a file; if it has several YAML documents, the first one.
 
-    `timed`: whether a point must have a time; otherwise one that has none is at 0 s. Raises
+    `timed`: whether every point must have a time; if not, one without a time is at 0 s. Raises
     InputError that names the file, the point and the key.
     """
-    data = read_yaml(path, largest=LARGEST_FILE, several=True)
+    data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
     file = printable(path)
     names = JOINT_NAMES.checked(_held(data, 'joint_names', file), f'{file}: joint_names')
     points = _held(data, 'points', file)
@@ -106,7 +105,7 @@ def _time(point: Any, where: str, timed: bool) -> float:
 
 
 def _optional(points: list[Any], key: str, joints: int, file: str) -> Array | None:
-    """Return None if no point has the quantity; one point that has it obliges the others."""
+    """Return None if no point has the quantity; if one has it, all must."""
     return _table(points, key, joints, file) if any(point.get(key) for point in points) else None
 
 

@@ -27,7 +27,7 @@ from epson_driver.driver.tasks.changes import Changes
 from epson_driver.driver.tasks.parts import run_together
 from epson_driver.link import Link, LinkState
 from epson_driver.link.silence import Silence, passed
-from epson_driver.log_lines import LogPace
+from epson_driver.log_lines import LogThrottle
 from epson_driver.simple_message import (
     CommType,
     Dialect,
@@ -148,7 +148,7 @@ class Driver:
         self._positions_since_feedback = 0
         self._joints_missing = Silence(max(STATUS_TIMEOUT, configuration.state_timeout))
         self._status_missing = Silence(STATUS_TIMEOUT)
-        self._dropped_pace = LogPace()
+        self._dropped_pace = LogThrottle()
         self._link_state = LinkState.DISCONNECTED
         self._missed: set[str] = set()
 

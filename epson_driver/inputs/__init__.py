@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What people hand to the package: files, parameters, arguments.
+"""Checks of user input: files, parameters and arguments.
 
-It keeps to its rule, or it is refused with one sentence that names where it stands, the value and
-the rule. No other exception leaves here, whatever the bytes are.
+Input that breaks a rule is refused with one sentence that names its place, the value and the rule
+(InputError). No other exception is raised, whatever the bytes are.
 """
 
 from epson_driver.inputs.files import read_file

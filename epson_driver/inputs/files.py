@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files as bytes: of bounded size, and nothing that never ends."""
+"""Read files of bounded size, and refuse pipes and devices, which may never end."""
 
 import os
 import stat
@@ -14,8 +14,8 @@ MEGABYTE = 1_000_000
 def read_file(path: Path, largest: int) -> bytes:
     """Return the content of a file of at most `largest` bytes.
 
-    Raises InputError for everything else: what is not there or may not be read, a folder, a pipe
-    or a device (which could block, or never end), and a path that cannot be one.
+    Raises InputError for everything else: a file that does not exist or may not be read, a folder,
+    a pipe or a device (which could block, or never end), and a path that is not valid.
     """
     name = printable(path)
     try:
@@ -23,7 +23,7 @@ def read_file(path: Path, largest: int) -> bytes:
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         raise InputError(f'{name}: {error.strerror or error}') from error
-    except ValueError as error:  # a NUL in it, or what no file system can write
+    except ValueError as error:  # a NUL, or characters that the file system cannot encode
         raise InputError(f'{name}: cannot be the path of a file') from error
     try:
         mode = os.fstat(number).st_mode

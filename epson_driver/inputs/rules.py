@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rules that a value keeps to, and the sentence for one that does not."""
+"""Rules that a value must satisfy, and the sentence for one that does not."""
 
 import ipaddress
 import math
@@ -11,38 +11,38 @@ from dataclasses import dataclass
 from reprlib import Repr
 from typing import Any
 
-LONGEST_SHOWN = 200
-"""Characters of a value in a sentence; of a longer one the beginning and the end."""
+MAX_SHOWN_CHARACTERS = 200
+"""A longer value is shown in a sentence by its beginning and its end."""
 
-LONGEST_NAME = 100
+MAX_JOINT_NAME_CHARACTERS = 100
 """Characters of a joint's name."""
 
-LONGEST_HOST = 253
+MAX_HOST_CHARACTERS = 253
 """Characters of a host's name (RFC 1035)."""
 
 
 class InputError(ValueError):
-    """What was given cannot be used. The text is one sentence: where, the value, the rule."""
+    """Input that cannot be used. The text is one sentence: place, value and rule."""
 
 
 class _Shortened(Repr):
-    """What `repr` gives, of bounded length and depth, and of any value."""
+    """`repr` of any value, bounded in length and depth."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.maxstring = self.maxother = self.maxlong = LONGEST_SHOWN
+        self.maxstring = self.maxother = self.maxlong = MAX_SHOWN_CHARACTERS
         self.maxlevel = 4
         self.maxlist = self.maxtuple = self.maxdict = 8
 
     def repr_int(self, value: int, level: int) -> str:
-        """Return its digits, or their number where Python does not write so many."""
+        """Return the digits, or how many there are if Python refuses to write them."""
         try:
             return super().repr_int(value, level)
         except ValueError:
             return f'a number of {math.ceil(value.bit_length() * math.log10(2.0))} digits'
 
     def repr_dict(self, value: dict[Any, Any], level: int) -> str:
-        """Return it in its own order."""
+        """Return the items in the order of the dict, which Repr would sort."""
         if level <= 0 and value:
             return '{...}'
         items = list(value.items())
@@ -54,15 +54,15 @@ class _Shortened(Repr):
 
 
 def shown(value: object) -> str:
-    """Return a value for a sentence: what `repr` gives, shortened in the middle."""
+    """Return a value as text for a sentence: its `repr`, shortened in the middle."""
     text = _Shortened().repr(value)
-    if len(text) <= LONGEST_SHOWN:
+    if len(text) <= MAX_SHOWN_CHARACTERS:
         return text
-    return f'{text[: LONGEST_SHOWN // 2]}…{text[-LONGEST_SHOWN // 4 :]}'
+    return f'{text[: MAX_SHOWN_CHARACTERS // 2]}…{text[-MAX_SHOWN_CHARACTERS // 4 :]}'
 
 
 def printable(text: object) -> str:
-    """Return a text as one line that every terminal and log takes; odd characters are escaped."""
+    """Return a text as one printable line; other characters are escaped."""
     text = str(text)
     if text.isprintable():
         return text
@@ -76,13 +76,13 @@ def printable(text: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What a value must be: `read` returns what it stands for, or raises for any other."""
+    """What a value must be: `read` returns the converted value, or raises if it is not so."""
 
     read: Callable[[Any], Any]
     text: str
 
     def checked(self, value: object, where: str) -> Any:
-        """Return what the value stands for. Raises InputError: where, the value, the rule."""
+        """Return the converted value. Raises InputError with the place, the value and the rule."""
         try:
             return self.read(value)
         except (TypeError, ValueError, KeyError, OverflowError):
@@ -90,12 +90,12 @@ class Rule:
 
 
 def number(low: float, high: float, unit: str = '') -> Rule:
-    """Return the rule of a finite number within bounds; true and false are none."""
+    """Return the rule for a finite number within bounds; true and false are not numbers."""
 
     def read(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise TypeError
-        if not low <= value <= high:  # nor is NaN
+        if not low <= value <= high:  # also refuses NaN
             raise ValueError
         return float(value)
 
@@ -103,7 +103,7 @@ def number(low: float, high: float, unit: str = '') -> Rule:
 
 
 def count(low: int, high: int) -> Rule:
-    """Return the rule of a whole number within bounds; true and false are none."""
+    """Return the rule for a whole number within bounds; true and false are not numbers."""
 
     def read(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int):
@@ -116,7 +116,7 @@ def count(low: int, high: int) -> Rule:
 
 
 def choice(*values: str | int) -> Rule:
-    """Return the rule of one value out of several."""
+    """Return the rule for one of several values."""
 
     def read(value: Any) -> Any:
         if value not in values:
@@ -127,7 +127,7 @@ def choice(*values: str | int) -> Rule:
 
 
 def list_of(rule: Rule) -> Rule:
-    """Return the rule of a list, not empty, of which each value keeps to a rule."""
+    """Return the rule for a list that is not empty and whose values all satisfy a rule."""
 
     def read(value: Any) -> list[Any]:
         if not isinstance(value, list) or not value:
@@ -143,7 +143,7 @@ _JOINT_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_/-]*', re.ASCII)
 def _joint_names(value: Any) -> tuple[str, ...]:
     names = tuple(value) if isinstance(value, list | tuple) else ()
     for name in names:
-        if not _JOINT_NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+        if not _JOINT_NAME.fullmatch(name) or len(name) > MAX_JOINT_NAME_CHARACTERS:
             raise ValueError
     if not names or len(set(names)) != len(names):
         raise ValueError
@@ -153,9 +153,9 @@ def _joint_names(value: Any) -> tuple[str, ...]:
 JOINT_NAMES = Rule(
     _joint_names,
     'must be a list of names that differ, each of letters, digits, _, - and /, not beginning with '
-    f'a digit, of at most {LONGEST_NAME} characters',
+    f'a digit, of at most {MAX_JOINT_NAME_CHARACTERS} characters',
 )
-"""A dot is none of them: each name is a part of names of parameters."""
+"""Dots are not allowed: joint names are parts of parameter names."""
 
 _LABEL = re.compile(r'[A-Za-z0-9_]([A-Za-z0-9_-]{0,61}[A-Za-z0-9_])?', re.ASCII)
 
@@ -166,11 +166,13 @@ def _host(value: Any) -> str:
     if ':' in value:
         ipaddress.IPv6Address(value)
         return value
-    name = value.encode('idna').decode('ascii')  # what the resolver does; UnicodeError: it cannot
+    name = value.encode('idna').decode('ascii')  # as the resolver encodes it; raises UnicodeError
     labels = name.removesuffix('.').split('.')
-    if len(name) > LONGEST_HOST or not all(map(_LABEL.fullmatch, labels)):
+    if len(name) > MAX_HOST_CHARACTERS or not all(map(_LABEL.fullmatch, labels)):
         raise ValueError
-    if labels[-1].isdecimal():  # no name ends so: a short form of an IPv4 address, or a mistake
+    if labels[
+        -1
+    ].isdecimal():  # no host name ends in a number: it is an IPv4 address, or a mistake
         try:
             socket.inet_aton(value)
         except OSError:
@@ -183,4 +185,4 @@ HOST = Rule(
     'must be an IP address or the name of a host: parts of 1 to 63 letters, digits and hyphens '
     'with dots between them',
 )
-"""What can be looked up; whether there is such a host is another question."""
+"""Syntax only: whether such a host exists is not checked."""

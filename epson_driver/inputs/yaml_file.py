@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""YAML files: plain data, or one sentence that says what is wrong in which line.
+"""YAML files as plain data, or one sentence that says what is wrong in which line.
 
 The scalars are those of YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema), as
 ROS 2 reads them too: 1e3 is a number, and 1:30, 010, yes and 2026-01-01 are not 90, 8, true and a
-date. Keys are texts. What these files need not have is refused: aliases (nine lines of them can
-stand for a billion values), tags, keys that are there twice (of which YAML takes the last), and
+date. Keys are strings. Features that these files do not need are refused: aliases (nine lines of
+them can stand for a billion values), tags, duplicate keys (of which YAML takes the last), and
 deep nesting.
 """
 
@@ -18,8 +18,8 @@ import yaml
 from epson_driver.inputs.files import MEGABYTE, read_file
 from epson_driver.inputs.rules import InputError, printable, shown
 
-DEEPEST = 20
-"""Levels of nesting; no file of ours has more than 5."""
+MAX_NESTING = 20
+"""Levels; no file of this package has more than 5."""
 
 _Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where there is one
 
@@ -125,8 +125,8 @@ def _built(text: str, *, several: bool) -> Any:
             else:
                 result = opened.value
             levels.append(opened)
-            if len(levels) > DEEPEST:
-                raise _WrongError(event, f'nested more than {DEEPEST} levels deep')
+            if len(levels) > MAX_NESTING:
+                raise _WrongError(event, f'nested more than {MAX_NESTING} levels deep')
         elif isinstance(event, yaml.CollectionEndEvent):
             levels.pop()
     return result

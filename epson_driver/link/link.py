@@ -5,7 +5,6 @@
 import asyncio
 import contextlib
 import logging
-import os
 import socket
 from collections.abc import AsyncIterator, Callable
 
@@ -15,7 +14,7 @@ from epson_driver.link.silence import Silence, passed
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
 from epson_driver.link.wire_events import Address, Tap, WireEvent
-from epson_driver.log_lines import LogPace
+from epson_driver.log_lines import LogThrottle
 from epson_driver.simple_message import (
     ByteOrder,
     CommType,
@@ -37,6 +36,7 @@ from epson_driver.simple_message import (
     request,
     topic,
 )
+from epson_driver.socket_errors import reason
 
 READ_SIZE = 65536
 CONNECT_TIMEOUT = 1.0
@@ -97,7 +97,7 @@ class Link:
         self._receive_timeout = receive_timeout
         self.trace = trace
         self._quiet = quiet
-        self._log_pace = LogPace()
+        self._log_pace = LogThrottle()
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
         self._framer = Framer(byte_order)
@@ -193,7 +193,8 @@ class Link:
             async with asyncio.timeout(CONNECT_TIMEOUT):
                 reader, writer = await asyncio.open_connection(self.host, self.port)
         except (OSError, TimeoutError, ValueError) as error:  # ValueError: no name of a host
-            self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {_reason(error)}')
+            why = reason(error) or f'no answer within {CONNECT_TIMEOUT:g} s'
+            self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
             return None
         established = loop.time()
         _configure(writer.get_extra_info('socket'))
@@ -333,15 +334,6 @@ async def _watch(silence: Silence, limit: asyncio.Timeout) -> None:
         if silence.passed():
             limit.reschedule(asyncio.get_running_loop().time())
             return
-
-
-def _reason(error: OSError | ValueError) -> str:
-    """Return why a connection could not be made, in the system's words."""
-    if isinstance(error, ValueError) or error.errno is None:  # ours
-        return str(error) or f'no answer within {CONNECT_TIMEOUT:g} s'
-    if isinstance(error, socket.gaierror):
-        return error.strerror or str(error)
-    return os.strerror(error.errno)  # asyncio's own text repeats the address
 
 
 def _configure(connection: socket.socket) -> None:

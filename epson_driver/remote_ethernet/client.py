@@ -9,13 +9,13 @@ has no such port.
 """
 
 import asyncio
-import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 
 from epson_driver.inputs import printable
 from epson_driver.remote_ethernet.errors import MEANINGS
+from epson_driver.socket_errors import reason
 
 _LONGEST_LINE = 65_536
 _SHOWN = 100
@@ -80,7 +80,7 @@ async def logged_in(
             try:
                 reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
             except (OSError, OverflowError, ValueError) as error:
-                raise ConnectionError(f'{host}:{port}: {_reason(error)}') from error
+                raise ConnectionError(f'{host}:{port}: {reason(error)}') from error
             ask = partial(_ask_at, f'{host}:{port}', reader, writer)
             try:
                 try:
@@ -111,12 +111,6 @@ async def _ask_at(
         raise _HungUpError(f'{where}: {error}') from error
     except ConnectionError as error:
         raise ConnectionError(f'{where}: {error}') from error
-
-
-def _reason(error: OSError | OverflowError | ValueError) -> str:
-    number = error.errno if isinstance(error, OSError) else None
-    # asyncio's text names the address again; a name that is not found has a negative number.
-    return os.strerror(number) if number is not None and number > 0 else str(error)
 
 
 async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str) -> str:

@@ -18,15 +18,15 @@ UNITS = {REVOLUTE: 'rad', PRISMATIC: 'm'}
 """The SI unit of a joint's position."""
 
 SHOWN_UNITS = {'rad': ('degrees', 180.0 / np.pi), 'm': ('mm', 1000.0)}
-"""What EPSON shows a position in, and how many of those the SI unit has."""
+"""The unit in which EPSON shows a position, and its number per SI unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Where the n joints are.
+    """The places and axes of the n joints.
 
     origins: shape (n, 3), m, each joint in its parent's frame. axes: shape (n, 3), unit vectors,
-    about which (or along which, for a prismatic joint) the joint counts up.
+    about which (or along which, for a prismatic joint) the joint moves when its position grows.
     """
 
     origins: Array
@@ -35,7 +35,7 @@ class Chain:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame in its parent's: xyz, shape (3,), m; rpy, shape (3,), rad, about fixed axes."""
+    """A frame in its parent frame: xyz, shape (3,), m; rpy, shape (3,), rad, about fixed axes."""
 
     xyz: Array
     rpy: Array
@@ -46,12 +46,14 @@ class Frame:
         matrix = np.eye(4)
         x, y, z = np.eye(3)
         roll, pitch, yaw = self.rpy
-        matrix[:3, :3] = about(z, yaw) @ about(y, pitch) @ about(x, roll)
+        matrix[:3, :3] = (
+            rotation_about(z, yaw) @ rotation_about(y, pitch) @ rotation_about(x, roll)
+        )
         matrix[:3, 3] = self.xyz
         return matrix
 
 
-def about(axis: Array, angle: float) -> Array:
+def rotation_about(axis: Array, angle: float) -> Array:
     """Return the rotation by `angle`, rad, about a unit axis, shape (3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where Tool 0 is for given joints, and which joints bring it to a pose.
+"""Forward and inverse kinematics of Tool 0.
 
 Poses are homogeneous matrices, shape (4, 4), m. Forward kinematics follow the chain and hold for
 every model. Inverse kinematics are closed-form (py-opw-kinematics, `[planning]` extra) and hold
@@ -15,30 +15,30 @@ from typing import Any
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.robots.chain import PRISMATIC, Frame, about
+from epson_driver.robots.chain import PRISMATIC, Frame, rotation_about
 from epson_driver.robots.model import RobotModel
-from epson_driver.robots.opw import opw_parameters
+from epson_driver.robots.opw import OpwParameters, opw_parameters
 
-TURN = 2.0 * np.pi
+FULL_TURN = 2.0 * np.pi
 
-LIMIT_TOLERANCE = 1e-9
-"""A joint this much outside its range, rad, is at the limit: rounding."""
+LIMIT_TOLERANCE_RAD = 1e-9
+"""A joint up to this far outside its range counts as at the limit, because of rounding."""
 
-SAME = 1e-5
-"""Solutions closer than this in all joints, rad, count as one: those of a stretched arm."""
+SAME_SOLUTION_RAD = 1e-5
+"""Solutions closer than this in all joints count as one; a stretched arm has such pairs."""
 
-STRAIGHT = 2e-6
-"""Joint 5 closer to 0 than this, rad, leaves joints 4 and 6 in line: only their sum counts. The
-solution is off by no more than this."""
+STRAIGHT_WRIST_RAD = 2e-6
+"""With joint 5 closer to 0 than this, joints 4 and 6 are in line: only their sum counts. The error
+of the solution is no larger."""
 
-TILT = 2e-5
-"""The library loses a straight wrist to rounding; it is asked for one bent by this, rad, too."""
+TILT_RAD = 2e-5
+"""Rounding makes the library miss a straight wrist; it also solves for one bent by this angle."""
 
-PULL = 1e-13
-"""And a stretched arm: it is asked for a wrist nearer to the shoulder by this, m, too."""
+PULL_M = 1e-13
+"""It misses a stretched arm too, and also solves for a wrist this much nearer to the shoulder."""
 
-UPRIGHT = 1e-9
-"""V closer than this to ±π/2, rad, counts as that."""
+GIMBAL_LOCK_RAD = 1e-9
+"""V closer than this to ±π/2 counts as ±π/2."""
 
 INSTALL = "pip install 'epson_driver[planning]'"
 
@@ -67,20 +67,20 @@ class Kinematics:
             if types[index] == PRISMATIC:
                 step[:3, 3] += chain.axes[index] * value
             else:
-                step[:3, :3] = about(chain.axes[index], value)
+                step[:3, :3] = rotation_about(chain.axes[index], value)
             frames[index] = frame = frame @ step
         return frames
 
     def forward(self, joints: Array) -> Array:
-        """Return the pose of tool0 in base_link for joints, whether within the limits or not."""
+        """Return the pose of tool0 in base_link; the joints may be outside the limits."""
         return np.asarray(self.link_frames(joints)[-1] @ self._tool0)
 
     def inverse(self, pose: Array, near: Array | None = None) -> Array:
-        """Return all joints within the limits that bring tool0 to a pose in base_link.
+        """Return all joint positions within the limits that bring tool0 to a pose in base_link.
 
         Shape (k, n), the nearest to `near` (default: all joints 0) first; k is 0 if the pose is
-        out of reach. Joints that can turn more than once are there with every turn. Where joint 5
-        is straight, joint 4 is as in `near`, one solution of infinitely many.
+        out of reach. A joint that can turn more than once is returned with every turn. Where joint
+        5 is straight, joint 4 is as in `near`, one solution of infinitely many.
 
         Raises KinematicsError for a chain without a closed form, ModuleNotFoundError that says
         what to install, ValueError for a matrix that is no pose.
@@ -90,7 +90,7 @@ class Kinematics:
         found: list[Array] = []
         for branch in self._solver.branches(pose, near):
             for joints in self._turns(branch):
-                if not any(np.all(np.abs(joints - other) < SAME) for other in found):
+                if not any(np.all(np.abs(joints - other) < SAME_SOLUTION_RAD) for other in found):
                     found.append(joints)
         found.sort(key=lambda joints: float(np.linalg.norm(joints - near)))
         return np.array(found).reshape(-1, len(near))
@@ -104,7 +104,7 @@ class Kinematics:
         return np.asarray(self._world @ pose)
 
     def epson_point(self, joints: Array) -> tuple[Array, Array]:
-        """Return what the pendant would show of Tool 0: X, Y, Z, m, and U, V, W, rad."""
+        """Return Tool 0 as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad."""
         pose = self.in_base(self.forward(joints))
         return pose[:3, 3], uvw(pose[:3, :3])
 
@@ -113,13 +113,13 @@ class Kinematics:
         return _Solver(self.model, self.forward)
 
     def _turns(self, branch: Array) -> list[Array]:
-        """Return a solution with every turn of every joint that its range has."""
+        """Return a solution with every full turn of each joint that fits into its range."""
         limits = self.model.limits
         choices = []
         for value, low, high in zip(branch, limits.position_min, limits.position_max, strict=True):
-            first = np.ceil((low - LIMIT_TOLERANCE - value) / TURN)
-            last = np.floor((high + LIMIT_TOLERANCE - value) / TURN)
-            values = value + TURN * np.arange(first, last + 1.0)
+            first = np.ceil((low - LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
+            last = np.floor((high + LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
+            values = value + FULL_TURN * np.arange(first, last + 1.0)
             choices.append(np.clip(values, low, high))
         return [np.array(each) for each in product(*choices)]
 
@@ -131,27 +131,34 @@ class Kinematics:
         return joints
 
 
+def opw_robot(parameters: OpwParameters) -> Any:
+    """Return py-opw-kinematics' robot with these parameters; its joint angles are in rad.
+
+    Raises ModuleNotFoundError that says what to install.
+    """
+    try:
+        import py_opw_kinematics
+    except ImportError as cause:
+        raise ModuleNotFoundError(
+            f'inverse kinematics need py-opw-kinematics: {INSTALL}', name=cause.name
+        ) from cause
+    opw: Any = py_opw_kinematics
+    arm = opw.KinematicModel(
+        **parameters.lengths,
+        offsets=parameters.offsets,
+        flip_axes=tuple(sign < 0 for sign in parameters.signs),
+    )
+    return opw.Robot(arm, degrees=False)
+
+
 class _Solver:
     """py-opw-kinematics with the parameters of one model."""
 
     def __init__(self, model: RobotModel, forward: Callable[[Array], Array]) -> None:
-        parameters = opw_parameters(model)  # first: what cannot be solved needs no library
-        try:
-            import py_opw_kinematics
-            from scipy.spatial.transform import RigidTransform
-        except ImportError as cause:
-            raise ModuleNotFoundError(
-                f'inverse kinematics need py-opw-kinematics: {INSTALL}', name=cause.name
-            ) from cause
-        opw: Any = py_opw_kinematics
-        self._robot: Any = opw.Robot(
-            opw.KinematicModel(
-                **parameters.lengths,
-                offsets=parameters.offsets,
-                flip_axes=tuple(sign < 0 for sign in parameters.signs),
-            ),
-            degrees=False,
-        )
+        parameters = opw_parameters(model)  # first: a chain that cannot be solved needs no library
+        self._robot = opw_robot(parameters)
+        from scipy.spatial.transform import RigidTransform  # a dependency of the library
+
         self._pose: Any = RigidTransform
         self._signs, self._offsets = np.array(parameters.signs), np.array(parameters.offsets)
         lengths = parameters.lengths
@@ -159,9 +166,9 @@ class _Solver:
         self._forward = forward
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return the solutions that there are of the eight, each joint anywhere.
+        """Return those of the eight solutions that exist, regardless of the joint limits.
 
-        Those of an arm at the edge of its reach may come twice, SAME apart at most.
+        Those of an arm at the edge of its reach may come twice, SAME_SOLUTION_RAD apart at most.
         """
         poses = np.array([pose, self._pulled(pose), self._tilted(pose)])
         poses = np.array([*poses, self._pulled(poses[2])])
@@ -171,16 +178,16 @@ class _Solver:
             for row in rows[np.all(np.isfinite(rows), axis=1)]:
                 bend = self._signs[4] * row[4] - self._offsets[4]
                 bend = np.arctan2(np.sin(bend), np.cos(bend))
-                if index < 2 and abs(bend) >= STRAIGHT:
+                if index < 2 and abs(bend) >= STRAIGHT_WRIST_RAD:
                     solutions.append(row)
-                elif abs(bend) < 2.0 * TILT:
+                elif abs(bend) < 2.0 * TILT_RAD:
                     straight = self._straightened(row, bend, near)
-                    if np.max(np.abs(self._forward(straight) - pose)) < 2.0 * STRAIGHT:
+                    if np.max(np.abs(self._forward(straight) - pose)) < 2.0 * STRAIGHT_WRIST_RAD:
                         solutions.append(straight)
         return solutions
 
     def _straightened(self, joints: Array, bend: float, near: Array) -> Array:
-        """Return joints with a wrist that is quite straight, and joint 4 as in `near`."""
+        """Return the joints with the wrist exactly straight, and joint 4 as in `near`."""
         straight = joints.copy()
         straight[4] -= self._signs[4] * bend
         straight[5] += self._signs[5] * self._signs[3] * (joints[3] - near[3])
@@ -188,20 +195,20 @@ class _Solver:
         return straight
 
     def _tilted(self, pose: Array) -> Array:
-        """Return a pose turned about the wrist by TILT, across the tool's axis."""
+        """Return a pose turned about the wrist by TILT_RAD, across the tool's axis."""
         tilted = pose.copy()
-        tilted[:3, :3] = pose[:3, :3] @ about(np.array([1.0, 0.0, 0.0]), TILT)
+        tilted[:3, :3] = pose[:3, :3] @ rotation_about(np.array([1.0, 0.0, 0.0]), TILT_RAD)
         tilted[:3, 3] += self._hand * (tilted[:3, 2] - pose[:3, 2])
         return tilted
 
     def _pulled(self, pose: Array) -> Array:
-        """Return a pose with the wrist nearer to the shoulder that faces it, by PULL."""
+        """Return a pose with the wrist nearer to the shoulder that faces it, by PULL_M."""
         wrist = pose[:3, 3] - self._hand * pose[:3, 2]
         facing = np.arctan2(wrist[1], wrist[0])
         out, up = self._shoulder
         away = wrist - (out * np.cos(facing), out * np.sin(facing), up)
         pulled = pose.copy()
-        pulled[:3, 3] -= PULL * away / max(float(np.linalg.norm(away)), PULL)
+        pulled[:3, 3] -= PULL_M * away / max(float(np.linalg.norm(away)), PULL_M)
         return pulled
 
 
@@ -214,12 +221,12 @@ def uvw(rotation: Array) -> Array:
     r = np.asarray(rotation, dtype=float)
     across = float(np.hypot(r[0, 0], r[1, 0]))
     v = np.arctan2(-r[2, 0], across)
-    if across > UPRIGHT:
+    if across > GIMBAL_LOCK_RAD:
         return np.array([np.arctan2(r[1, 0], r[0, 0]), v, np.arctan2(r[2, 1], r[2, 2])])
     return np.array([0.0, v, np.arctan2(-r[1, 2], r[1, 1])])
 
 
-def rotation_of(angles: Array) -> Array:
+def rotation_of_uvw(angles: Array) -> Array:
     """Return the rotation matrix of EPSON's U, V, W, rad."""
     u, v, w = np.asarray(angles, dtype=float)
     return Frame(np.zeros(3), np.array([w, v, u])).matrix[:3, :3]

@@ -3,6 +3,7 @@
 """A robot model read from config/robots/NAME.yaml, validated."""
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,27 +16,27 @@ from epson_driver.robots.chain import JOINT_TYPES, SHOWN_UNITS, UNITS, Chain, Fr
 from epson_driver.robots.reader import CONFIDENCES, Provenance, Range, Reader
 from epson_driver.share import share_file, share_folder
 
-STROKE: Range = (-1000.0, 1000.0, 'rad or m')
-"""Of positions: 159 turns, or a rail of 2 km."""
+POSITION_RANGE: Range = (-1000.0, 1000.0, 'rad or m')
+"""159 turns, or a rail of 2 km."""
 
-LIMIT: Range = (1e-6, 1e6, 'in its unit')
-"""Of velocities, accelerations and jerks (rad or m, per s, s² or s³). Below, an arm would take
-days for a move; above lies no machine, and times of the smoother would vanish beside rounding."""
+LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
+"""Of velocities, accelerations and jerks (rad or m, per s, s² or s³). Below it, a move would take
+days; above it, there is no such machine, and the smoother's times would be lost to rounding."""
 
-LENGTH: Range = (-100.0, 100.0, 'm')
-TURN: Range = (-10.0, 10.0, 'rad')
-AXIS: Range = (-1.0, 1.0, '')
-PULSES: Range = (-1e9, 1e9, 'pulses')
-WEIGHT: Range = (1e-3, 1e5, 'kg')
+LENGTH_RANGE: Range = (-100.0, 100.0, 'm')
+ANGLE_RANGE: Range = (-10.0, 10.0, 'rad')
+AXIS_RANGE: Range = (-1.0, 1.0, '')
+PULSES_RANGE: Range = (-1e9, 1e9, 'pulses')
+WEIGHT_RANGE: Range = (1e-3, 1e5, 'kg')
 
-FEWEST_PULSES = 1e-3
+MIN_PULSES_PER_DEGREE = 1e-3
 """Per degree or mm; with fewer, a joint's whole range is less than one pulse."""
 
 UNIT_TOLERANCE = 1e-9
-"""How far from 1 the length of an axis may be."""
+"""How far the length of an axis vector may be from 1."""
 
-NARROWEST = 1e-6
-"""The smallest range of a joint's positions, rad or m."""
+MIN_JOINT_RANGE = 1e-6
+"""The smallest difference between the position limits of a joint, rad or m."""
 
 _KINDS = {
     ('revolute',) * 6: 'six-axis',
@@ -45,13 +46,13 @@ _KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """Data of one robot model; of its joints in the controller's order.
+    """The data of one robot model; joints are in the controller's order.
 
     pulses_per_degree: shape (n,), encoder pulses per degree, per mm for a prismatic joint.
     joint_types: 'revolute' or 'prismatic'. chain: the joints, in base_link. tool0: the
     controller's Tool 0 in the last link's frame. base: EPSON's world in base_link. payload,
-    mass: the heaviest load and the arm itself, kg, None where nobody tells. provenance: what maps
-    each quantity to its source, by its name in the file (those of `limits` without that word).
+    mass: of the heaviest load and of the arm itself, kg, None if unknown. provenance: the source
+    of each quantity, by its key in the file (without `limits.`).
     """
 
     name: str
@@ -93,7 +94,7 @@ class RobotModel:
 
     @cached_property
     def shown_per_unit(self) -> Array:
-        """How many of what EPSON shows (degrees, mm) the SI unit has, shape (n,)."""
+        """EPSON's units (degrees, mm) per SI unit, shape (n,)."""
         return np.array([SHOWN_UNITS[unit][1] for unit in self.limits.units])
 
     @cached_property
@@ -110,10 +111,29 @@ def robot_models() -> tuple[str, ...]:
 def load_robot_model(name: str) -> RobotModel:
     """Read config/robots/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
 
+    Names may be written as EPSON does, C4-A601S, and shortened where only one model begins so.
     Raises FileNotFoundError (which lists the models there are) or InputError.
     """
-    path = Path(name) if name.endswith('.yaml') else share_file('config', 'robots', name + '.yaml')
+    path = Path(name) if name.endswith('.yaml') else _file_of(name)
     return _parse(read_yaml(path), path)
+
+
+def _file_of(name: str) -> Path:
+    """Return the file of a model. Raises FileNotFoundError that says which names are near."""
+    models = robot_models()
+    wanted = name.lower().replace('-', '_')
+    found = (
+        [wanted] if wanted in models else [m for m in models if wanted and m.startswith(wanted)]
+    )
+    if len(found) == 1:
+        return share_file('config', 'robots', f'{found[0]}.yaml')
+    try:
+        return share_file('config', 'robots', f'{name}.yaml')
+    except FileNotFoundError as error:
+        near = found or get_close_matches(wanted, models)
+        if not near:
+            raise
+        raise FileNotFoundError(f'{error}; did you mean {" or ".join(near)}?') from None
 
 
 def _parse(data: Any, path: Path) -> RobotModel:
@@ -122,9 +142,11 @@ def _parse(data: Any, path: Path) -> RobotModel:
     types = reader.choices(data, 'joint_types', JOINT_TYPES, len(names))
     columns, provenance = _limits(reader, data, len(names))
     pulses = reader.get(data, 'pulses_per_degree', dict)
-    pulses_per_degree = reader.numbers(pulses, 'value', 'pulses_per_degree', len(names), PULSES)
-    if np.any(np.abs(pulses_per_degree) < FEWEST_PULSES):
-        rule = f'none may be less than {FEWEST_PULSES:g}'
+    pulses_per_degree = reader.numbers(
+        pulses, 'value', 'pulses_per_degree', len(names), PULSES_RANGE
+    )
+    if np.any(np.abs(pulses_per_degree) < MIN_PULSES_PER_DEGREE):
+        rule = f'none may be less than {MIN_PULSES_PER_DEGREE:g}'
         raise reader.error('pulses_per_degree.value', pulses_per_degree.tolist(), rule)
     provenance['pulses_per_degree'] = reader.provenance(pulses, 'pulses_per_degree', len(names))
     chain = _chain(reader, data, len(names), provenance)
@@ -137,8 +159,8 @@ def _parse(data: Any, path: Path) -> RobotModel:
     except ValueError as cause:
         raise InputError(f'{printable(path)}: {cause}') from cause
     for joint, width in zip(names, limits.position_max - limits.position_min, strict=True):
-        if width < NARROWEST:
-            rule = f'the range of {joint} must be at least {NARROWEST:g}'
+        if width < MIN_JOINT_RANGE:
+            rule = f'the range of {joint} must be at least {MIN_JOINT_RANGE:g}'
             raise reader.error('limits.position', float(width), rule)
     return RobotModel(
         name=reader.get(data, 'name', str),
@@ -165,18 +187,18 @@ def _limits(
         where = f'limits.{quantity}'
         block = reader.get(limits, quantity, dict, 'limits.')
         if quantity == 'position':
-            columns['position_min'] = reader.numbers(block, 'min', where, count, STROKE)
-            columns['position_max'] = reader.numbers(block, 'max', where, count, STROKE)
+            columns['position_min'] = reader.numbers(block, 'min', where, count, POSITION_RANGE)
+            columns['position_max'] = reader.numbers(block, 'max', where, count, POSITION_RANGE)
         else:
-            columns[quantity] = reader.numbers(block, 'max', where, count, LIMIT)
+            columns[quantity] = reader.numbers(block, 'max', where, count, LIMIT_RANGE)
         provenance[quantity] = reader.provenance(block, where, count)
     return columns, provenance
 
 
 def _chain(reader: Reader, data: Any, count: int, provenance: dict[str, Provenance]) -> Chain:
     block = reader.get(data, 'chain', dict)
-    origins = reader.vectors(block, 'origins', 'chain', count, LENGTH)
-    axes = reader.vectors(block, 'axes', 'chain', count, AXIS)
+    origins = reader.vectors(block, 'origins', 'chain', count, LENGTH_RANGE)
+    axes = reader.vectors(block, 'axes', 'chain', count, AXIS_RANGE)
     for axis in axes:
         if abs(np.linalg.norm(axis) - 1.0) > UNIT_TOLERANCE:
             raise reader.error('chain.axes', axis.tolist(), 'must have length 1')
@@ -195,8 +217,8 @@ def _frame(
     block = reader.get(data, key, dict)
     xyz = np.zeros(3)
     if not turned_only:
-        xyz = reader.numbers(block, 'xyz', key, 3, LENGTH, 'x, y and z')
-    rpy = reader.numbers(block, 'rpy', key, 3, TURN, 'roll, pitch and yaw')
+        xyz = reader.numbers(block, 'xyz', key, 3, LENGTH_RANGE, 'x, y and z')
+    rpy = reader.numbers(block, 'rpy', key, 3, ANGLE_RANGE, 'roll, pitch and yaw')
     provenance[key] = reader.provenance(block, key)
     return Frame(xyz, rpy)
 
@@ -208,4 +230,4 @@ def _weight(
         return None
     block = reader.get(data, key, dict)
     provenance[key] = reader.provenance(block, key)
-    return reader.number(block, 'value', key, WEIGHT)
+    return reader.number(block, 'value', key, WEIGHT_RANGE)

@@ -3,8 +3,8 @@
 """The seven lengths of a six-axis arm with an ortho-parallel basis and a spherical wrist (OPW).
 
 They follow from the chain, so a model file has each length once. In the OPW pose, all angles 0,
-the arm stands upright and the tool frame is parallel to base_link; the model's zero pose is
-another one, which the offsets tell. angle = sign · joint - offset.
+the arm stands upright and the tool frame is parallel to base_link; the model's zero pose differs
+from it by the offsets: angle = sign · joint - offset.
 """
 
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.robots.chain import REVOLUTE, about
+from epson_driver.robots.chain import REVOLUTE, rotation_about
 from epson_driver.robots.model import RobotModel
 
 TOLERANCE = 1e-9
-"""How far axes may be from parallel or from crossing each other (m)."""
+"""How far axes may be from parallel (1 - cosine) or from crossing each other (m)."""
 
 
 class KinematicsError(ValueError):
-    """A model whose chain has no closed-form inverse here. The text says what is in the way."""
+    """A model whose chain has no closed-form inverse. The text says why."""
 
 
 _Y, _Z = np.eye(3)[1:]
@@ -28,7 +28,7 @@ _Y, _Z = np.eye(3)[1:]
 
 @dataclass(frozen=True)
 class OpwParameters:
-    """What the closed form needs.
+    """The parameters of the closed form.
 
     lengths, m: a1 from joint 1's axis to joint 2's, a2 elbow offset, b sideways offset of the
     wrist, c1 height of joint 2, c2 upper arm, c3 elbow to wrist, c4 wrist to Tool 0. offsets: rad,
@@ -58,7 +58,7 @@ def opw_parameters(model: RobotModel) -> OpwParameters:
     fore = axes[3] if axes[3] @ lower >= 0.0 else -axes[3]
     out = hand / np.linalg.norm(hand)
     standing, bent, pointing = _from_up(upper), _from_up(fore), _from_up(out)
-    rest = about(_Y, pointing).T @ model.tool0.matrix[:3, :3]  # what joint 6 has to turn
+    rest = rotation_about(_Y, pointing).T @ model.tool0.matrix[:3, :3]  # what joint 6 has to turn
     if abs(rest[2, 2] - 1.0) > TOLERANCE:
         raise _no_opw(model, 'the z axis of tool0 is not along joint 6')
     turned = float(np.arctan2(rest[1, 0], rest[0, 0]))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Typed access to a model file's keys. What is wrong is said with file, key, value and rule."""
+"""Typed access to the keys of a model file. Errors name file, key, value and rule."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +20,9 @@ Range = tuple[float, float, str]
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a quantity's numbers come from, and how far each of them can be trusted.
+    """Where the numbers of a quantity come from, and how far each of them can be trusted.
 
-    `confidence` has one entry per joint, or one alone where a quantity is not of single joints.
+    `confidence` has one entry per joint, or a single one for a quantity that is not per joint.
     """
 
     source: str
@@ -35,7 +35,7 @@ class Provenance:
 
 
 class Reader:
-    """The keys of one file, each of a type, a length and a range."""
+    """The keys of one file, checked for type, length and range."""
 
     def __init__(self, path: Path) -> None:
         self._file = printable(path)
@@ -55,7 +55,7 @@ class Reader:
         return block[key]
 
     def names(self, block: Any, key: str) -> tuple[str, ...]:
-        """Return a list of joints' names, one at least."""
+        """Return a list of joint names, at least one."""
         value = self.get(block, key, list)
         names: tuple[str, ...] = JOINT_NAMES.checked(value, f'{self._file}: {key}')
         return names
@@ -63,7 +63,7 @@ class Reader:
     def choices(
         self, block: Any, key: str, allowed: tuple[str, ...], count: int
     ) -> tuple[str, ...]:
-        """Return one word per joint; the first of those allowed where the key is not there."""
+        """Return one word per joint; without the key, the first of the allowed words for each."""
         if not isinstance(block, dict) or key not in block:
             return (allowed[0],) * count
         words = self.get(block, key, list)
@@ -81,7 +81,7 @@ class Reader:
         range_: Range,
         of: str = 'one per joint',
     ) -> Array:
-        """Return `count` numbers of a range."""
+        """Return `count` numbers within a range."""
         values = self.get(block, key, list, where + '.')
         if len(values) != count:
             raise self.error(f'{where}.{key}', values, f'must have {count} numbers, {of}')
@@ -90,11 +90,11 @@ class Reader:
         return np.array(values, dtype=float)
 
     def number(self, block: Any, key: str, where: str, range_: Range) -> float:
-        """Return one number of a range."""
+        """Return one number within a range."""
         return self._number(self.get(block, key, object, where + '.'), f'{where}.{key}', range_)
 
     def vectors(self, block: Any, key: str, where: str, count: int, range_: Range) -> Array:
-        """Return `count` vectors of three numbers of a range, shape (count, 3)."""
+        """Return `count` vectors of three numbers within a range, shape (count, 3)."""
         rows = self.get(block, key, list, where + '.')
         if len(rows) != count:
             raise self.error(f'{where}.{key}', rows, f'must have {count} vectors, one per joint')

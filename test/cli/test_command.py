@@ -4,10 +4,11 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from epson_driver.cli.__main__ import EXECUTABLES
+from epson_driver.cli.executables import EXECUTABLES
 
 
 def command(*arguments: str, before: str = '') -> subprocess.CompletedProcess[str]:
@@ -33,6 +34,42 @@ def test_unknown_executable_is_answered_with_the_list(arguments: tuple[str, ...]
     run = command(*arguments)
     assert run.returncode == 2
     assert 'sim_controller' in run.stderr
+
+
+def test_an_unknown_executable_is_named_with_the_nearest_one() -> None:
+    run = command('robot')
+    assert run.stderr.startswith("epson_driver: no executable 'robot'; did you mean robots?\n")
+    assert command('xyz').stderr.startswith("epson_driver: no executable 'xyz'\n")
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    root = Path(__file__).parents[2]
+    run = command('--version')
+    assert run.returncode == 0
+    assert f"version='{run.stdout.split()[1]}'," in (root / 'setup.py').read_text('utf-8')
+    assert run.stdout == f'epson_driver {run.stdout.split()[1]}\n'
+
+
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_every_usage_begins_alike(name: str) -> None:
+    run = command(name, '--help')
+    assert run.returncode == 0
+    assert run.stdout.startswith(f'usage: epson_driver {name} ')
+
+
+@pytest.mark.parametrize('words', [['--seed=3'], ['--seeds=2'], ['--compare', '--seed=1']])
+def test_seeds_without_plan_are_refused(words: list[str]) -> None:
+    run = command('demo', *words)
+    assert run.returncode == 2
+    assert 'error: --seed and --seeds say what --plan plans' in run.stderr
+
+
+@pytest.mark.parametrize('package', ['epson_msgs', 'industrial_msgs'])
+def test_without_the_messages_it_says_how_they_are_built(package: str) -> None:
+    run = command('client', before=f'sys.modules["{package}"] = None')
+    assert run.returncode == 1
+    assert f'the Python module {package} is missing' in run.stderr
+    assert 'colcon build --base-paths src/epson_driver src/epson_driver/interfaces' in run.stderr
 
 
 @pytest.mark.parametrize('name', ['client', 'demo'])

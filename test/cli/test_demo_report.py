@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from epson_driver.cli.demo_report import DEVIATION_ALLOWED, Drawn, Recording, draw, measure
+from epson_driver.cli.demo_report import MAX_DEVIATION_RAD, Drawn, Recording, draw, measure
 from epson_driver.motion import Trajectory
 
 NAMES = ('a', 'b')
@@ -135,7 +135,7 @@ def test_a_waypoint_that_is_missed_by_a_known_distance(deviation):
     figures = measure(plan(shifted), ptp())
     # the nearest place on the line: joint a gives as much as joint b is missing
     assert deviation * 0.6 < figures.waypoint_deviation < deviation * 1.05
-    assert (figures.waypoint_deviation <= DEVIATION_ALLOWED) == (deviation < 0.02)
+    assert (figures.waypoint_deviation <= MAX_DEVIATION_RAD) == (deviation < 0.02)
 
 
 def test_an_end_that_is_missed():

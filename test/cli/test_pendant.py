@@ -301,6 +301,8 @@ def test_the_kinds_of_faults_are_told_without_a_controller(said):
         ('pendant fault clear frozen', ['frozen_encoder']),
         ('./pendant sta', ['status', 'start']),
         ('pendant motors on ', []),
+        ('epson_driver pen', ['pendant']),
+        ('epson_driver pendant estop p', ['press']),
     ],
 )
 def test_completion_in_bash(said, line, expected):

@@ -39,7 +39,7 @@ def bound(domain):
 def unclaimed(monkeypatch):
     """Let this process have claimed nothing yet; what it claims ends with the test."""
     claims = deque()
-    monkeypatch.setattr(processes, '_claims', claims)
+    monkeypatch.setattr(processes, 'claims', claims)
     yield claims
     while claims:
         claims.pop().close()
@@ -89,7 +89,7 @@ def test_a_domain_that_was_chosen_is_not_free_for_others(monkeypatch, unclaimed)
 
 
 def test_only_the_newest_domains_stay_claimed(monkeypatch, unclaimed):
-    monkeypatch.setattr(processes, 'MOST_CLAIMS', 3)
+    monkeypatch.setattr(processes, 'MAX_CLAIMS', 3)
     for _ in range(10):
         free_ros_domain()
     assert len(unclaimed) == 3

@@ -164,7 +164,9 @@ def test_a_port_in_use_is_told(recorded):
         [*COMMAND, str(path)], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert ended.returncode == 2
-    assert str(ports['motion']) in ended.stderr
+    first = next(iter(ports))
+    assert f'{first} port 127.0.0.1:{ports[first]}: Address already in use; ' in ended.stderr
+    assert '--motion-port' in ended.stderr
     assert 'Traceback' not in ended.stderr
 
 

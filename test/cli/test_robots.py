@@ -102,10 +102,10 @@ def test_a_file_of_ones_own_is_shown_too(tmp_path: Path) -> None:
 
 
 def test_no_such_model_is_answered_with_those_there_are() -> None:
-    done = run('c3')
+    done = run('c5')
     assert done.returncode == 2
     assert done.stdout == ''
-    assert 'no c3.yaml in ' in done.stderr
+    assert 'no c5.yaml in ' in done.stderr
     assert 'c3_a601s, c4_a601s' in done.stderr
     assert 'Traceback' not in done.stderr
 

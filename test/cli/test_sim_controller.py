@@ -171,7 +171,8 @@ def test_a_port_in_use_is_named(start):
     result = run(*arguments)
     assert result.returncode == 1
     assert result.stdout == ''
-    assert f'state port 127.0.0.1:{ports["state"]}: Address already in use' in result.stderr
+    assert f'state port 127.0.0.1:{ports["state"]}: Address already in use; ' in result.stderr
+    assert '--state-port … (0: any free one)' in result.stderr
     assert 'Traceback' not in result.stderr
 
 

@@ -17,7 +17,7 @@ from support.driver_harness import HOME, LIMITS, Harness, WaxController, frame, 
 from support.event_loop import run, until
 from support.pages import items, unwrapped
 
-from epson_driver.cli.__main__ import EXECUTABLES
+from epson_driver.cli.executables import EXECUTABLES
 from epson_driver.driver.delivery.points import FIRST_VELOCITY, trajectory_points
 from epson_driver.driver.services import ServiceError
 from epson_driver.motion import Trajectory

@@ -26,10 +26,18 @@ IMPORTS = {'launch', 'launch_ros'}
 """Packages that launch files import."""
 
 
-def dependencies() -> set[str]:
-    """Return the packages that package.xml asks for at run time."""
-    root = ElementTree.parse(ROOT / 'package.xml').getroot()
-    return {str(each.text) for each in root.findall('exec_depend')}
+MANIFESTS = {
+    'epson_driver': ROOT / 'package.xml',
+    'epson_driver_moveit': ROOT / 'variants/epson_driver_moveit/package.xml',
+    'epson_driver_desktop': ROOT / 'variants/epson_driver_desktop/package.xml',
+}
+
+
+def dependencies(package: str = 'epson_driver') -> set[str]:
+    """Return the packages that a package of ours asks for at run time, be it through others."""
+    root = ElementTree.parse(MANIFESTS[package]).getroot()
+    names = {str(each.text) for each in root.findall('exec_depend')}
+    return names.union(*(dependencies(name) for name in names & MANIFESTS.keys()))
 
 
 def own_executables() -> set[str]:
@@ -69,10 +77,10 @@ def process_faults(process: Any) -> Iterator[str]:
     """Yield packages and executables that nobody has."""
     if process.package == OWN:
         known = own_executables()
-    elif process.package in dependencies():
+    elif process.package in dependencies('epson_driver_desktop'):
         known = ROS_EXECUTABLES.get(process.package, set())
     else:
-        yield f'package.xml has no exec_depend {process.package}'
+        yield f'no package.xml has an exec_depend {process.package}'
         return
     if process.executable not in known:
         yield f'{process.package} has no executable {process.executable}'

@@ -57,7 +57,7 @@ CLIENT = "Node(package='epson_driver', executable='client'"
         (f'{CLIENT}, node_namespace="x")', 'unexpected keyword'),
         ("Node(package='epson_driver', executable='klient')", 'has no executable klient'),
         ("Node(package='epson_driver', executable='sim_controller')", 'is no ROS node'),
-        ("Node(package='rviz3', executable='rviz3')", 'package.xml has no exec_depend rviz3'),
+        ("Node(package='rviz3', executable='rviz3')", 'no package.xml has an exec_depend rviz3'),
         ("Node(package='rviz2', executable='rviz')", 'rviz2 has no executable rviz'),
         (
             "ExecuteProcess(cmd=[ExecutableInPackage(executable='rviz2', package='rviz2')])",

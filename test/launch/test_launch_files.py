@@ -76,6 +76,21 @@ def test_what_launch_files_import_is_a_dependency() -> None:
     assert dependencies() >= IMPORTS | {'xacro'}
 
 
+OF_WINDOWS = ('joint_sliders', 'rviz', 'test_c3_a601s')
+"""Launch files that show something, and do nothing else."""
+
+
+@pytest.mark.parametrize(
+    'name', sorted({path.name.split('.')[0] for path in FILES} - set(OF_WINDOWS))
+)
+def test_without_rviz_a_launch_file_needs_no_desktop(name: str) -> None:
+    path = FOLDER / f'{name}.launch.py'
+    given = {'launch_rviz': 'false'} if 'launch_rviz' in declared_names(description(path)) else {}
+    needed = {each.package for each in launched(path, **given).started} - {'epson_driver'}
+    planning = name == 'moveit_planning_execution'
+    assert needed <= dependencies('epson_driver_moveit' if planning else 'epson_driver')
+
+
 @pytest.mark.skipif(
     getattr(importlib.util.find_spec('launch'), 'origin', None) is None,
     reason='launch is not installed: only on a ROS machine',
@@ -260,8 +275,8 @@ def test_several_robots_share_nothing() -> None:
     ('arguments', 'text'),
     [
         ({'namespaces': 'a,b,c'}, 'robot_ips has 2 addresses, but namespaces has 3 names'),
-        ({'namespaces': 'a,a'}, 'namespaces = a,a: they must be there and differ'),
-        ({'namespaces': 'a,'}, 'namespaces = a,: they must be there and differ'),
+        ({'namespaces': 'a,a'}, 'namespaces = a,a: each must have a name, and no two the same'),
+        ({'namespaces': 'a,'}, 'namespaces = a,: each must have a name, and no two the same'),
     ],
 )
 def test_lists_of_robots_that_do_not_fit_are_refused(arguments: dict[str, str], text: str) -> None:

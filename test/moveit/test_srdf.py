@@ -7,13 +7,18 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio
 import pytest
 import yaml
 from srdf_rules import faults
 
 from epson_driver.bringup import semantic_description
 from epson_driver.robots import load_robot_model
+
+pytest.importorskip('pinocchio')
+pytest.importorskip('trimesh')
+
+import pinocchio
+
 from generate import moveit
 from generate.self_collision import PACKAGE_URI, CollisionBodies, random_configurations
 

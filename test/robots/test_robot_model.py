@@ -101,11 +101,28 @@ def test_pulses_and_reach_follow_the_unit_of_the_joint() -> None:
     assert model.reach.tolist() == pytest.approx([0.25, 0.126, 1.0, 0.0], abs=1e-12)
 
 
-@pytest.mark.parametrize('name', ['c5_a901s', 'C3_A601S', ''])
+@pytest.mark.parametrize('name', ['c5_a901s', 'C9-B1401', ''])
 def test_an_unknown_model_lists_those_that_exist(name: str) -> None:
     with pytest.raises(FileNotFoundError, match=r'there is: .*\bc3_a601s\b') as error:
         load_robot_model(name)
     assert f'no {name}.yaml in ' in str(error.value)
+
+
+@pytest.mark.parametrize('name', ['C4-A601S', 'C4_A601S', 'c4-a601s', 'C4', 'c4_'])
+def test_a_name_may_be_written_as_epson_does_and_shortened(name: str) -> None:
+    assert load_robot_model(name).name == 'c4_a601s'
+
+
+@pytest.mark.parametrize(
+    ('name', 'near'),
+    [('C8', 'c8_c1401s or c8_c901s'), ('C4-A601SR', 'c4_a601s or '), ('c3a601s', 'c3_a601s or ')],
+)
+def test_a_name_that_could_be_several_models_or_none_is_answered_with_near_ones(
+    name: str, near: str
+) -> None:
+    with pytest.raises(FileNotFoundError) as error:
+        load_robot_model(name)
+    assert f'; did you mean {near}' in str(error.value)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from support import patient
 from support.controller_hands import do
 from support.ros_peer import PATIENCE, RosPeer
 
-processes.END_TIMEOUT = PATIENCE  # a process that is not scheduled does not hang
+processes.END_TIMEOUT_S = PATIENCE  # a process that is not scheduled does not hang
 
 TIMEOUTS = {'state_timeout': 45.0, 'io_timeout': 45.0, 'reply_timeout': 90.0}
 """A controller that is not scheduled is not silent. Who tests a time-out says how long it is."""
@@ -49,8 +49,8 @@ class Cell:
         return processes.sim_controller(
             self._folder / 'controller.log',
             '--motion=ptp',
-            '--start=' + ','.join(map(str, self.start)),
             *self._controller_arguments,
+            start=self.start,
             ports=ports,
         )
 

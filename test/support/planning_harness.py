@@ -3,6 +3,9 @@
 """A small world for the planner's tests."""
 
 import numpy as np
+import pytest
+
+pytest.importorskip('pinocchio')
 
 from epson_driver.motion import Array
 from epson_driver.planning.scene import Scene

@@ -15,6 +15,9 @@ import yaml
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.share import share_file, share_folder
+
+pytest.importorskip('trimesh')
+
 from generate.check import main as check
 from generate.check import problems
 from generate.meshes import six_axis_models

@@ -5,7 +5,6 @@
 import asyncio
 import errno
 import logging
-import os
 import socket
 import time
 from collections import deque
@@ -22,6 +21,7 @@ from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.spare_descriptor import SpareDescriptor
 from epson_driver.sim_controller.network.tcp_connection import TcpConnection
 from epson_driver.simple_message import FrameError
+from epson_driver.socket_errors import reason
 
 HANDOVER_S = 0.1
 """How long a client waits for a place, s: when it reconnects, its old connection may still end."""
@@ -113,9 +113,7 @@ class PortServer:
             family = socket.AF_INET6 if ':' in host else socket.AF_INET
             sock = socket.create_server((host, port), family=family, backlog=BACKLOG)
         except (OSError, OverflowError) as error:
-            number = error.errno if isinstance(error, OSError) else None
-            reason = os.strerror(number) if number is not None and number > 0 else str(error)
-            raise OSError(f'{self._rules.name} port {host}:{port}: {reason}') from error
+            raise OSError(f'{self._rules.name} port {host}:{port}: {reason(error)}') from error
         if self._rules.send_buffer is not None:  # accepted sockets inherit it
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self._rules.send_buffer)
         sock.setblocking(False)

@@ -1,0 +1,60 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The demo's robot cell: a simulated controller, the driver for it, and a ROS node that uses both.
+
+Controller and driver are processes of their own, as in a real cell.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from epson_driver.cli import processes
+from epson_driver.cli.processes import Ports
+from epson_driver.cli.ros_user import RosUser
+
+
+@contextmanager
+def running_controller(folder: Path, start: Sequence[float], *arguments: str) -> Iterator[Ports]:
+    """Run a simulated controller on free ports, its joints at `start`, rad or m.
+
+    Its log goes to a file in `folder`; it ends with the block. Raises RunError if it cannot start.
+    """
+    log = folder / 'sim_controller.log'
+    controller = processes.sim_controller(log, *arguments, start=start)
+    with processes.ended_at_exit(controller):
+        yield controller.ports()
+
+
+@contextmanager
+def running_driver(
+    folder: Path,
+    ports: Ports,
+    joint_names: Sequence[str],
+    console: Console,
+    **parameters: str,
+) -> Iterator[RosUser]:
+    """Run the driver for a controller, in a free ROS domain; yield a node that has enabled it.
+
+    `parameters` are ROS parameters of the driver, `__` for a dot. Its log goes to a file in
+    `folder`; all ends with the block. Raises RunError if the driver ends, or cannot be enabled.
+    """
+    domain = processes.free_ros_domain()
+    parameters['joint_names'] = f'[{",".join(joint_names)}]'
+    client = processes.client(folder / 'client.log', ports, domain, **parameters)
+    with processes.ended_at_exit(client):
+        console.print(
+            f'sim_controller on 127.0.0.1:{ports.motion} (motion) and :{ports.state} (state), '
+            f'client in ROS domain {domain}',
+            highlight=False,
+        )
+        os.environ.update(processes.ros_environment(domain))  # for the node in this process
+        user = RosUser(tuple(joint_names), client.check_alive)
+        try:
+            user.enable()
+            yield user
+        finally:
+            user.close()

@@ -1,0 +1,13 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The executables by name, each with what it does."""
+
+EXECUTABLES = {
+    'client': 'the ROS 2 node: joint states, robot status, FollowJointTrajectory',
+    'sim_controller': 'a simulated EPSON controller',
+    'demo': 'both of them, and a planned trajectory executed, with a report',
+    'smooth': 'make a planned trajectory smooth: a file, a report and a picture',
+    'replay': "play the controller's side of a recorded run, for bug reports",
+    'robots': 'list the robot models, with their numbers and where those come from',
+    'pendant': 'do what a person does at the controller: motors, E-stop, reset, status',
+}

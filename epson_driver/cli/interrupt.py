@@ -1,0 +1,38 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C where nothing needs to be stopped: before an executable has begun and after its end."""
+
+import os
+import signal
+from typing import NoReturn
+
+INTERRUPTED = 130
+"""The exit code after SIGINT, as shells have it: 128 and the number of the signal."""
+
+
+def leave_at_interrupt() -> None:
+    """Have SIGINT end the process at once, without a traceback, whatever is being imported.
+
+    Only where nothing moves or has to be ended. A SIGINT that is ignored, as by a shell's `&`,
+    stays so.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, _leave)
+
+
+def raise_at_interrupt() -> None:
+    """Have SIGINT raise KeyboardInterrupt again, as Python does."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def ignore_interrupts() -> None:
+    """Ignore SIGINT from now on: the work is done, and what is left of the process ends by itself.
+
+    Nothing else keeps a second Ctrl-C from killing an interpreter that shuts down.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _leave(_number: int, _frame: object) -> NoReturn:
+    os._exit(INTERRUPTED)

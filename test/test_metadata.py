@@ -1,0 +1,71 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Package manifests: what release tools ask for is there, and nothing that no code uses."""
+
+import re
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import setuptools
+from catkin_pkg.package import parse_package
+
+ROOT = Path(__file__).parents[1]
+MANIFESTS = sorted(
+    path for path in ROOT.glob('**/package.xml') if not {'.venv', 'build'} & set(path.parts)
+)
+COPIES = ('control_msgs', 'industrial_msgs')
+"""Packages of others, with the versions of the originals."""
+
+IMPORTED_AS = {'pin': 'pinocchio', 'py-opw-kinematics': 'py_opw_kinematics'}
+"""Distributions that are imported by another name."""
+
+
+@pytest.fixture(scope='module')
+def setup_arguments() -> dict[str, Any]:
+    """Return what setup.py hands to setuptools."""
+    given: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(setuptools, 'setup', lambda **keywords: given.update(keywords))
+        patch.setattr(sys, 'argv', ['setup.py', 'bdist_wheel'])
+        patch.chdir(ROOT)
+        runpy.run_path(str(ROOT / 'setup.py'))
+    return given
+
+
+@pytest.mark.parametrize('path', MANIFESTS, ids=lambda path: path.parent.name)
+def test_a_manifest_has_what_release_tools_ask_for(path: Path) -> None:
+    warnings: list[str] = []
+    package = parse_package(str(path), warnings=warnings)
+    assert warnings == []
+    package.validate()
+    assert {url.type for url in package.urls} == {'website', 'repository', 'bugtracker'}
+    assert package.authors
+    assert package.licenses == ['Apache-2.0']
+
+
+def test_packages_of_one_release_have_one_version(setup_arguments: dict[str, Any]) -> None:
+    ours = [path for path in MANIFESTS if path.parent.name not in COPIES]
+    versions = {parse_package(str(path)).version for path in ours}
+    assert versions == {setup_arguments['version']}
+
+
+def test_setup_names_only_files_that_exist(setup_arguments: dict[str, Any]) -> None:
+    files = [file for _, files in setup_arguments['data_files'] for file in files]
+    assert 'scripts/client' in files
+    assert [file for file in files if not (ROOT / file).is_file()] == []
+
+
+def test_every_extra_serves_code(setup_arguments: dict[str, Any]) -> None:
+    code = '\n'.join(
+        path.read_text(encoding='utf-8') for path in (ROOT / 'epson_driver').rglob('*.py')
+    )
+    extras = setup_arguments['extras_require']
+    assert set(extras) == {'dev', 'planning', 'report', 'test'}
+    for extra in ('planning', 'report'):
+        for name in extras[extra]:
+            module = IMPORTED_AS.get(name, name)
+            assert re.search(rf'^\s*(import|from) {module}\b', code, re.MULTILINE), name
+    assert set(extras['test']) <= {*extras['dev'], *extras['planning']}
