@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Log lines that others could cause as often as they like, and whose text others choose.
 
-Both are dealt with where lines are written: `LogPace` bounds how many there are, and
+Both are dealt with where lines are written: `LogThrottle` bounds how many there are, and
 `PrintableFormatter` writes none that does something to the terminal it is read on.
 """
 
@@ -10,18 +10,18 @@ import logging
 
 from epson_driver.inputs import printable
 
-PERIOD = 1.0
+PERIOD_S = 1.0
 """After how long one more line is written, s."""
 
 
-class LogPace:
+class LogThrottle:
     """Lets `burst` lines pass, then one in each period, and counts the others for the next one.
 
     Periods in which nothing was to be written are saved up for the next burst.
     """
 
     def __init__(self, burst: int = 1) -> None:
-        self._saved = (burst - 1) * PERIOD
+        self._saved = (burst - 1) * PERIOD_S
         self._next = float('-inf')
         self._held = 0
 
@@ -35,7 +35,7 @@ class LogPace:
             self._held += 1
             return None
         held, self._held = self._held, 0
-        self._next = due + PERIOD
+        self._next = due + PERIOD_S
         return held
 
     def line(self, text: str, now: float) -> str | None:

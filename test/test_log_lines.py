@@ -7,29 +7,29 @@ import logging
 import pytest
 
 from epson_driver.inputs import printable
-from epson_driver.log_lines import PERIOD, LogPace, PrintableFormatter
+from epson_driver.log_lines import PERIOD_S, LogThrottle, PrintableFormatter
 
 
 def test_a_line_in_a_period_and_the_next_one_counts():
-    pace = LogPace()
+    pace = LogThrottle()
     assert pace.line('first', 100.0) == 'first'
     assert pace.line('second', 100.1) is None
-    assert pace.line('third', 100.0 + 0.9 * PERIOD) is None
-    assert pace.line('fourth', 100.0 + PERIOD) == 'fourth (and 2 like it before)'
-    assert pace.line('fifth', 100.0 + 3 * PERIOD) == 'fifth'
+    assert pace.line('third', 100.0 + 0.9 * PERIOD_S) is None
+    assert pace.line('fourth', 100.0 + PERIOD_S) == 'fourth (and 2 like it before)'
+    assert pace.line('fifth', 100.0 + 3 * PERIOD_S) == 'fifth'
 
 
 def test_a_burst_passes_and_is_saved_up_again():
-    pace = LogPace(burst=5)
+    pace = LogThrottle(burst=5)
     passed = [pace.passes(100.0) for _ in range(1000)]
     assert passed == [0] * 5 + [None] * 995
-    assert pace.passes(100.0 + PERIOD) == 995
-    assert pace.passes(100.0 + PERIOD) is None
+    assert pace.passes(100.0 + PERIOD_S) == 995
+    assert pace.passes(100.0 + PERIOD_S) is None
     assert [pace.passes(1000.0) for _ in range(6)] == [1, 0, 0, 0, 0, None]
 
 
 def test_at_most_the_burst_and_one_in_each_period_pass_however_often_they_are_asked_for():
-    pace = LogPace(burst=5)
+    pace = LogThrottle(burst=5)
     passed = [pace.passes(0.001 * tick) for tick in range(10_001)]
     assert sum(held is not None for held in passed) == 5 + 10
     assert sum(held for held in passed if held is not None) >= 10_001 - 15 - 1000

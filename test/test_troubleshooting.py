@@ -31,9 +31,9 @@ def is_text(line):
 
 
 def sentences():
-    """Return all texts in the code of client and link, each f-string's parts joined by …."""
-    for room in ('client', 'link', 'simple_message'):
-        for path in (ROOT / 'epson_driver' / room).glob('*.py'):
+    """Return all texts in the driver's code, each f-string's parts joined by …."""
+    for package in ('driver', 'node', 'link', 'simple_message'):
+        for path in (ROOT / 'epson_driver' / package).rglob('*.py'):
             for node in ast.walk(without_docstrings(path)):
                 if isinstance(node, ast.Constant) and isinstance(node.value, str):
                     yield node.value

@@ -10,12 +10,12 @@ import socket
 from collections.abc import AsyncIterator, Callable
 
 from epson_driver.inputs import HOST
-from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
+from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
 from epson_driver.link.silence import Silence, passed
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
 from epson_driver.link.wire_events import Address, Tap, WireEvent
-from epson_driver.log_lines import LogPace
+from epson_driver.log_lines import LogThrottle
 from epson_driver.simple_message import (
     ByteOrder,
     CommType,
@@ -38,20 +38,20 @@ from epson_driver.simple_message import (
     topic,
 )
 
-READ_SIZE = 65536
-CONNECT_TIMEOUT = 1.0
-PROVEN_AFTER = 1.0
+READ_SIZE_BYTES = 65536
+CONNECT_TIMEOUT_S = 1.0
+MIN_PROVEN_UPTIME_S = 1.0
 """A connection that lasted this long, s, makes the next retry immediate. One that was closed
 sooner (a controller that has its one client already) leaves the back-off where it was."""
 
-FRAMES_A_TURN = 50
+MAX_FRAMES_PER_TURN = 50
 """Frames that are handled before others in the event loop have their turn: a controller that sends
 without a pause must not keep another robot of this process waiting."""
 
-MAX_UNSENT = 65536
+MAX_UNSENT_BYTES = 65536
 """A controller that leaves more bytes than this unread is disconnected (docs/invariants.md, 7)."""
 
-SHOWS_DIALECT = (JointPosition, JointFeedback)
+DIALECT_MESSAGES = (JointPosition, JointFeedback)
 """Messages of every state server that carry reals, so that their length shows the width."""
 
 _log = logging.getLogger(__name__)
@@ -97,7 +97,7 @@ class Link:
         self._receive_timeout = receive_timeout
         self.trace = trace
         self._quiet = quiet
-        self._log_pace = LogPace()
+        self._log_pace = LogThrottle()
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
         self._framer = Framer(byte_order)
@@ -134,7 +134,7 @@ class Link:
             while True:
                 began = loop.time()
                 established = await self._connect_and_receive()
-                if established and loop.time() - established > PROVEN_AFTER:
+                if established and loop.time() - established > MIN_PROVEN_UPTIME_S:
                     self._attempt = 0
                 pause = back_off(self._attempt) - (loop.time() - began)
                 self._attempt += 1
@@ -143,7 +143,7 @@ class Link:
         finally:
             self._step(LinkEvent.CLOSE, 'closed')
 
-    def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> Waiting:
+    def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> PendingRequest:
         """Send a request; `on_reply` gets its reply and the time (loop's, s), if it comes.
 
         Returns what `give_up` takes. Raises ConnectionError if the link is not connected or the
@@ -155,13 +155,13 @@ class Link:
         data = encode(packet, self.dialect)
         now = asyncio.get_running_loop().time()
         self._write(self._writer, data)
-        waiting = Waiting(
+        waiting = PendingRequest(
             packet.msg_type, sequence_of(message), now, on_reply, command_of(message)
         )
         self._pending.add(waiting)
         return waiting
 
-    def give_up(self, waiting: Waiting) -> None:
+    def give_up(self, waiting: PendingRequest) -> None:
         """Wait no longer for a reply; when it comes all the same, it answers nothing else."""
         self._pending.give_up(waiting)
 
@@ -190,7 +190,7 @@ class Link:
         """Return when the connection was established (loop time, s), or None if it was not."""
         loop = asyncio.get_running_loop()
         try:
-            async with asyncio.timeout(CONNECT_TIMEOUT):
+            async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 reader, writer = await asyncio.open_connection(self.host, self.port)
         except (OSError, TimeoutError, ValueError) as error:  # ValueError: no name of a host
             self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {_reason(error)}')
@@ -221,7 +221,7 @@ class Link:
         framer = self._framer
         try:
             async with self._patience() as heard:
-                while data := await reader.read(READ_SIZE):
+                while data := await reader.read(READ_SIZE_BYTES):
                     self._received(data)
                     heard()
                     framer.receive_data(data)
@@ -229,7 +229,7 @@ class Link:
                     while (frame := framer.next_frame()) is not None:
                         self._dispatch(frame)
                         handled += 1
-                        if handled % FRAMES_A_TURN == 0:
+                        if handled % MAX_FRAMES_PER_TURN == 0:
                             await asyncio.sleep(0)
                             heard()
         except FrameError as error:
@@ -273,7 +273,7 @@ class Link:
         except SimpleMessageError as error:
             self._bad_frame(error)
             return
-        if isinstance(packet.message, SHOWS_DIALECT):
+        if isinstance(packet.message, DIALECT_MESSAGES):
             self.dialect = packet.dialect
         if packet.comm_type is CommType.SERVICE_REQUEST:
             self._answer(packet)
@@ -302,7 +302,7 @@ class Link:
 
     def _write(self, writer: asyncio.StreamWriter, data: bytes) -> None:
         """Raises ConnectionError, and ends the connection, if the controller does not read."""
-        if writer.transport.get_write_buffer_size() > MAX_UNSENT:
+        if writer.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             writer.transport.abort()
             raise ConnectionError('the controller leaves what is sent unread')
         writer.write(data)
@@ -338,7 +338,7 @@ async def _watch(silence: Silence, limit: asyncio.Timeout) -> None:
 def _reason(error: OSError | ValueError) -> str:
     """Return why a connection could not be made, in the system's words."""
     if isinstance(error, ValueError) or error.errno is None:  # ours
-        return str(error) or f'no answer within {CONNECT_TIMEOUT:g} s'
+        return str(error) or f'no answer within {CONNECT_TIMEOUT_S:g} s'
     if isinstance(error, socket.gaierror):
         return error.strerror or str(error)
     return os.strerror(error.errno)  # asyncio's own text repeats the address

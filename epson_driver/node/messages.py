@@ -14,7 +14,7 @@ from industrial_msgs.msg import RobotMode, RobotStatus, TriState
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from epson_driver.driver.goal.execution import Execution
+from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.simple_message import Mode, Status
@@ -54,7 +54,7 @@ def result(outcome: Outcome) -> FollowJointTrajectory.Result:
 
 
 def feedback(
-    execution: Execution, sample: JointSample, stamp: Any
+    execution: GoalExecution, sample: JointSample, stamp: Any
 ) -> FollowJointTrajectory.Feedback:
     """Return where the arm should be on the plan, where it was measured, and the difference."""
     message = FollowJointTrajectory.Feedback()
@@ -65,7 +65,7 @@ def feedback(
 
 
 def controller_state(
-    execution: Execution, sample: JointSample, stamp: Any
+    execution: GoalExecution, sample: JointSample, stamp: Any
 ) -> JointTrajectoryControllerState:
     """Return the same as joint_trajectory_controller's state message."""
     message = JointTrajectoryControllerState()
@@ -82,7 +82,7 @@ def controller_state(
 
 
 def _points(
-    execution: Execution, sample: JointSample
+    execution: GoalExecution, sample: JointSample
 ) -> tuple[JointTrajectoryPoint, JointTrajectoryPoint, JointTrajectoryPoint]:
     at_rest = (0.0, sample.positions, np.zeros_like(sample.velocities))
     time, positions, velocities = execution.desired or at_rest

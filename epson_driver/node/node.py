@@ -28,10 +28,10 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.configuration import Configuration
-from epson_driver.driver.delivery.deliveries import delivery_rules
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.goal.execution import Execution, Settings, cause_time
 from epson_driver.driver.goal.goal import (
     Goal,
     check_limits,
@@ -39,42 +39,42 @@ from epson_driver.driver.goal.goal import (
     trajectory_from_message,
     untimed,
 )
-from epson_driver.driver.goal.goals import Ticket
+from epson_driver.driver.goal.goal_execution import GoalExecution, GoalSettings, cause_timeout
+from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.tolerances import tolerances
-from epson_driver.driver.outcome import End, ErrorCode, GoalRefusedError, Outcome
-from epson_driver.driver.services import ServiceError, Services
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.driver.state.plausibility import Margins
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks.parts import report_failure, run_together
+from epson_driver.driver.tasks.task_group import report_task_error, run_task_group
 from epson_driver.error_texts import load_error_texts
 from epson_driver.node import messages, parameters
 from epson_driver.node.diagnostics import Diagnostics
-from epson_driver.node.io import IoInterface
-from epson_driver.node.pace import Pace
+from epson_driver.node.io_interface import IoInterface
+from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, LoopBridge
 from epson_driver.node.point_streams import PointStreams
 from epson_driver.node.ros_log import context_of
-from epson_driver.node.serving import REQUESTS, EndedError, Serving
-from epson_driver.node.speed_scaling import SpeedInterface
-from epson_driver.node.stamps import Stamps
+from epson_driver.node.ros_time import RosTimeStamps
+from epson_driver.node.speed_scaling import SpeedScalingInterface
+from epson_driver.node.throttle import Throttle
 from epson_driver.node.tracing import Tracing
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import ByteOrder, Status
 from epson_driver.trace import TraceError
 
-RESULTS_TIMEOUT = 0.3
+RESULTS_TIMEOUT_S = 0.3
 """How long the end of the process waits for results to be sent, s."""
 
-RESULTS_LINGER = 0.2
+RESULTS_LINGER_S = 0.2
 """How long it then stays for them to be received, s: shared memory goes with its process, and rmw
 has no acknowledgement for the responses of services, which results are."""
 
-LATEST_START = 1.0
+MAX_START_AHEAD_S = 1.0
 """A trajectory stamped further ahead is refused: it would move when nobody expects it, s."""
 
-RESULT_KEPT = 60
+RESULT_TIMEOUT_S = 60
 """How long a goal and its result are kept for whoever asks late, s: rclpy's own 15 minutes would
 keep all points of all goals of that time."""
 
@@ -96,15 +96,15 @@ class ClientNode:
         self.driver = Driver(self._configuration(), self, self._settings())
         self._apply_settings()
         self._tracing = self._context.run(Tracing, self.driver.trace, self._parameters)
-        self._serving = Serving(node, self._context, self.driver.fault)
-        self._services = Services(self.driver)
-        self._tickets: dict[bytes, Ticket] = {}
-        self._feedback_pace = Pace()
+        self._serving = LoopBridge(node, self._context, self.driver.fault)
+        self._commands = ArmCommands(self.driver)
+        self._handles: dict[bytes, GoalHandle] = {}
+        self._feedback_pace = Throttle()
         self._point_streams = PointStreams()
         self._limits = self.driver.configuration.limits
         self._joint_state = messages.JointStateWriter(self._limits.names)
         self._clock = node.get_clock()
-        self._stamps = Stamps(self._clock, self._loop.time)
+        self._stamps = RosTimeStamps(self._clock, self._loop.time)
         self._diagnostics = Diagnostics(self.driver, node.get_fully_qualified_name().lstrip('/'))
         self._make_publishers()
         self._make_entry_points()
@@ -113,26 +113,26 @@ class ClientNode:
     async def run(self) -> None:
         """Drive the controller until cancelled. Raises what a part of it raised."""
         parts = {'the driver': self.driver.run, 'diagnostics': self._publish_diagnostics}
-        together = run_together(parts, self.driver.shut_down)
+        together = run_task_group(parts, self.driver.shut_down)
         await self._loop.create_task(together, context=self._context)
 
     async def shut_down(self) -> None:
         """Stop the arm, and let every goal's result leave before ROS is shut down.
 
-        Raises TimeoutError if that takes longer than RESULTS_TIMEOUT.
+        Raises TimeoutError if that takes longer than RESULTS_TIMEOUT_S.
         """
-        busy = bool(self._tickets)
+        busy = bool(self._handles)
         await self._loop.create_task(self.driver.shut_down(), context=self._context)
         executor = self._node.executor
-        async with asyncio.timeout(RESULTS_TIMEOUT):
+        async with asyncio.timeout(RESULTS_TIMEOUT_S):
             waiting = busy
-            while waiting:  # and once more: the last result leaves right after its ticket
-                waiting = bool(self._tickets)
+            while waiting:  # and once more: the last result leaves right after its handle
+                waiting = bool(self._handles)
                 passed = asyncio.Event()
                 executor.create_task(self._loop.call_soon_threadsafe, passed.set)
                 await passed.wait()
         if busy:
-            await asyncio.sleep(RESULTS_LINGER)
+            await asyncio.sleep(RESULTS_LINGER_S)
 
     def end(self) -> None:
         """Have every request answered that still waits: the loop has ended. In any thread."""
@@ -174,16 +174,16 @@ class ClientNode:
             ),
         )
 
-    def _settings(self) -> Settings:
-        return Settings(
+    def _settings(self) -> GoalSettings:
+        return GoalSettings(
             stopped_velocity=self._parameters['constraints.stopped_velocity_tolerance'],
             reply_timeout=self._parameters['reply_timeout'],
-            cause_time=cause_time(self._profile.state),
+            cause_timeout=cause_timeout(self._profile.state),
         )
 
     def _apply_settings(self) -> None:
-        self.driver.goals.settings = self._settings()
-        self.driver.goals.start_tolerance = self._parameters['start_tolerance']
+        self.driver.goal_queue.settings = self._settings()
+        self.driver.goal_queue.start_tolerance = self._parameters['start_tolerance']
         self.driver.io.timeout = self._parameters['io_timeout']
 
     def _make_publishers(self) -> None:
@@ -201,26 +201,28 @@ class ClientNode:
         node = self._node
         group = ReentrantCallbackGroup()
         for name in ('stop', 'enable', 'disable', 'reset_error'):
-            method = getattr(self._services, name)
+            method = getattr(self._commands, name)
             self._serving.create_service(Trigger, f'~/{name}', self._trigger(name, method), group)
         for topic in ('~/joint_trajectory', 'joint_path_command'):
             node.create_subscription(
                 JointTrajectory, topic, self._on_trajectory, 10, callback_group=group
             )
         self._io = IoInterface(node, self.driver.io, self._serving, group)
-        self._speed = SpeedInterface(node, self.driver.goals.scaling, self._serving, group)
+        self._speed = SpeedScalingInterface(
+            node, self.driver.goal_queue.scaling, self._serving, group
+        )
         self._action = ActionServer(
             node,
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
             self._execute,
-            goal_callback=lambda goal: GoalResponse.ACCEPT,  # refusals need a result to say why
+            goal_callback=lambda goal: GoalResponse.ACCEPT,  # rejections need a result to say why
             cancel_callback=self._cancel,
             callback_group=group,
-            goal_service_qos_profile=REQUESTS,
-            result_service_qos_profile=REQUESTS,
-            cancel_service_qos_profile=REQUESTS,
-            result_timeout=RESULT_KEPT,
+            goal_service_qos_profile=REQUEST_QOS,
+            result_service_qos_profile=REQUEST_QOS,
+            cancel_service_qos_profile=REQUEST_QOS,
+            result_timeout=RESULT_TIMEOUT_S,
         )
         node.add_on_set_parameters_callback(self._on_set_parameters)
 
@@ -233,7 +235,7 @@ class ClientNode:
             try:
                 response.message = await self._serving.in_loop(method)
                 response.success = True
-            except ServiceError as error:
+            except CommandError as error:
                 response.message = str(error)
                 response.success = False
             self._node.get_logger().info(f'~/{name}: {response.message}')
@@ -246,9 +248,9 @@ class ClientNode:
         key = bytes(goal_handle.goal_id.uuid)
         try:
             outcome = await self._outcome(key, goal_handle)
-        except GoalRefusedError as refusal:
-            outcome = refusal.outcome
-        except EndedError as error:
+        except GoalRejectedError as rejection:
+            outcome = rejection.outcome
+        except DriverEndedError as error:
             outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, str(error))
         except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
             text = self._serving.failed('~/follow_joint_trajectory', error)
@@ -260,29 +262,29 @@ class ClientNode:
             goal_handle.canceled()
         else:
             goal_handle.abort()
-        self._tickets.pop(key, None)
+        self._handles.pop(key, None)
         return messages.result(outcome)
 
     async def _outcome(self, key: bytes, goal_handle: Any) -> Outcome:
-        """Return how a goal ended. Raises GoalRefusedError, EndedError."""
+        """Return how a goal ended. Raises GoalRejectedError, DriverEndedError."""
         goal = self._checked(goal_handle.request)
         done = self._serving.promise()
-        ticket = Ticket(
+        handle = GoalHandle(
             goal, partial(self._serving.keep, done), partial(self._on_feedback, goal_handle)
         )
-        self._tickets[key] = ticket
-        self._serving.to_loop(self.driver.goals.submit, ticket)
+        self._handles[key] = handle
+        self._serving.to_loop(self.driver.goal_queue.submit, handle)
         if goal_handle.is_cancel_requested:
-            self._serving.to_loop(self.driver.goals.cancel, ticket)
+            self._serving.to_loop(self.driver.goal_queue.cancel, handle)
         outcome: Outcome = await self._serving.kept(done)
         return outcome
 
     def _cancel(self, goal_handle: Any) -> CancelResponse:
         try:
-            ticket = self._tickets.get(bytes(goal_handle.goal_id.uuid))
-            if ticket is not None:
-                self._serving.to_loop(self.driver.goals.cancel, ticket)
-        except EndedError:
+            handle = self._handles.get(bytes(goal_handle.goal_id.uuid))
+            if handle is not None:
+                self._serving.to_loop(self.driver.goal_queue.cancel, handle)
+        except DriverEndedError:
             return CancelResponse.REJECT
         except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
             self._serving.failed('canceling a goal', error)
@@ -293,30 +295,30 @@ class ClientNode:
         """Execute a trajectory without an action client; one without points stops the arm."""
         try:
             self._take_trajectory(message)
-        except GoalRefusedError as refusal:
-            self._log_outcome(refusal.outcome)
-        except EndedError as error:
+        except GoalRejectedError as rejection:
+            self._log_outcome(rejection.outcome)
+        except DriverEndedError as error:
             self._node.get_logger().warning(f'a trajectory was dropped: {error}')
         except Exception as error:  # noqa: BLE001 - it is logged, and stops the arm
             self._serving.failed('taking a trajectory', error)
 
     def _take_trajectory(self, message: JointTrajectory) -> None:
-        """Raises GoalRefusedError, EndedError."""
+        """Raises GoalRejectedError, DriverEndedError."""
         if not message.points:
             self._serving.to_loop(self._begin_stop)
             return
         if what := self._point_streams.noticed(len(message.points), self._loop.time()):
             self._node.get_logger().warning(what)
         goal = self._checked(FollowJointTrajectory.Goal(trajectory=message))
-        ticket = Ticket(goal, self._log_outcome, partial(self._on_feedback, None))
-        self._serving.to_loop(self.driver.goals.submit, ticket)
+        handle = GoalHandle(goal, self._log_outcome, partial(self._on_feedback, None))
+        self._serving.to_loop(self.driver.goal_queue.submit, handle)
 
     def _checked(self, request: FollowJointTrajectory.Goal) -> Goal:
-        """Return the goal of a request. Raises GoalRefusedError."""
+        """Return the goal of a request. Raises GoalRejectedError."""
         values = self._parameters
         names = self._limits.names
         if request.multi_dof_trajectory.points:
-            raise GoalRefusedError(
+            raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL, 'multi_dof_trajectory has points: not supported'
             )
         trajectory = trajectory_from_message(request.trajectory, names)
@@ -353,28 +355,28 @@ class ClientNode:
             return
         ahead = start - self._clock.now().nanoseconds * 1e-9
         if ahead + duration < 0.0:
-            raise GoalRefusedError(
+            raise GoalRejectedError(
                 ErrorCode.OLD_HEADER_TIMESTAMP,
                 f'header.stamp: the trajectory ended {-ahead - duration:.3g} s ago',
             )
-        if ahead > LATEST_START:
-            raise GoalRefusedError(
+        if ahead > MAX_START_AHEAD_S:
+            raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 f'header.stamp is {ahead:.3g} s in the future: a start later than in '
-                f'{LATEST_START:g} s is not supported',
+                f'{MAX_START_AHEAD_S:g} s is not supported',
             )
 
     def _on_set_parameters(self, changes: list[Any]) -> SetParametersResult:
         try:
             why = self._set_parameters(changes)
-        except (TraceError, EndedError) as error:
+        except (TraceError, DriverEndedError) as error:
             why = str(error)
         except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
             why = self._serving.failed('setting parameters', error)
         return SetParametersResult(successful=not why, reason=why)
 
     def _set_parameters(self, changes: list[Any]) -> str:
-        """Apply changes; return why they cannot be. Raises TraceError, EndedError.
+        """Apply changes; return why they cannot be. Raises TraceError, DriverEndedError.
 
         Ranges and read-only flags were checked by rclpy from the descriptors.
         """
@@ -383,7 +385,7 @@ class ClientNode:
             for parameter in changes
             if parameter.name in self._parameters
         }
-        if why := parameters.refusal(changes):
+        if why := parameters.rejection(changes):
             return why
         self._context.copy().run(self._tracing.change, values)  # the loop is in the first
         self._parameters |= values
@@ -407,7 +409,9 @@ class ClientNode:
         self._node.get_logger().debug(f'link {name}: {why}')
         self._link_state.publish(String(data=name))
 
-    def _on_feedback(self, goal_handle: Any, execution: Execution, sample: JointSample) -> None:
+    def _on_feedback(
+        self, goal_handle: Any, execution: GoalExecution, sample: JointSample
+    ) -> None:
         """Publish action feedback and `~/controller_state` at `action_monitor_rate`."""
         if not self._feedback_pace.due(sample.time, self._parameters['action_monitor_rate']):
             return
@@ -418,13 +422,13 @@ class ClientNode:
 
     def _begin_stop(self) -> None:
         task = self._loop.create_task(self._stop_for_topic())
-        task.add_done_callback(report_failure)
+        task.add_done_callback(report_task_error)
 
     async def _stop_for_topic(self) -> None:
         logger = self._node.get_logger()
         try:
-            logger.info(f'empty trajectory: {await self._services.stop()}')
-        except ServiceError as error:
+            logger.info(f'empty trajectory: {await self._commands.stop()}')
+        except CommandError as error:
             logger.error(f'empty trajectory: {error}')
 
     async def _publish_diagnostics(self) -> None:

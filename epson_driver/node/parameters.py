@@ -322,7 +322,7 @@ def declare(node: Any) -> dict[str, Any]:
     return values
 
 
-def refusal(changes: Iterable[Any]) -> str:
+def rejection(changes: Iterable[Any]) -> str:
     """Return why rclpy parameters cannot have these values; '' if they can.
 
     Ranges, types and read-only flags are rclpy's business: it has them from the descriptors.

@@ -11,18 +11,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
-from epson_driver.driver.tasks.parts import report_failure
-from epson_driver.node.serving import Serving
+from epson_driver.driver.tasks.task_group import report_task_error
+from epson_driver.node.loop_bridge import LoopBridge
 
-PERIOD = 0.05
+PERIOD_S = 0.05
 """Between two values of a ramp, s."""
 
 
-class SpeedInterface:
+class SpeedScalingInterface:
     """Publishes the factor when it changes, and serves requests. Made in the driver's loop."""
 
     def __init__(
-        self, node: Any, scaling: SpeedScaling, serving: Serving, callback_group: Any
+        self, node: Any, scaling: SpeedScaling, serving: LoopBridge, callback_group: Any
     ) -> None:
         self._scaling = scaling
         self._serving = serving
@@ -48,7 +48,7 @@ class SpeedInterface:
         if self._ramp is not None:
             self._ramp.cancel()
         self._ramp = asyncio.create_task(self._publish())
-        self._ramp.add_done_callback(report_failure)
+        self._ramp.add_done_callback(report_task_error)
         if factor == 0.0:
             return 'pausing: no more points are sent; what the controller has taken runs on'
         return f'points are sent at {factor:g} of the planned speed from now on'
@@ -57,6 +57,6 @@ class SpeedInterface:
         factor = None
         while factor != self._scaling.target:
             if factor is not None:
-                await asyncio.sleep(PERIOD)
+                await asyncio.sleep(PERIOD_S)
             factor = self._scaling.factor(asyncio.get_running_loop().time())
             self._factor.publish(Float64(data=factor))

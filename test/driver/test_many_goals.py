@@ -19,7 +19,7 @@ from support.event_loop import run, until
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli.processes import free_ros_domain
-from epson_driver.driver.services import Services
+from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.node import node as client_node
 from epson_driver.sim_controller.faults.fault_text import parse
 
@@ -84,7 +84,7 @@ class User:
                 and driver.robot.status is not None
             )
         )
-        await Services(driver).enable()
+        await ArmCommands(driver).enable()
 
     async def send(self, positions):
         """Send a goal of one point; return a future of its status and sentence."""
@@ -115,7 +115,7 @@ class User:
 
 def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setattr(client_node, 'RESULT_KEPT', KEPT)
+    monkeypatch.setattr(client_node, 'RESULT_TIMEOUT_S', KEPT)
 
     async def scenario():
         ends = Counter()
@@ -131,7 +131,7 @@ def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
                     target[0] = 9.0
                 done = await user.send(target.tolist())
                 if kind == 'cut':
-                    await until(lambda: driver.goals.busy)
+                    await until(lambda: driver.goal_queue.busy)
                     controller.faults.start(parse('cut for=0.05'))
                 status, text = await done
                 expected, words = EXPECTED[kind]
@@ -144,7 +144,7 @@ def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
             assert server._goal_handles  # for who asks late
             await until(lambda: not server._goal_handles)
             assert not server._result_futures
-            assert not user.client._tickets
+            assert not user.client._handles
         print(dict(ends))
 
     run(scenario(), 110.0)

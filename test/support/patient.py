@@ -22,10 +22,10 @@ TIMEOUTS = {
     'epson_driver.node.diagnostics': {'STATUS_TIMEOUT': LONG},
     # the end of the process waits so long for what may have failed: not too long, therefore
     'epson_driver.driver.driver': {'STATUS_TIMEOUT': LONG, 'SHUT_DOWN_TIMEOUT': 8.0},
-    'epson_driver.driver.goal.execution': {'SETTLE_TIME': LONG},
+    'epson_driver.driver.goal.goal_execution': {'SETTLE_TIME': LONG},
     'epson_driver.node.node': {'RESULTS_TIMEOUT': 8.0, 'RESULTS_LINGER': 2.0},
     'epson_driver.node.ros_thread': {'LEAVE_TIMEOUT': 8.0},
-    'epson_driver.driver.services': {'ANSWER_TIMEOUT': LONG},
+    'epson_driver.driver.arm_commands': {'ANSWER_TIMEOUT': LONG},
     'epson_driver.driver.stopping.stopper': {
         'ANSWER_TIME': LONG,
         'BRAKING_TIME': LONG,

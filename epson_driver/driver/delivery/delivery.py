@@ -37,7 +37,7 @@ class DeliveryRules:
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedTrajectory:
     """A trajectory as it is executed, and its messages, in the order in which they are posted.
 
     delay: how long after the first of them the controller lets the arm stand before it moves, s.
@@ -56,7 +56,7 @@ class Delivery(Protocol):
 
     resumes: bool
 
-    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
+    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).
 
         Raises GoalRefusedError if the controller cannot take it.

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from epson_driver.driver.goal.tolerances import Tolerances
-from epson_driver.driver.outcome import ErrorCode, GoalRefusedError
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 
-MENTIONED = 5
+MAX_MENTIONED_PROBLEMS = 5
 """So many violations are spelled out in a goal's error text; the rest is counted."""
 
 
@@ -43,19 +43,19 @@ class Goal:
 def trajectory_from_message(message: Any, joint_names: Sequence[str]) -> Trajectory:
     """Return a trajectory_msgs/JointTrajectory as a Trajectory in the order of `joint_names`.
 
-    Raises GoalRefusedError: INVALID_JOINTS unless the names are the same set, INVALID_GOAL if
+    Raises GoalRejectedError: INVALID_JOINTS unless the names are the same set, INVALID_GOAL if
     there are no points, a point has no positions, or an array has the wrong length.
     """
     names = tuple(message.joint_names)
     if len(set(names)) != len(names):
         twice = sorted({name for name in names if names.count(name) > 1})
-        raise GoalRefusedError(
+        raise GoalRejectedError(
             ErrorCode.INVALID_JOINTS, f'joint_names has {", ".join(twice)} twice'
         )
     missing = [name for name in joint_names if name not in names]
     unknown = [name for name in names if name not in joint_names]
     if missing or unknown:
-        raise GoalRefusedError(
+        raise GoalRejectedError(
             ErrorCode.INVALID_JOINTS,
             '; '.join(
                 [f'joint_names lacks {", ".join(missing)}'] * bool(missing)
@@ -64,7 +64,7 @@ def trajectory_from_message(message: Any, joint_names: Sequence[str]) -> Traject
             ),
         )
     if not message.points:
-        raise GoalRefusedError(ErrorCode.INVALID_GOAL, 'the trajectory has no points')
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'the trajectory has no points')
     trajectory = Trajectory(
         names,
         np.array([duration_in_s(point.time_from_start) for point in message.points]),
@@ -86,7 +86,7 @@ def _table(points: Sequence[Any], quantity: str, names: Sequence[str]) -> Array:
     for index, point in enumerate(points):
         count = len(getattr(point, quantity))
         if count != len(names):
-            raise GoalRefusedError(
+            raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 f'point {index}: {count} {quantity} for {len(names)} joints',
             )
@@ -102,12 +102,12 @@ def duration_in_s(message: Any) -> float:
 def check_limits(
     trajectory: Trajectory, limits: JointLimits, *, may_end_moving: bool = False
 ) -> None:
-    """Raise GoalRefusedError INVALID_GOAL that names point, joint, value and limit."""
+    """Raise GoalRejectedError INVALID_GOAL that names point, joint, value and limit."""
     found = list(problems(trajectory, limits))
     if not found and not may_end_moving:
         found = list(_end_velocities(trajectory, limits))
     if found:
-        raise GoalRefusedError(ErrorCode.INVALID_GOAL, _listed(found))
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, _listed(found))
 
 
 def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
@@ -139,7 +139,7 @@ def _end_velocities(trajectory: Trajectory, limits: JointLimits) -> Iterable[str
 def check_start(
     trajectory: Trajectory, actual: Array, limits: JointLimits, tolerance: float
 ) -> None:
-    """Raise GoalRefusedError INVALID_GOAL unless the trajectory starts where the arm is.
+    """Raise GoalRejectedError INVALID_GOAL unless the trajectory starts where the arm is.
 
     A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad); a later
     one must be reachable from there in its time.
@@ -167,10 +167,10 @@ def check_start(
         if difference > max(tolerance, velocity * time)
     ]
     if found:
-        raise GoalRefusedError(ErrorCode.INVALID_GOAL, _listed(found))
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, _listed(found))
 
 
 def _listed(found: Sequence[str]) -> str:
-    text = '; '.join(islice(found, MENTIONED))
-    rest = len(found) - MENTIONED
+    text = '; '.join(islice(found, MAX_MENTIONED_PROBLEMS))
+    rest = len(found) - MAX_MENTIONED_PROBLEMS
     return f'{text}; and {rest} more' if rest > 0 else text

@@ -14,12 +14,12 @@ Rules:
    when the arm stands. If STOP's answer was taken for that of a point which never came, the state
    decides: an arm that has stood for longer. A fault sends STOP and ends the goal at once: it
    cannot wait for an arm that it may no longer see.
-5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIME at most: it
-   has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
+5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIMEOUT_S at most:
+   it has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
 6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
    against the plan at that moment (goal_clock.py), until the plan's end.
-7. A controller that is paused (pause.py) is waited for, however long: the clock stands and no
-   patience runs out.
+7. A controller that is paused (controller_pause.py) is waited for, however long: the clock stands
+   and no patience runs out.
 8. While the speed scaling is 0 no point is sent; what was acknowledged runs on.
 9. A goal breaks off when the controller does not answer in time, or refuses what follows points
    that it had taken. Nobody knows then what it will do with them: the arm must be enabled again.
@@ -28,13 +28,13 @@ Rules:
 from enum import Enum
 
 
-class State(Enum):
+class GoalState(Enum):
     """Where a goal is."""
 
     PREPARING = 'preparing'
     STREAMING = 'streaming'
     SETTLING = 'settling'
-    REFUSED = 'refused'
+    REJECTED = 'rejected'
     CANCELING = 'canceling'
     STOPPING = 'stopping'
     SUCCEEDED = 'succeeded'
@@ -42,12 +42,12 @@ class State(Enum):
     ABORTED = 'aborted'
 
 
-class Event(Enum):
+class GoalEvent(Enum):
     """What happens to a goal."""
 
     PREPARED = 'prepared'
     LAST_REPLY = 'last reply'
-    REFUSAL = 'refusal'
+    REJECTION = 'rejection'
     AT_GOAL = 'at the goal'
     CANCEL = 'cancel'
     STOP = 'stop'
@@ -55,27 +55,27 @@ class Event(Enum):
     FAULT = 'fault'
 
 
-TRANSITIONS: dict[tuple[State, Event], State] = {
-    (State.PREPARING, Event.PREPARED): State.STREAMING,
-    (State.PREPARING, Event.CANCEL): State.CANCELING,
-    (State.PREPARING, Event.STOP): State.STOPPING,
-    (State.PREPARING, Event.FAULT): State.ABORTED,
-    (State.STREAMING, Event.LAST_REPLY): State.SETTLING,
-    (State.STREAMING, Event.REFUSAL): State.REFUSED,
-    (State.STREAMING, Event.CANCEL): State.CANCELING,
-    (State.STREAMING, Event.STOP): State.STOPPING,
-    (State.STREAMING, Event.FAULT): State.ABORTED,
-    (State.REFUSED, Event.FAULT): State.ABORTED,
-    (State.SETTLING, Event.AT_GOAL): State.SUCCEEDED,
-    (State.SETTLING, Event.REFUSAL): State.REFUSED,
-    (State.SETTLING, Event.CANCEL): State.CANCELING,
-    (State.SETTLING, Event.STOP): State.STOPPING,
-    (State.SETTLING, Event.FAULT): State.ABORTED,
-    (State.CANCELING, Event.AT_REST): State.CANCELED,
-    (State.CANCELING, Event.FAULT): State.ABORTED,
-    (State.STOPPING, Event.CANCEL): State.CANCELING,
-    (State.STOPPING, Event.AT_REST): State.ABORTED,
-    (State.STOPPING, Event.FAULT): State.ABORTED,
+TRANSITIONS: dict[tuple[GoalState, GoalEvent], GoalState] = {
+    (GoalState.PREPARING, GoalEvent.PREPARED): GoalState.STREAMING,
+    (GoalState.PREPARING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.PREPARING, GoalEvent.STOP): GoalState.STOPPING,
+    (GoalState.PREPARING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.STREAMING, GoalEvent.LAST_REPLY): GoalState.SETTLING,
+    (GoalState.STREAMING, GoalEvent.REJECTION): GoalState.REJECTED,
+    (GoalState.STREAMING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.STREAMING, GoalEvent.STOP): GoalState.STOPPING,
+    (GoalState.STREAMING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.REJECTED, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.SETTLING, GoalEvent.AT_GOAL): GoalState.SUCCEEDED,
+    (GoalState.SETTLING, GoalEvent.REJECTION): GoalState.REJECTED,
+    (GoalState.SETTLING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.SETTLING, GoalEvent.STOP): GoalState.STOPPING,
+    (GoalState.SETTLING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.CANCELING, GoalEvent.AT_REST): GoalState.CANCELED,
+    (GoalState.CANCELING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.STOPPING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.STOPPING, GoalEvent.AT_REST): GoalState.ABORTED,
+    (GoalState.STOPPING, GoalEvent.FAULT): GoalState.ABORTED,
 }
 
-FINAL = frozenset({State.SUCCEEDED, State.CANCELED, State.ABORTED})
+FINAL_STATES = frozenset({GoalState.SUCCEEDED, GoalState.CANCELED, GoalState.ABORTED})

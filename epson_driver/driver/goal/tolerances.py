@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from epson_driver.driver.outcome import ErrorCode, GoalRefusedError
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array
 
 
@@ -63,7 +63,7 @@ def tolerances(
     """Return the tolerances of a goal's JointTolerance[], the goal's `field`.
 
     `defaults` (shape (n,), rad; 0: not checked) hold for positions; velocities have none. Raises
-    GoalRefusedError for a joint that is not there, a number that is not finite, and a limit of
+    GoalRejectedError for a joint that is not there, a number that is not finite, and a limit of
     the acceleration.
     """
     values = {
@@ -72,13 +72,13 @@ def tolerances(
     }
     for entry in message:
         if entry.name not in joint_names:
-            raise GoalRefusedError(
+            raise GoalRejectedError(
                 ErrorCode.INVALID_JOINTS, f'{field} names the unknown joint {entry.name!r}'
             )
         for quantity in ('position', 'velocity', 'acceleration'):
             value = getattr(entry, quantity)
             if not np.isfinite(value):
-                raise GoalRefusedError(
+                raise GoalRejectedError(
                     ErrorCode.INVALID_GOAL,
                     f'{field}, {entry.name}: {quantity} = {value} is not finite',
                 )
@@ -87,7 +87,7 @@ def tolerances(
                     index = joint_names.index(entry.name)
                     values[quantity][index] = value if value > 0.0 else np.inf
             elif value > 0.0:
-                raise GoalRefusedError(
+                raise GoalRejectedError(
                     ErrorCode.INVALID_GOAL,
                     f'{field}, {entry.name}: {quantity} = {value:g} cannot be checked: the '
                     f'controller reports no accelerations; leave it at 0',

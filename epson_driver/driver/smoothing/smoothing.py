@@ -11,7 +11,7 @@ from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import retimed, smoothed
 from epson_driver.motion.smoother import Mode
 
-MENTIONED = 3
+MAX_MENTIONED_PROBLEMS = 3
 """So many violations are spelled out."""
 
 
@@ -32,7 +32,7 @@ class Smoothing:
         return self.time_optimal or self.resample_period is not None
 
 
-def prepared(
+def smoothed_trajectory(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
 ) -> Trajectory:
     """Return what to send for a checked trajectory of an arm that rests at `start`, (n,), rad.
@@ -50,7 +50,7 @@ def prepared(
         return retimed(trajectory, limits) if smoothing.time_optimal else trajectory
     mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
     motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
-    wrong = list(islice(problems(motion, limits), MENTIONED))
+    wrong = list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS))
     if wrong:
         raise ValueError('; '.join(wrong))
     return motion

@@ -16,7 +16,7 @@ import sys
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory
 
-TIMEOUT = 30.0
+TIMEOUT_S = 30.0
 """Longer than any plan should take, s."""
 
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
@@ -48,10 +48,10 @@ class SmoothingProcess:
         arguments = pickle.dumps((trajectory, start, self._limits, self._smoothing))
         process = await self._take()
         try:
-            async with asyncio.timeout(TIMEOUT):
+            async with asyncio.timeout(TIMEOUT_S):
                 answer, _ = await process.communicate(arguments)
         except TimeoutError as error:
-            raise SmoothingError(f'no smooth motion was found within {TIMEOUT:g} s') from error
+            raise SmoothingError(f'no smooth motion was found within {TIMEOUT_S:g} s') from error
         finally:
             await _end(process)
             self.make_ready()

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, Protocol
 
-from epson_driver.driver.delivery.refusal import refusal
+from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.link import Link
 from epson_driver.remote_ethernet.client import RemoteError, execute
 from epson_driver.simple_message import MotionCtrl, Packet
@@ -67,7 +67,7 @@ class Motors(Protocol):
         """Do it within `timeout` s. Raises MotorsError."""
 
 
-class ByHand:
+class MotorsByHand:
     """The driver has no way."""
 
     def __init__(self, missing: str) -> None:
@@ -78,7 +78,7 @@ class ByHand:
         raise MotorsError(f'{self.missing}, the driver cannot do it: {action.value.by_hand}')
 
 
-class RemoteEthernet:
+class RemoteEthernetMotors:
     """EPSON's remote port."""
 
     missing = ''
@@ -100,7 +100,7 @@ class RemoteEthernet:
             ) from error
 
 
-class MotomanCommands:
+class MotomanMotors:
     """MOTION_CTRL requests on the motion link."""
 
     missing = ''
@@ -123,7 +123,7 @@ class MotomanCommands:
             waiting = self._link.post(MotionCtrl(0, 0, commands.motoman), on_reply)
             try:
                 async with asyncio.timeout(timeout):
-                    why = refusal(await answer)
+                    why = reply_rejection(await answer)
             except TimeoutError:
                 self._link.give_up(waiting)
                 unanswered = True
@@ -136,7 +136,7 @@ class MotomanCommands:
             )
 
 
-class OneAfterTheOther:
+class SerializedMotors:
     """Another way to the motors, with one command on its way at a time.
 
     So the one that was given last has the last word. Somebody who waits for a command and is
@@ -194,12 +194,12 @@ class OneAfterTheOther:
                 self.may_come_on = False
 
 
-def motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link) -> Motors:
+def make_motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link) -> Motors:
     """Return the way that a controller's profile and the parameter `remote_port` leave."""
     if kind == 'motoman':
-        return MotomanCommands(motion_link)
+        return MotomanMotors(motion_link)
     if kind == 'none':
-        return ByHand('the controller takes no such command')
+        return MotorsByHand('the controller takes no such command')
     if not remote_port:
-        return ByHand('remote_port is 0')
-    return RemoteEthernet(host, remote_port)
+        return MotorsByHand('remote_port is 0')
+    return RemoteEthernetMotors(host, remote_port)

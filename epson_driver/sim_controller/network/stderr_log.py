@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from epson_driver.log_lines import LogPace, PrintableFormatter, counted
+from epson_driver.log_lines import LogThrottle, PrintableFormatter, counted
 
 BURST = 20
 """Lines that each place in the code may write at once; then one a second."""
@@ -34,7 +34,7 @@ class StderrLog(logging.Handler):
         super().__init__()
         self.setFormatter(PrintableFormatter('%(asctime)s %(levelname)s %(message)s'))
         self._clock = clock
-        self._paces: dict[tuple[str, int], LogPace] = {}
+        self._paces: dict[tuple[str, int], LogThrottle] = {}
         self._lines: queue.Queue[bytes | None] = queue.Queue(_CAPACITY)
         self._thread = threading.Thread(target=self._write, name='stderr log', daemon=True)
         self._thread.start()
@@ -43,7 +43,7 @@ class StderrLog(logging.Handler):
         """Hand the line to the thread, hold it back, or drop it."""
         where = (record.pathname, record.lineno)
         if where not in self._paces:
-            self._paces[where] = LogPace(BURST)
+            self._paces[where] = LogThrottle(BURST)
         held = self._paces[where].passes(self._clock())
         if held is None:
             return

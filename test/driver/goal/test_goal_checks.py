@@ -11,13 +11,13 @@ from builtin_interfaces.msg import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.goal.goal import (
-    MENTIONED,
+    MAX_MENTIONED_PROBLEMS,
     check_limits,
     check_start,
     duration_in_s,
     trajectory_from_message,
 )
-from epson_driver.driver.outcome import End, ErrorCode, GoalRefusedError
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
 from epson_driver.motion import JointLimits
 
 NAMES = ('a', 'b', 'c')
@@ -55,8 +55,8 @@ def checked(*points, **options):
     return trajectory
 
 
-def refusal(call, code=ErrorCode.INVALID_GOAL):
-    with pytest.raises(GoalRefusedError) as caught:
+def rejection(call, code=ErrorCode.INVALID_GOAL):
+    with pytest.raises(GoalRejectedError) as caught:
         call()
     assert caught.value.code is code
     assert caught.value.outcome.end is End.ABORTED
@@ -108,12 +108,12 @@ def test_numbers_arrive_unchanged():
 )
 def test_wrong_names_are_in_the_text(names, words):
     at = [0.0] * len(names)
-    text = refusal(from_message(point(0.0, at), names=names), ErrorCode.INVALID_JOINTS)
+    text = rejection(from_message(point(0.0, at), names=names), ErrorCode.INVALID_JOINTS)
     assert all(word in text for word in words)
 
 
 def test_a_trajectory_without_points():
-    assert 'no points' in refusal(from_message())
+    assert 'no points' in rejection(from_message())
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_a_trajectory_without_points():
     ],
 )
 def test_arrays_of_the_wrong_length(points, text):
-    assert text in refusal(from_message(*points))
+    assert text in rejection(from_message(*points))
 
 
 # --- numbers ----------------------------------------------------------------------------------
@@ -143,8 +143,8 @@ def test_arrays_of_the_wrong_length(points, text):
 def test_numbers_that_are_not_finite(field, bad):
     points = [point(t, (0, 0, 0), (0, 0, 0), (0, 0, 0)) for t in range(3)]
     getattr(points[1], field)[2] = bad
-    text = refusal(lambda: checked(*points))
-    assert text == refusal(lambda: checked(*points))
+    text = rejection(lambda: checked(*points))
+    assert text == rejection(lambda: checked(*points))
     assert 'point 1' in text
     assert 'c: ' + field in text
     assert str(bad) in text
@@ -156,7 +156,7 @@ def test_numbers_that_are_not_finite(field, bad):
     [((0, 0, 1), 1), ((0, 1, 1), 2), ((0, 2, 1), 2), ((1, 0.5, 2), 1)],
 )
 def test_times_must_increase(times, index):
-    text = refusal(lambda: checked(*(point(t, (0, 0, 0)) for t in times)))
+    text = rejection(lambda: checked(*(point(t, (0, 0, 0)) for t in times)))
     assert f'point {index}: time_from_start' in text
     assert 'strictly increase' in text
 
@@ -167,11 +167,11 @@ def test_times_that_increase_by_a_nanosecond_are_told_apart():
 
 def test_a_negative_time():
     before = JointTrajectoryPoint(positions=[0.0] * 3, time_from_start=Duration(sec=-1))
-    assert 'point 0: time_from_start = -1 s is negative' in refusal(lambda: checked(before))
+    assert 'point 0: time_from_start = -1 s is negative' in rejection(lambda: checked(before))
 
 
 def test_a_position_beyond_its_limit_names_joint_value_and_limit():
-    text = refusal(lambda: checked(point(0, (0, 0, 0)), point(9, (0.5, -2.1, 0))))
+    text = rejection(lambda: checked(point(0, (0, 0, 0)), point(9, (0.5, -2.1, 0))))
     assert 'point 1, b' in text
     assert '-2.1' in text
     assert '-2 … 2' in text
@@ -179,14 +179,14 @@ def test_a_position_beyond_its_limit_names_joint_value_and_limit():
 
 def test_a_velocity_beyond_its_limit_names_joint_value_and_limit():
     points = [point(0, (0, 0, 0), (0, 0, 0)), point(9, (0, 0, 0.1), (0, 0, -3.2))]
-    text = refusal(lambda: checked(*points, may_end_moving=True))
+    text = rejection(lambda: checked(*points, may_end_moving=True))
     assert 'point 1, c' in text
     assert '-3.2' in text
     assert '-3 … 3' in text
 
 
 def test_a_step_that_needs_more_than_the_velocity_limit():
-    text = refusal(lambda: checked(point(0, (0, 0, 0)), point(0.1, (0.5, 0, 0))))
+    text = rejection(lambda: checked(point(0, (0, 0, 0)), point(0.1, (0.5, 0, 0))))
     assert 'points 0 to 1, a' in text
     assert '5 rad/s would be needed' in text
     assert 'limit is 1 rad/s' in text
@@ -197,22 +197,22 @@ def test_exactly_at_the_limits_is_fine():
 
 
 def test_one_bad_number_in_one_goal_names_one_thing():
-    text = refusal(lambda: checked(point(0, (0, 0, 0)), point(9, (0, 2.5, 0))))
+    text = rejection(lambda: checked(point(0, (0, 0, 0)), point(9, (0, 2.5, 0))))
     assert ';' not in text
 
 
 def test_many_violations_are_listed_then_counted():
     points = [point(9 * t, (0, 5, 0)) for t in range(20)]
-    text = refusal(lambda: checked(*points))
-    assert text.count('point ') == MENTIONED
-    assert text.endswith(f'and {20 - MENTIONED} more')
-    exactly = [point(9 * t, (0, 5, 0)) for t in range(MENTIONED)]
-    assert 'more' not in refusal(lambda: checked(*exactly))
+    text = rejection(lambda: checked(*points))
+    assert text.count('point ') == MAX_MENTIONED_PROBLEMS
+    assert text.endswith(f'and {20 - MAX_MENTIONED_PROBLEMS} more')
+    exactly = [point(9 * t, (0, 5, 0)) for t in range(MAX_MENTIONED_PROBLEMS)]
+    assert 'more' not in rejection(lambda: checked(*exactly))
 
 
 def test_the_last_velocity_must_be_zero_unless_allowed():
     points = [point(0, (0, 0, 0), (0, 0, 0)), point(1, (0.1, 0, 0), (0, 0.2, 0))]
-    text = refusal(lambda: checked(*points))
+    text = rejection(lambda: checked(*points))
     assert 'point 1, b' in text
     assert '0.2 rad/s' in text
     assert 'allow_nonzero_velocity_at_trajectory_end' in text
@@ -232,7 +232,7 @@ def test_a_start_within_tolerance():
 
 def test_a_start_elsewhere_names_joint_places_and_tolerance():
     trajectory = starting(0, (0.0, 0.5, 0.0))
-    text = refusal(lambda: check_start(trajectory, np.array([0.0, 0.1, 0.0]), LIMITS, 0.02))
+    text = rejection(lambda: check_start(trajectory, np.array([0.0, 0.1, 0.0]), LIMITS, 0.02))
     assert text.startswith('b: ')
     assert 'starts at 0.5 rad' in text
     assert 'is at 0.1 rad' in text
@@ -244,7 +244,7 @@ def test_a_start_elsewhere_names_joint_places_and_tolerance():
 def test_a_later_first_point_must_be_reachable_in_its_time():
     check_start(starting(0.5, (0.5, 1.0, 1.5)), np.zeros(3), LIMITS, 0.02)
     trajectory = starting(0.5, (0.6, 0.0, 0.0))
-    text = refusal(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
+    text = rejection(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
     assert '1.2 rad/s' in text
     assert 'limit is 1 rad/s' in text
 

@@ -9,7 +9,7 @@ import pytest
 from control_msgs.msg import JointTolerance
 
 from epson_driver.driver.goal.tolerances import Tolerances, tolerances
-from epson_driver.driver.outcome import ErrorCode, GoalRefusedError
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 
 NAMES = ('a', 'b', 'c')
 DEFAULTS = np.array([0.01, 0.02, 0.0])
@@ -20,8 +20,8 @@ def asked_for(**positions):
     return tolerances(entries, 'goal_tolerance', NAMES, DEFAULTS)
 
 
-def refusal(entry):
-    with pytest.raises(GoalRefusedError) as caught:
+def rejection(entry):
+    with pytest.raises(GoalRejectedError) as caught:
         tolerances([entry], 'path_tolerance', NAMES, DEFAULTS)
     return caught.value.code, str(caught.value)
 
@@ -58,7 +58,7 @@ def test_velocities_have_no_default():
 
 
 def test_an_unknown_joint():
-    code, text = refusal(JointTolerance(name='x', position=0.1))
+    code, text = rejection(JointTolerance(name='x', position=0.1))
     assert code is ErrorCode.INVALID_JOINTS
     assert "path_tolerance names the unknown joint 'x'" in text
 
@@ -68,13 +68,13 @@ def test_an_unknown_joint():
     list(product(('position', 'velocity', 'acceleration'), (float('nan'), float('inf')))),
 )
 def test_what_is_not_finite(quantity, value):
-    code, text = refusal(JointTolerance(name='b', **{quantity: value}))
+    code, text = rejection(JointTolerance(name='b', **{quantity: value}))
     assert code is ErrorCode.INVALID_GOAL
     assert f'path_tolerance, b: {quantity}' in text
 
 
 def test_a_limit_of_the_acceleration_is_refused_and_none_is_not():
-    code, text = refusal(JointTolerance(name='b', acceleration=1.0))
+    code, text = rejection(JointTolerance(name='b', acceleration=1.0))
     assert code is ErrorCode.INVALID_GOAL
     assert 'reports no accelerations' in text
     off = JointTolerance(name='b', acceleration=-1.0)

@@ -5,7 +5,7 @@
 from epson_driver.simple_message import Status, TriState
 
 
-class PauseWatch:
+class PauseDetector:
     """Reads it from STATUS: motion was possible and now is not, without an error.
 
     A controller that has never said that motion is possible does not tell, and is never paused.

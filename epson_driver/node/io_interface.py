@@ -12,14 +12,14 @@ from epson_msgs.srv import ReadIo, WriteIo
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from epson_driver.driver.io.io_driver import IoAnswer, IoDriver, IoUnavailableError
-from epson_driver.node.serving import EndedError, Serving
+from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.simple_message import IoAddress, IoSetting
 
 
 class IoInterface:
     """Publishes what the driver knows of the I/O, and serves requests. Made in its event loop."""
 
-    def __init__(self, node: Any, io: IoDriver, serving: Serving, callback_group: Any) -> None:
+    def __init__(self, node: Any, io: IoDriver, serving: LoopBridge, callback_group: Any) -> None:
         self._io = io
         self._serving = serving
         self._clock = node.get_clock()
@@ -57,7 +57,7 @@ class IoInterface:
     ) -> Any:
         try:
             answers = await self._serving.in_loop(answering)
-        except (IoUnavailableError, EndedError) as error:
+        except (IoUnavailableError, DriverEndedError) as error:
             response.success = False
             response.message = str(error)
             response.points = [

@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-from support.execution_harness import CYCLE, DT, LINE, Harness
+from support.goal_execution_harness import CYCLE, DT, LINE, Harness
 
-from epson_driver.driver.goal.execution import CAUSE_TIME, SETTLE_TIME, Settings
-from epson_driver.driver.goal.goal_states import FINAL, TRANSITIONS, Event, State
+from epson_driver.driver.goal.goal_execution import CAUSE_TIMEOUT_S, SETTLE_TIME_S, GoalSettings
+from epson_driver.driver.goal.goal_states import FINAL_STATES, TRANSITIONS, GoalEvent, GoalState
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.driver.state.standstill import DOUBTFUL_REST, REST_TIME
+from epson_driver.driver.state.standstill import REST_TIME_S, UNCONFIRMED_REST_TIME_S
 from epson_driver.simple_message import TriState
 
 pytestmark = pytest.mark.invariant(5)
@@ -23,16 +23,16 @@ preparing  cancel       canceling
 preparing  stop         stopping
 preparing  fault        aborted
 streaming  last reply   settling
-streaming  refusal      refused
+streaming  rejection    rejected
 streaming  cancel       canceling
 streaming  stop         stopping
 streaming  fault        aborted
 settling   at the goal  succeeded
-settling   refusal      refused
+settling   rejection    rejected
 settling   cancel       canceling
 settling   stop         stopping
 settling   fault        aborted
-refused    fault        aborted
+rejected   fault        aborted
 canceling  at rest      canceled
 canceling  fault        aborted
 stopping   cancel       canceling
@@ -41,7 +41,7 @@ stopping   fault        aborted
 """
 
 ROWS = {
-    (State(line[:11].strip()), Event(line[11:24].strip())): State(line[24:])
+    (GoalState(line[:11].strip()), GoalEvent(line[11:24].strip())): GoalState(line[24:])
     for line in TABLE.strip().split('\n')
 }
 
@@ -51,10 +51,10 @@ def test_the_table_is_the_one_that_was_agreed():
 
 
 def test_final_states_have_no_way_out_and_all_others_end_by_a_fault():
-    assert {state.value for state in FINAL} == {'succeeded', 'canceled', 'aborted'}
-    assert not {pair for pair in product(FINAL, Event) if pair in TRANSITIONS}
-    for state in set(State) - FINAL:
-        assert TRANSITIONS[state, Event.FAULT] is State.ABORTED
+    assert {state.value for state in FINAL_STATES} == {'succeeded', 'canceled', 'aborted'}
+    assert not {pair for pair in product(FINAL_STATES, GoalEvent) if pair in TRANSITIONS}
+    for state in set(GoalState) - FINAL_STATES:
+        assert TRANSITIONS[state, GoalEvent.FAULT] is GoalState.ABORTED
 
 
 # --- success ----------------------------------------------------------------------------------
@@ -100,7 +100,7 @@ def test_success_needs_a_status_that_is_newer_than_the_last_reply():
     assert harness.state == 'settling'
     harness.now += DT
     harness.status(in_motion=TriState.FALSE)
-    harness.see(REST_TIME + 2 * DT, status=False)
+    harness.see(REST_TIME_S + 2 * DT, status=False)
     assert harness.outcome.end is End.SUCCEEDED
 
 
@@ -124,7 +124,7 @@ def test_where_in_motion_is_unknown_the_measured_standstill_decides(status):
         harness.move_to(point)
         harness.answer()
     assert harness.state == 'settling'
-    harness.see(REST_TIME - 2 * DT, status=status)
+    harness.see(REST_TIME_S - 2 * DT, status=status)
     assert harness.state == 'settling'
     harness.see(0.15, status=status)
     assert harness.outcome.end is End.SUCCEEDED
@@ -201,7 +201,7 @@ def test_a_path_that_ends_where_it_began_and_never_happened_fails():
     harness = Harness(CYCLE, step=0.1)
     for _ in CYCLE:
         harness.answer()
-    harness.see(SETTLE_TIME + 0.2)
+    harness.see(SETTLE_TIME_S + 0.2)
     assert harness.outcome.end is End.ABORTED
     assert harness.outcome.code is ErrorCode.GOAL_TOLERANCE_VIOLATED
     assert 'did not move' in harness.outcome.text
@@ -230,7 +230,7 @@ def test_an_arm_that_rests_beside_the_goal_names_joint_distance_and_tolerance():
     harness.go_and_answer()
     harness.move_to((1.005, 0.475))
     harness.answer()
-    harness.see(SETTLE_TIME - 0.1)
+    harness.see(SETTLE_TIME_S - 0.1)
     assert not harness.outcomes
     harness.see(0.4)
     assert harness.outcome.end is End.ABORTED
@@ -262,19 +262,19 @@ def test_a_failure_reply_sends_stop_and_ends_the_goal_with_the_controllers_error
     assert harness.sequences == [*range(index + 1), -4]
 
 
-def test_a_status_from_before_the_refusal_says_nothing_about_it():
+def test_a_status_from_before_the_rejection_says_nothing_about_it():
     harness = Harness()
     harness.status(error_code=1234)
     harness.refuse()
-    harness.see(CAUSE_TIME / 2, status=False)
+    harness.see(CAUSE_TIMEOUT_S / 2, status=False)
     assert not harness.outcomes
-    harness.see(CAUSE_TIME, status=False)
+    harness.see(CAUSE_TIMEOUT_S, status=False)
     assert harness.outcome.end is End.ABORTED
     assert '1234' not in harness.outcome.text
     assert 'FAILURE' in harness.outcome.text
 
 
-def test_while_the_arm_brakes_after_a_refusal_the_reason_may_be_yet_to_come():
+def test_while_the_arm_brakes_after_a_rejection_the_reason_may_be_yet_to_come():
     harness = Harness(in_motion=TriState.TRUE)
     harness.go_and_answer()
     harness.refuse()
@@ -289,7 +289,7 @@ def test_while_the_arm_brakes_after_a_refusal_the_reason_may_be_yet_to_come():
 
 
 @pytest.mark.parametrize(('acknowledged', 'broken'), [(0, False), (1, True)])
-def test_a_refusal_after_points_that_were_taken_breaks_the_goal_off(acknowledged, broken):
+def test_a_rejection_after_points_that_were_taken_breaks_the_goal_off(acknowledged, broken):
     harness = Harness()
     for _ in range(acknowledged):
         harness.go_and_answer()
@@ -303,7 +303,7 @@ def test_a_refusal_after_points_that_were_taken_breaks_the_goal_off(acknowledged
 
 def test_a_missing_reply_breaks_the_goal_off():
     harness = Harness()
-    harness.see(Settings().reply_timeout + 2.0)
+    harness.see(GoalSettings().reply_timeout + 2.0)
     assert 'no reply' in harness.outcome.text
     assert harness.execution.broken_off
     assert harness.execution.unanswered
@@ -313,7 +313,7 @@ def test_a_stop_that_is_not_answered_breaks_the_goal_off():
     harness = Harness()
     harness.go_and_answer()
     harness.execution.cancel(harness.now)
-    harness.see(Settings().reply_timeout + 0.1)
+    harness.see(GoalSettings().reply_timeout + 0.1)
     assert 'standstill' in harness.outcome.text
     assert harness.execution.broken_off
     assert harness.execution.unanswered
@@ -328,7 +328,7 @@ def test_a_goal_that_was_canceled_in_time_does_not_break_off():
     assert not harness.execution.broken_off
 
 
-def test_a_refusal_ends_the_goal_within_a_tenth_of_a_second():
+def test_a_rejection_ends_the_goal_within_a_tenth_of_a_second():
     harness = Harness()
     harness.refuse()
     before = harness.now
@@ -338,14 +338,14 @@ def test_a_refusal_ends_the_goal_within_a_tenth_of_a_second():
     assert harness.now - before <= 0.1
 
 
-def test_nothing_changes_a_refusal():
+def test_nothing_changes_a_rejection():
     harness = Harness()
     harness.refuse()
     harness.execution.cancel(harness.now)
     harness.execution.stop('replaced', harness.now)
     harness.execution.on_unsolicited_failure(harness.now)
     harness.answer(message=0)
-    assert harness.state == 'refused'
+    assert harness.state == 'rejected'
     harness.execution.fault('the E-stop is pressed')
     assert 'FAILURE' in harness.outcome.text
     assert 'the E-stop is pressed' in harness.outcome.text
@@ -386,7 +386,7 @@ def test_a_reply_to_a_point_that_is_not_on_its_way_changes_nothing():
 
 # --- patience ---------------------------------------------------------------------------------
 
-PATIENT = Settings(reply_timeout=2.0)
+PATIENT = GoalSettings(reply_timeout=2.0)
 
 
 def test_a_reply_that_does_not_come_ends_the_goal():
@@ -640,7 +640,9 @@ def test_a_state_without_joints_decides_nothing():
 
 
 def test_nothing_is_sent_before_the_goal_is_prepared_and_that_may_take_its_time():
-    harness = Harness(start=False, goal_time=1.0, settings=Settings(reply_timeout=1.0), step=0.1)
+    harness = Harness(
+        start=False, goal_time=1.0, settings=GoalSettings(reply_timeout=1.0), step=0.1
+    )
     harness.see(10.0)
     assert harness.state == 'preparing'
     assert harness.execution.target == 0
@@ -732,7 +734,7 @@ def test_inv9_a_reply_to_a_point_may_be_the_one_to_stop_and_the_state_decides():
     harness.answer(message=1)  # the point's, or STOP's in its place
     harness.see(1.0, moving=0.1)
     assert not harness.outcomes
-    harness.see(DOUBTFUL_REST - 0.2)
+    harness.see(UNCONFIRMED_REST_TIME_S - 0.2)
     assert not harness.outcomes
     harness.see(0.5)
     assert harness.outcome.end is End.CANCELED

@@ -3,7 +3,7 @@
 """Which of many samples are passed on, so that they come at a set rate."""
 
 
-class Pace:
+class Throttle:
     """Lets `rate` samples a second through, or all if there are fewer. Times are monotonic, s."""
 
     def __init__(self) -> None:

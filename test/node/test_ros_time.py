@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stamps of moments that have passed: right, and increasing (invariants 6 and 8)."""
+"""RosTimeStamps of moments that have passed: right, and increasing (invariants 6 and 8)."""
 
 from types import SimpleNamespace
 
 import pytest
 
-from epson_driver.node.stamps import Stamps
+from epson_driver.node.ros_time import RosTimeStamps
 
 pytestmark = pytest.mark.invariant(6, 8)
 
@@ -36,7 +36,7 @@ def clocks():
 
 @pytest.fixture
 def stamps(clocks):
-    return Stamps(clocks, clocks.monotonic)
+    return RosTimeStamps(clocks, clocks.monotonic)
 
 
 def since(clocks, stamp, moment):

@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
 from industrial_msgs.msg import RobotMode, TriState
-from support.execution_harness import LINE, NAMES, Harness
+from support.goal_execution_harness import LINE, NAMES, Harness
 
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
 from epson_driver.driver.state.robot_state import JointSample, RobotState

@@ -48,7 +48,7 @@ SUBCODES: dict[int, str] = {
 """What its subcode means (MotoROS 1.9)."""
 
 
-def refusal(packet: Packet) -> str | None:
+def reply_rejection(packet: Packet) -> str | None:
     """Return what a reply says against its request, or None if it says yes.
 
     Motoman's header always says yes; the result in its body counts.

@@ -4,15 +4,15 @@
 
 import numpy as np
 import pytest
-from support.execution_harness import CYCLE, DT, LINE, Harness
+from support.goal_execution_harness import CYCLE, DT, LINE, Harness
 
-from epson_driver.driver.goal.execution import SETTLE_TIME, Settings
-from epson_driver.driver.goal.speed_scaling import RAMP
+from epson_driver.driver.goal.goal_execution import SETTLE_TIME_S, GoalSettings
+from epson_driver.driver.goal.speed_scaling import RAMP_PER_S
 from epson_driver.driver.goal.tolerances import Tolerances
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.simple_message import TriState
 
-PATIENT = Settings(reply_timeout=2.0)
+PATIENT = GoalSettings(reply_timeout=2.0)
 INF = np.inf
 
 
@@ -208,7 +208,7 @@ def test_after_a_pause_the_usual_patience_holds():
     pause(harness)
     stand(harness, 10.0)
     status(harness, TriState.TRUE)
-    stand(harness, SETTLE_TIME - 0.1)
+    stand(harness, SETTLE_TIME_S - 0.1)
     assert not harness.outcomes
     stand(harness, 0.3)
     assert harness.outcome.code is ErrorCode.GOAL_TOLERANCE_VIOLATED
@@ -284,7 +284,7 @@ def test_at_0_no_point_is_sent_and_at_more_it_goes_on():
     harness.scaling.set(1.0, harness.now)
     stand(harness, DT)
     assert harness.sequences == [0, 1, 2]
-    assert harness.sent[-1].duration == pytest.approx(1.0 + 0.5 / RAMP, rel=0.02)
+    assert harness.sent[-1].duration == pytest.approx(1.0 + 0.5 / RAMP_PER_S, rel=0.02)
     harness.go_and_answer()
     harness.see(1.5)
     assert harness.outcome.end is End.SUCCEEDED

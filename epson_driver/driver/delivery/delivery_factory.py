@@ -39,7 +39,7 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
     )
 
 
-def delivery(
+def make_delivery(
     rules: DeliveryRules, link: Link, limits: JointLimits, mapping: JointMapping
 ) -> Delivery:
     """Return the delivery over a motion link for joints within the limits."""

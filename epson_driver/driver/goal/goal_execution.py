@@ -14,31 +14,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from epson_driver.driver.delivery.points import SHORTEST_DURATION, STOP
-from epson_driver.driver.delivery.refusal import refusal
+from epson_driver.driver.delivery.reply_rejection import reply_rejection
+from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_clock import GoalClock
-from epson_driver.driver.goal.goal_states import FINAL, TRANSITIONS, Event, State
+from epson_driver.driver.goal.goal_states import FINAL_STATES, TRANSITIONS, GoalEvent, GoalState
 from epson_driver.driver.goal.speed_scaling import SpeedScaling, scaled
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
-from epson_driver.driver.state.pause import PauseWatch
+from epson_driver.driver.state.controller_pause import PauseDetector
 from epson_driver.driver.state.robot_state import JointSample, RobotState
-from epson_driver.driver.state.standstill import DOUBTFUL_REST, Standstill
+from epson_driver.driver.state.standstill import UNCONFIRMED_REST_TIME_S, Standstill
 from epson_driver.link.replies import sequence_of
 from epson_driver.motion import Array, Trajectory
 from epson_driver.profiles.profile import StateProfile
 from epson_driver.simple_message import Message, MotionReply, Packet, TriState
 
-SETTLE_TIME = 1.0
+SETTLE_TIME_S = 1.0
 """How long an arm may stand beside the goal after the last reply before that is a failure, s."""
 
-CAUSE_TIME = 0.095
+CAUSE_TIMEOUT_S = 0.095
 """How long a refused goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
 
-CAUSE_MARGIN = 0.04
+CAUSE_TIMEOUT_MARGIN_S = 0.04
 """What it waits beyond the time between two of them, s."""
 
-LONGEST_LOOK = 0.5
+MAX_COUNTED_GAP_S = 0.5
 """Time from one state to the next that counts as waiting, s: what is longer is this process not
 scheduled, or a controller that is silent, which the driver sees by itself (link/silence.py)."""
 
@@ -48,25 +48,25 @@ Raises ConnectionError if there is no link."""
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class GoalSettings:
     """Tolerances and patience of an execution.
 
     stopped_velocity: rad/s, below which a joint counts as standing. reply_timeout: s without a
-    reply and without the arm moving, beyond the planned duration of the point. cause_time: how
+    reply and without the arm moving, beyond the planned duration of the point. cause_timeout: how
     long a refused goal waits for the STATUS that says why, s.
     """
 
     stopped_velocity: float = 0.01
     reply_timeout: float = 5.0
-    cause_time: float = CAUSE_TIME
+    cause_timeout: float = CAUSE_TIMEOUT_S
 
 
-def cause_time(state: StateProfile) -> float:
+def cause_timeout(state: StateProfile) -> float:
     """Return how long to wait for a STATUS of a controller with this profile, s."""
-    return state.period * (state.joint_positions_per_status + 1) + CAUSE_MARGIN
+    return state.period * (state.joint_positions_per_status + 1) + CAUSE_TIMEOUT_MARGIN_S
 
 
-class Execution:
+class GoalExecution:
     """Streams a goal's points and decides its outcome; `on_end` is called with it exactly once.
 
     Times (`now`) are monotonic, s.
@@ -75,14 +75,14 @@ class Execution:
     def __init__(
         self,
         goal: Goal,
-        settings: Settings,
+        settings: GoalSettings,
         send: Send,
         on_end: Callable[[Outcome], None],
         now: float,
         scaling: SpeedScaling | None = None,
     ) -> None:
         self.goal = goal
-        self.state = State.PREPARING
+        self.state = GoalState.PREPARING
         self.started = now
         self.point = 0
         self._points: list[Message] = []
@@ -93,7 +93,7 @@ class Execution:
         self._on_end = on_end
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
         self._standstill = Standstill(now)
-        self._refusal = ''
+        self._rejection = ''
         self._refused_at = 0.0
         self.at_rest = False
         """The goal has ended and the arm stands: not after a fault."""
@@ -104,7 +104,7 @@ class Execution:
         self._confirmed = False
         self._left = False
         self._must_leave = _must_leave(goal)
-        self._pause = PauseWatch()
+        self._pause = PauseDetector()
         self._scaling = scaling or SpeedScaling()
         self._clock: GoalClock | None = None
         self._due = 0.0
@@ -138,13 +138,13 @@ class Execution:
     @property
     def where(self) -> str:
         """How far it is, in words."""
-        preparing = self.state is State.PREPARING
+        preparing = self.state is GoalState.PREPARING
         return 'before its first point' if preparing else f'on the way to point {self.target}'
 
     @property
     def ended(self) -> bool:
         """True once the outcome is known."""
-        return self.state in FINAL
+        return self.state in FINAL_STATES
 
     def start(
         self,
@@ -160,7 +160,7 @@ class Execution:
         (n,), rad, where the arm stands, if that is not the first point. `begin_within`: how long
         from now on the controller lets the arm stand before it moves, s; the plan begins then.
         """
-        if self.state is not State.PREPARING:
+        if self.state is not GoalState.PREPARING:
             return
         self.goal = replace(self.goal, trajectory=trajectory)
         self._must_leave = _must_leave(self.goal)
@@ -169,17 +169,17 @@ class Execution:
         self.started = self._standstill.alive = now
         start = trajectory.positions[0] if at is None else at
         self._clock = GoalClock(trajectory, start, self._scaling, self._begins_by)
-        self._step(Event.PREPARED)
+        self._step(GoalEvent.PREPARED)
         self._send_point(now)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """The controller answered point `index`."""
-        if self.state in (State.CANCELING, State.STOPPING) and not self._confirmed:
+        if self.state in (GoalState.CANCELING, GoalState.STOPPING) and not self._confirmed:
             self._doubt_reply(packet, now)
-        if self.state is not State.STREAMING or index != self.point:
+        if self.state is not GoalState.STREAMING or index != self.point:
             return
         self._standstill.alive = now
-        if (no := refusal(packet)) is not None:
+        if (no := reply_rejection(packet)) is not None:
             self._refuse(f'the controller refused {self._name(index)} ({no})', now)
             return
         self.point += 1
@@ -187,11 +187,11 @@ class Execution:
             self._send_point(now)
         else:
             self._standstill.expect(max(now, self._begins_by))
-            self._step(Event.LAST_REPLY)
+            self._step(GoalEvent.LAST_REPLY)
 
     def on_unsolicited_failure(self, now: float) -> None:
         """The controller sent a negative reply for something it had acknowledged before."""
-        if self.state in (State.STREAMING, State.SETTLING):
+        if self.state in (GoalState.STREAMING, GoalState.SETTLING):
             where = self._name(self.target)
             self._refuse(f'the controller withdrew an acknowledgement before {where}', now)
 
@@ -205,13 +205,13 @@ class Execution:
         distance = np.abs(sample.positions - self.goal.trajectory.positions[-1])
         self._left = self._left or float(distance.max()) >= self._must_leave
         self._standstill.see(sample, robot, self._stopped(), now)
-        if self.state is State.REFUSED:
+        if self.state is GoalState.REJECTED:
             self._look_for_cause(robot, now)
             return
         if self._standstill.reached(sample.measured):
-            if self.state is State.SETTLING:
+            if self.state is GoalState.SETTLING:
                 self._judge(distance, now)
-            elif self.state in (State.CANCELING, State.STOPPING):
+            elif self.state in (GoalState.CANCELING, GoalState.STOPPING):
                 self._rest()
         self._check_path(sample, now)
         self._check_patience(now)
@@ -219,33 +219,33 @@ class Execution:
     def cancel(self, now: float) -> None:
         """Stop because the goal was canceled: it ends as canceled when the arm stands."""
         outcome = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled; the arm stands')
-        self._stop(Event.CANCEL, outcome, now)
+        self._stop(GoalEvent.CANCEL, outcome, now)
 
     def stop(self, why: str, now: float) -> None:
         """Stop for another reason: the goal ends as aborted when the arm stands."""
         outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, f'{why}; the arm stands')
-        self._stop(Event.STOP, outcome, now)
+        self._stop(GoalEvent.STOP, outcome, now)
 
     def fault(self, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED) -> None:
         """Something forbids going on: send STOP if anything was sent, and end now."""
         if self.ended:
             return
-        refused, unsent = self.state is State.REFUSED, self.state is State.PREPARING
-        text = f'{self._refusal}: {why}' if self._refusal else why
+        refused, unsent = self.state is GoalState.REJECTED, self.state is GoalState.PREPARING
+        text = f'{self._rejection}: {why}' if self._rejection else why
         outcome = Outcome(End.ABORTED, code, text)
-        self.state = TRANSITIONS[self.state, Event.FAULT]
+        self.state = TRANSITIONS[self.state, GoalEvent.FAULT]
         if not refused and not unsent:
             self._send_stop()
         self._on_end(outcome)
 
     def _refuse(self, why: str, now: float) -> None:
-        self._refusal, self._refused_at = why, now
+        self._rejection, self._refused_at = why, now
         self.broken_off = self.point > 0
-        self._step(Event.REFUSAL)
+        self._step(GoalEvent.REJECTION)
         self._send_stop()
 
     def _look_for_cause(self, robot: RobotState, now: float) -> None:
-        """End a refused goal with what the first status after the refusal says, if it comes."""
+        """End a refused goal with what the first status after the rejection says, if it comes."""
         told = robot.status is not None and robot.status_time > self._refused_at
         waited = now - self._refused_at
         status = robot.status
@@ -257,18 +257,18 @@ class Execution:
             error = robot.status.error_code
             text = robot.errors.phrase(error)
             self.fault(f'controller error {text}' if error else 'it reports no error')
-        elif waited > self.settings.cause_time:
+        elif waited > self.settings.cause_timeout:
             self.fault('no status came that says why')
 
     def _send_stop(self) -> None:
         with contextlib.suppress(ConnectionError):  # without a link the controller stops itself
             self._send(STOP, lambda _packet, _now: None)
 
-    def _stop(self, event: Event, outcome: Outcome, now: float) -> None:
+    def _stop(self, event: GoalEvent, outcome: Outcome, now: float) -> None:
         if (self.state, event) not in TRANSITIONS:
             return
         self._when_at_rest = outcome
-        already = self.state in (State.CANCELING, State.STOPPING)
+        already = self.state in (GoalState.CANCELING, GoalState.STOPPING)
         self._step(event)
         if already:
             return
@@ -286,10 +286,10 @@ class Execution:
         """
         message = packet.message
         if not isinstance(message, MotionReply) and not sequence_of(message):
-            self._standstill.expect(now, DOUBTFUL_REST)
+            self._standstill.expect(now, UNCONFIRMED_REST_TIME_S)
 
     def _on_stop_reply(self, packet: Packet, now: float) -> None:
-        if (no := refusal(packet)) is None:
+        if (no := reply_rejection(packet)) is None:
             self._confirmed = True
             self._standstill.expect(now)
         else:
@@ -301,7 +301,7 @@ class Execution:
         if not self._confirmed:
             self.broken_off = self.unanswered = True
             outcome = replace(outcome, text=f'{outcome.text}, but a reply is missing')
-        self._step(Event.AT_REST, outcome)
+        self._step(GoalEvent.AT_REST, outcome)
 
     def _stopped(self) -> Array:
         """Return the velocities below which the joints count as standing, rad/s, shape (n,)."""
@@ -320,8 +320,8 @@ class Execution:
             return  # what is planned may be yet to come, however short a way
         if self._left and np.all(distance <= tolerance):
             text = f'at the goal after {now - self.started:.2f} s'
-            self._step(Event.AT_GOAL, Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
-        elif now - max(self._standstill.alive, self._begins_by) > SETTLE_TIME:
+            self._step(GoalEvent.AT_GOAL, Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
+        elif now - max(self._standstill.alive, self._begins_by) > SETTLE_TIME_S:
             joint = int(np.argmax(distance - tolerance))
             name, unit = self.goal.trajectory.joint_names[joint], self.goal.unit(joint)
             self.fault(
@@ -339,27 +339,28 @@ class Execution:
         took = 0.0 if self._clock is None else self._clock.time
         waited = now - self._standstill.alive
         timeout = self.settings.reply_timeout
-        if self.state in (State.STREAMING, State.SETTLING) and 0.0 < self.goal.goal_time < (
-            took - planned
-        ):
+        if self.state in (
+            GoalState.STREAMING,
+            GoalState.SETTLING,
+        ) and 0.0 < self.goal.goal_time < (took - planned):
             self.fault(
                 f'not at the goal after {took:.3g} s: the plan takes {planned:.3g} s, and the '
                 f'goal_time tolerance is {self.goal.goal_time:g} s',
                 ErrorCode.GOAL_TOLERANCE_VIOLATED,
             )
-        elif self.state is State.STREAMING and waited > timeout + self._due:
+        elif self.state is GoalState.STREAMING and waited > timeout + self._due:
             self._break_off(
                 f'no reply to {self._name(self.point)}: the arm has not moved for {waited:.3g} s'
             )
         elif (
-            self.state not in (State.PREPARING, State.STREAMING)
+            self.state not in (GoalState.PREPARING, GoalState.STREAMING)
             and min(waited, now - self._begins_by) > timeout
         ):
             self._break_off(f'the controller did not confirm the standstill within {waited:.3g} s')
 
     def _forgive(self, now: float) -> None:
         """Leave the time in which nobody looked out of the patience: a reply may be there."""
-        unseen = now - self._looked - LONGEST_LOOK
+        unseen = now - self._looked - MAX_COUNTED_GAP_S
         self._looked = now
         if unseen > 0.0:
             self._standstill.alive += unseen
@@ -370,14 +371,14 @@ class Execution:
 
     def _keep_time(self, robot: RobotState, now: float) -> None:
         """Let the clock go on, see whether the controller is paused, and send what was held."""
-        clock, moves = self._clock, self.state in (State.STREAMING, State.SETTLING)
+        clock, moves = self._clock, self.state in (GoalState.STREAMING, GoalState.SETTLING)
         if clock is not None:
             clock.advance(now, running=moves and not self._pause.interrupted)
         if robot.status is not None:
             self._pause.see(robot.status)
         if clock is None:
             return
-        if clock.held and self.state is State.STREAMING:
+        if clock.held and self.state is GoalState.STREAMING:
             self._send_point(now)
         if moves and (self.paused or clock.held):
             self._standstill.alive = now
@@ -388,7 +389,7 @@ class Execution:
         if (
             tolerance is None
             or clock is None
-            or self.state not in (State.STREAMING, State.SETTLING)
+            or self.state not in (GoalState.STREAMING, GoalState.SETTLING)
             or self._pause.interrupted
             or sample.time != now
             or clock.time >= self.goal.trajectory.duration
@@ -403,13 +404,13 @@ class Execution:
         )
         if violation is None:
             return
-        self._refusal = f'path tolerance violated {self.where}, {clock.time:.3g} s: {violation}'
+        self._rejection = f'path tolerance violated {self.where}, {clock.time:.3g} s: {violation}'
         outcome = Outcome(
             End.ABORTED,
             ErrorCode.PATH_TOLERANCE_VIOLATED,
-            f'{self._refusal}; the arm was stopped and stands',
+            f'{self._rejection}; the arm was stopped and stands',
         )
-        self._stop(Event.STOP, outcome, now)
+        self._stop(GoalEvent.STOP, outcome, now)
 
     def _send_point(self, now: float) -> None:
         """Send the next point at the speed of the moment, or hold it back while that is 0."""
@@ -417,7 +418,7 @@ class Execution:
         if clock is None:
             return
         before = float(self.goal.trajectory.times[index - 1]) if index else 0.0
-        planned = max(float(self.goal.trajectory.times[index]) - before, SHORTEST_DURATION)
+        planned = max(float(self.goal.trajectory.times[index]) - before, MIN_DURATION_S)
         begin = max(now, self._sent_until)  # it runs after what was sent before
         takes = self._scaling.time_for(planned, begin)
         clock.held = takes is None
@@ -438,7 +439,7 @@ class Execution:
         except ConnectionError as error:
             self.fault(f'{self._name(index)} could not be sent: {error}')
 
-    def _step(self, event: Event, outcome: Outcome | None = None) -> None:
+    def _step(self, event: GoalEvent, outcome: Outcome | None = None) -> None:
         self.state = TRANSITIONS[self.state, event]
         if outcome is not None:
             self.at_rest = True

@@ -20,9 +20,9 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
-from epson_driver.driver.tasks.parts import report
+from epson_driver.driver.tasks.task_group import report_error
 
-REQUESTS = QoSProfile(
+REQUEST_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1000,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -34,17 +34,17 @@ rclpy's own parameter services. Not KEEP_ALL: that has no bound, and a client th
 its answers could then block the thread that gives them, and ~/stop with it."""
 
 T = TypeVar('T')
-Serve = Callable[[Any, Any], Awaitable[Any]]
+ServiceCallback = Callable[[Any, Any], Awaitable[Any]]
 
 
-class EndedError(RuntimeError):
+class DriverEndedError(RuntimeError):
     """The driver has ended, or ends: nothing reaches it any more."""
 
     def __init__(self) -> None:
         super().__init__('the driver has ended')
 
 
-class Serving:
+class LoopBridge:
     """Serves one node. Make it in the driver's event loop; `context` is the node's in there.
 
     `fault` is called in the loop, with a sentence, when a request failed unforeseen.
@@ -61,13 +61,15 @@ class Serving:
         for service in node.services:  # rclpy's own
             service.callback = _answering(service, node.get_logger())
 
-    def create_service(self, kind: Any, name: str, serve: Serve, callback_group: Any) -> None:
+    def create_service(
+        self, kind: Any, name: str, serve: ServiceCallback, callback_group: Any
+    ) -> None:
         """Offer a service whose response has `success` and `message`."""
 
         async def answer(request: Any, response: Any) -> Any:
             try:
                 return await serve(request, response)
-            except EndedError as error:
+            except DriverEndedError as error:
                 return kind.Response(message=str(error))
             except GeneratorExit:
                 raise
@@ -75,7 +77,7 @@ class Serving:
                 return kind.Response(message=self.failed(name, error))
 
         self._node.create_service(
-            kind, name, answer, qos_profile=REQUESTS, callback_group=callback_group
+            kind, name, answer, qos_profile=REQUEST_QOS, callback_group=callback_group
         )
 
     def failed(self, what: str, error: BaseException) -> str:
@@ -85,29 +87,29 @@ class Serving:
         self._node.get_logger().error(f'{why}; the arm is stopped and disabled\n{trace}')
         try:
             self.to_loop(self._fault, why)
-        except EndedError:
+        except DriverEndedError:
             return f'{why}; the driver has ended'
         return f'{why}; the arm is stopped and disabled; the log has more'
 
     def to_loop(self, function: Callable[..., object], *arguments: object) -> None:
         """Call a function in the loop's thread, soon, and in this node's context.
 
-        Raises EndedError. An exception of the function goes to the loop's exception handler.
+        Raises DriverEndedError. An exception of the function goes to the loop's exception handler.
         """
         try:
             self._loop.call_soon_threadsafe(_call, function, arguments, context=self._context)
         except RuntimeError as error:  # the loop is closed
-            raise EndedError from error
+            raise DriverEndedError from error
 
     async def in_loop(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Run a coroutine in the driver's loop and wait for it in rclpy's executor.
 
-        Raises what it raises, and EndedError.
+        Raises what it raises, and DriverEndedError.
         """
         done = self.promise()
 
         def finish(task: 'asyncio.Task[T]') -> None:
-            error = EndedError() if task.cancelled() else task.exception()
+            error = DriverEndedError() if task.cancelled() else task.exception()
             self.keep(done, error if error is not None else (task.result(),))
 
         async def run() -> T:
@@ -122,11 +124,11 @@ class Serving:
         return answer
 
     def promise(self) -> Future:
-        """Return what `kept` waits for. Raises EndedError."""
+        """Return what `kept` waits for. Raises DriverEndedError."""
         future = Future()
         with self._lock:
             if self._ended:
-                raise EndedError
+                raise DriverEndedError
             self._promised.add(future)
         return future
 
@@ -152,7 +154,7 @@ class Serving:
             self._ended = True
             left = list(self._promised)
         for future in left:
-            self.keep(future, EndedError())
+            self.keep(future, DriverEndedError())
 
 
 def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:
@@ -160,7 +162,7 @@ def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> Non
     try:
         function(*arguments)
     except Exception as error:  # noqa: BLE001 - it is reported
-        report(f'{getattr(function, "__qualname__", function)} failed', error)
+        report_error(f'{getattr(function, "__qualname__", function)} failed', error)
 
 
 def _answering(service: Any, logger: Any) -> Callable[..., Any]:
