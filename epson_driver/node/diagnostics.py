@@ -10,8 +10,8 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from epson_driver.driver.driver import STATUS_TIMEOUT_S, Driver
@@ -30,7 +30,7 @@ class Diagnostics:
         self._before: dict[str, tuple[float, int]] = {}
         self._built: float | None = None
 
-    def build(self, stamp: Any, now: float) -> DiagnosticArray:
+    def build(self, stamp: Time, now: float) -> DiagnosticArray:
         """Return the message. `now` is the loop's time, s."""
         message = DiagnosticArray()
         message.header.stamp = stamp

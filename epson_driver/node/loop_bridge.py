@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From ROS into the driver's loop and back: whatever happens there, each request has its answer.
+"""Between rclpy's thread and the driver's event loop: each request of ROS has its answer.
 
 rclpy's executor ends with the first exception of a callback, and asyncio only logs one; so every
 way in passes here. What fails in a way that nobody foresaw is answered with `success: false` and a
@@ -17,7 +17,11 @@ from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.callback_groups import CallbackGroup
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.service import Service
 from rclpy.task import Future
 
 from epson_driver.driver.tasks.task_group import report_error
@@ -35,6 +39,7 @@ its answers could then block the thread that gives them, and ~/stop with it."""
 
 T = TypeVar('T')
 ServiceCallback = Callable[[Any, Any], Awaitable[Any]]
+"""Takes a request and an empty response, both of the service's type; returns the response."""
 
 
 class DriverEndedError(RuntimeError):
@@ -45,24 +50,25 @@ class DriverEndedError(RuntimeError):
 
 
 class LoopBridge:
-    """Serves one node. Make it in the driver's event loop; `context` is the node's in there.
+    """Hands the requests of one node over. Make it in the driver's event loop.
 
-    `fault` is called in the loop, with a sentence, when a request failed unforeseen.
+    `context`: the node's in that loop. `fault` is called in the loop, with a sentence, when a
+    request failed unforeseen.
     """
 
-    def __init__(self, node: Any, context: Context, fault: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, context: Context, fault: Callable[[str], None]) -> None:
         self._node = node
         self._context = context
         self._fault = fault
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
-        self._promised: set[Future] = set()
+        self._futures: set[Future] = set()
         self._ended = False
         for service in node.services:  # rclpy's own
             service.callback = _answering(service, node.get_logger())
 
     def create_service(
-        self, kind: Any, name: str, serve: ServiceCallback, callback_group: Any
+        self, kind: Any, name: str, serve: ServiceCallback, callback_group: CallbackGroup
     ) -> None:
         """Offer a service whose response has `success` and `message`."""
 
@@ -106,11 +112,11 @@ class LoopBridge:
 
         Raises what it raises, and DriverEndedError.
         """
-        done = self.promise()
+        done = self.create_future()
 
         def finish(task: 'asyncio.Task[T]') -> None:
             error = DriverEndedError() if task.cancelled() else task.exception()
-            self.keep(done, error if error is not None else (task.result(),))
+            self.resolve(done, error if error is not None else (task.result(),))
 
         async def run() -> T:
             return await work()
@@ -119,30 +125,30 @@ class LoopBridge:
             self._loop.create_task(run()).add_done_callback(finish)
 
         self.to_loop(begin)
-        (value,) = await self.kept(done)
+        (value,) = await self.wait_for(done)
         answer: T = value
         return answer
 
-    def promise(self) -> Future:
-        """Return what `kept` waits for. Raises DriverEndedError."""
+    def create_future(self) -> Future:
+        """Return a future of rclpy for `wait_for` and `resolve`. Raises DriverEndedError."""
         future = Future()
         with self._lock:
             if self._ended:
                 raise DriverEndedError
-            self._promised.add(future)
+            self._futures.add(future)
         return future
 
-    def keep(self, future: Future, value: object) -> None:
-        """Give a promise its value, or an exception to raise. Once; later ones are ignored."""
+    def resolve(self, future: Future, value: object) -> None:
+        """Give a future its value, or an exception to raise. Once; later ones are ignored."""
         with self._lock:
-            if future not in self._promised:
+            if future not in self._futures:
                 return
-            self._promised.remove(future)
+            self._futures.remove(future)
         future.set_result(value)
         self._node.executor.wake()
 
-    async def kept(self, future: Future) -> Any:
-        """Wait for a promise in rclpy's executor."""
+    async def wait_for(self, future: Future) -> Any:
+        """Wait for a future in rclpy's executor; return its value, or raise its exception."""
         value = await future
         if isinstance(value, BaseException):
             raise value
@@ -152,9 +158,9 @@ class LoopBridge:
         """Let nothing wait any more: the loop has ended."""
         with self._lock:
             self._ended = True
-            left = list(self._promised)
+            left = list(self._futures)
         for future in left:
-            self.keep(future, DriverEndedError())
+            self.resolve(future, DriverEndedError())
 
 
 def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:
@@ -165,7 +171,7 @@ def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> Non
         report_error(f'{getattr(function, "__qualname__", function)} failed', error)
 
 
-def _answering(service: Any, logger: Any) -> Callable[..., Any]:
+def _answering(service: Service, logger: RcutilsLogger) -> Callable[..., Any]:
     """Return the callback of one of rclpy's services, which answers also when it raises.
 
     set_parameters raises for a type that there is not: ValueError, and anybody may send one. No

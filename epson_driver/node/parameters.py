@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import HOST, JOINT_NAMES, InputError, Rule, shown
@@ -290,7 +292,7 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
     }
 
 
-def declare(node: Any) -> dict[str, Any]:
+def declare(node: Node) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
     Where the controller's profile has a value, it is the default; so are the robot model's joint
@@ -322,7 +324,7 @@ def declare(node: Any) -> dict[str, Any]:
     return values
 
 
-def rejection(changes: Iterable[Any]) -> str:
+def rejection(changes: Iterable[Parameter]) -> str:
     """Return why rclpy parameters cannot have these values; '' if they can.
 
     Ranges, types and read-only flags are rclpy's business: it has them from the descriptors.
@@ -340,7 +342,7 @@ def _not_among(name: str, value: object, choices: Sequence[Any]) -> str:
     return f'parameter {name} = {shown(value)}: must be one of {allowed}'
 
 
-def _declare_rows(node: Any, rows: Any) -> dict[str, Any]:
+def _declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
     values = {}
     for row in rows:
         value = node.declare_parameter(row.name, row.default, row.descriptor).value

@@ -3,8 +3,9 @@
 """ROS times of moments of the event loop's clock, also of past ones."""
 
 from collections.abc import Callable
-from typing import Any
 
+from builtin_interfaces.msg import Time as TimeMessage
+from rclpy.clock import Clock
 from rclpy.time import Time
 
 MAX_READING_NS = 100_000
@@ -26,13 +27,13 @@ MIN_STEP_BACK_NS = 100_000_000
 class RosTimeStamps:
     """Makes stamps that increase, from times of `monotonic`, s. `clock`: an rclpy clock."""
 
-    def __init__(self, clock: Any, monotonic: Callable[[], float]) -> None:
+    def __init__(self, clock: Clock, monotonic: Callable[[], float]) -> None:
         self._clock = clock
         self._monotonic = monotonic
         self._ahead: int | None = None
         self._last = 0
 
-    def of(self, moment: float) -> Any:
+    def stamp(self, moment: float) -> TimeMessage:
         """Return the builtin_interfaces/Time of that moment."""
         before = self._monotonic()
         ros = self._clock.now().nanoseconds

@@ -4,9 +4,10 @@
 
 import asyncio
 from functools import partial
-from typing import Any
 
 from epson_msgs.srv import SetSpeedScaling
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
@@ -22,20 +23,26 @@ class SpeedScalingInterface:
     """Publishes the factor when it changes, and serves requests. Made in the driver's loop."""
 
     def __init__(
-        self, node: Any, scaling: SpeedScaling, serving: LoopBridge, callback_group: Any
+        self,
+        node: Node,
+        scaling: SpeedScaling,
+        bridge: LoopBridge,
+        callback_group: CallbackGroup,
     ) -> None:
         self._scaling = scaling
-        self._serving = serving
+        self._bridge = bridge
         self._logger = node.get_logger()
         self._ramp: asyncio.Task[None] | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._factor = node.create_publisher(Float64, '~/speed_scaling', latched)
         self._factor.publish(Float64(data=scaling.target))
-        serving.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group)
+        bridge.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group)
 
-    async def _serve(self, request: SetSpeedScaling.Request, response: Any) -> Any:
+    async def _serve(
+        self, request: SetSpeedScaling.Request, response: SetSpeedScaling.Response
+    ) -> SetSpeedScaling.Response:
         try:
-            response.message = await self._serving.in_loop(partial(self._set, request.factor))
+            response.message = await self._bridge.in_loop(partial(self._set, request.factor))
             response.success = True
         except ValueError as error:
             response.message = str(error)

@@ -20,7 +20,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli.processes import free_ros_domain
 from epson_driver.driver.arm_commands import ArmCommands
-from epson_driver.node import node as client_node
+from epson_driver.node import goal_server
+from epson_driver.node.node import ClientNode
 from epson_driver.sim_controller.faults.fault_text import parse
 
 GOALS = 100
@@ -49,7 +50,7 @@ class User:
             Node('epson_driver', context=self._context, parameter_overrides=overrides),
             Node('user', context=self._context),
         ]
-        self.client = client_node.ClientNode(self._nodes[0])
+        self.client = ClientNode(self._nodes[0])
         self.action = ActionClient(
             self._nodes[1], FollowJointTrajectory, '/epson_driver/follow_joint_trajectory'
         )
@@ -115,14 +116,14 @@ class User:
 
 def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setattr(client_node, 'RESULT_TIMEOUT_S', KEPT)
+    monkeypatch.setattr(goal_server, 'RESULT_TIMEOUT_S', KEPT)
 
     async def scenario():
         ends = Counter()
         async with simulated() as (controller, ports), User(ports) as user:
             await until(user.action.server_is_ready)
             await user.enable()
-            driver, server = user.client.driver, user.client._action
+            driver, server = user.client.driver, user.client.goal_server.action_server
             for number in range(GOALS):
                 kind = KINDS[number % len(KINDS)]
                 at = driver.robot.sample.positions
@@ -144,7 +145,7 @@ def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
             assert server._goal_handles  # for who asks late
             await until(lambda: not server._goal_handles)
             assert not server._result_futures
-            assert not user.client._handles
+            assert not user.client.goal_server.busy
         print(dict(ends))
 
     run(scenario(), 110.0)

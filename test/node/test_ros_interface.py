@@ -118,7 +118,7 @@ def test_every_parameter_that_is_declared_is_described(made):
     described = set(re.findall(r'^\| `([\w.<>]+)` \|', section('Parameters'), re.MULTILINE))
     joints = made.driver.configuration.limits.names
     declared = set()
-    for name in made.node._parameters:
+    for name in made.node.get_parameters_by_prefix(''):
         for joint in joints:
             name = name.replace(f'.{joint}.', '.<joint>.')
         declared.add(name)
@@ -157,7 +157,9 @@ def goal_of(made, last_velocity=0.0):
             positions=[0.0] * 6, velocities=[last_velocity] * 6, time_from_start=Duration(sec=1)
         )
     ]
-    return made.client._checked(FollowJointTrajectory.Goal(trajectory=message))
+    return made.client.goal_server.requests.checked_goal(
+        FollowJointTrajectory.Goal(trajectory=message)
+    )
 
 
 def path_tolerance(made):

@@ -26,7 +26,7 @@ from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.io import io_driver
 from epson_driver.link import Link
-from epson_driver.node import loop_bridge, messages, node, tracing
+from epson_driver.node import goal_requests, goal_server, loop_bridge, messages, node, tracing
 from epson_driver.node import speed_scaling as speed_node
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.trace.trace import Trace
@@ -153,8 +153,8 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('~/read_io', io_driver.IoDriver, 'read'),
     ('~/write_io', io_driver.IoDriver, 'write'),
     ('~/set_speed_scaling', speed_node.SpeedScalingInterface, '_set'),
-    ('goal', node.ClientNode, '_checked'),
-    ('trajectory', node.ClientNode, '_take_trajectory'),
+    ('goal', goal_requests.GoalRequests, 'checked_goal'),
+    ('trajectory', goal_server.GoalServer, 'take_trajectory'),
     (
         'cancel',
         loop_bridge.LoopBridge,

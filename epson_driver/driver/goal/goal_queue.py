@@ -12,7 +12,8 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from epson_driver.driver.goal.goal import Goal, check_start
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_checks import check_start
 from epson_driver.driver.goal.goal_execution import GoalExecution, GoalSettings
 from epson_driver.driver.goal.goal_states import GoalState
 from epson_driver.driver.goal.speed_scaling import SpeedScaling

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epson_driver.driver.goal.goal import check_limits, check_start
+from epson_driver.driver.goal.goal_checks import check_limits, check_start
 from epson_driver.driver.goal.tolerances import Tolerances
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.motion import Trajectory, go, problems

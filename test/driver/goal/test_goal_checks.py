@@ -2,23 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is refused before anything is sent, and whether the text says what to change."""
 
-from itertools import permutations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Duration
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.driver.goal.goal import (
+from epson_driver.driver.goal.goal_checks import (
     MAX_MENTIONED_PROBLEMS,
     check_limits,
     check_start,
-    duration_in_s,
-    trajectory_from_message,
 )
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
-from epson_driver.motion import JointLimits
+from epson_driver.motion import JointLimits, Trajectory
 
 NAMES = ('a', 'b', 'c')
 LIMITS = JointLimits(
@@ -32,27 +27,23 @@ LIMITS = JointLimits(
 
 
 def point(time, positions, velocities=(), accelerations=()):
-    sec, fraction = divmod(time, 1.0)
-    return JointTrajectoryPoint(
-        positions=[float(value) for value in positions],
-        velocities=[float(value) for value in velocities],
-        accelerations=[float(value) for value in accelerations],
-        time_from_start=Duration(sec=int(sec), nanosec=round(fraction * 1e9)),
+    return SimpleNamespace(
+        time=time,
+        positions=list(positions),
+        velocities=list(velocities),
+        accelerations=list(accelerations),
     )
 
 
-def message(*points, names=NAMES):
-    return JointTrajectory(joint_names=list(names), points=list(points))
-
-
-def good(count=3):
-    return [point(index, (0.1 * index, 0.2 * index, 0.3 * index)) for index in range(count)]
+def trajectory_of(*points):
+    quantities = ('positions', 'velocities', 'accelerations')
+    columns = ([getattr(each, name) for each in points] for name in quantities)
+    given = [np.array(column, dtype=float) if column[0] else None for column in columns]
+    return Trajectory(NAMES, np.array([float(each.time) for each in points]), *given)
 
 
 def checked(*points, **options):
-    trajectory = trajectory_from_message(message(*points), NAMES)
-    check_limits(trajectory, LIMITS, **options)
-    return trajectory
+    check_limits(trajectory_of(*points), LIMITS, **options)
 
 
 def rejection(call, code=ErrorCode.INVALID_GOAL):
@@ -63,76 +54,6 @@ def rejection(call, code=ErrorCode.INVALID_GOAL):
     assert caught.value.outcome.code is code
     assert caught.value.outcome.text == str(caught.value)
     return str(caught.value)
-
-
-def from_message(*args, **kwargs):
-    return lambda: trajectory_from_message(message(*args, **kwargs), NAMES)
-
-
-# --- names and shapes -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('names', list(permutations(NAMES)), ids=''.join)
-def test_names_may_come_in_any_order(names):
-    values = dict(zip(NAMES, (0.1, 0.2, 0.3), strict=True))
-    ordered = [values[name] for name in names]
-    trajectory = trajectory_from_message(
-        message(point(0.0, ordered, ordered, ordered), names=names), NAMES
-    )
-    assert trajectory.joint_names == NAMES
-    assert trajectory.positions.tolist() == [[0.1, 0.2, 0.3]]
-    assert trajectory.velocities.tolist() == [[0.1, 0.2, 0.3]]
-    assert trajectory.accelerations.tolist() == [[0.1, 0.2, 0.3]]
-
-
-def test_numbers_arrive_unchanged():
-    values = (1 / 3, -2 / 7, 0.1 + 0.2)
-    trajectory = checked(point(0.0, (0, 0, 0)), point(1.234567891, values))
-    assert trajectory.positions[1].tolist() == list(values)
-    assert trajectory.times.tolist() == pytest.approx([0.0, 1.234567891], abs=1e-12)
-    assert trajectory.velocities is None
-    assert trajectory.accelerations is None
-
-
-@pytest.mark.parametrize(
-    ('names', 'words'),
-    [
-        (('a', 'b', 'b'), ['b twice']),
-        (('a', 'b'), ['lacks c']),
-        (('b',), ['lacks a, c']),
-        ((), ['lacks a, b, c']),
-        (('a', 'b', 'c', 'd'), ["unknown joints in joint_names: 'd'"]),
-        (('a', 'b', 'C'), ['lacks c', "'C'"]),
-        (('a', 'b', ''), ['lacks c', "''"]),
-    ],
-)
-def test_wrong_names_are_in_the_text(names, words):
-    at = [0.0] * len(names)
-    text = rejection(from_message(point(0.0, at), names=names), ErrorCode.INVALID_JOINTS)
-    assert all(word in text for word in words)
-
-
-def test_a_trajectory_without_points():
-    assert 'no points' in rejection(from_message())
-
-
-@pytest.mark.parametrize(
-    ('points', 'text'),
-    [
-        ([point(0, (1, 2))], 'point 0: 2 positions for 3 joints'),
-        ([point(0, (1, 2, 3, 4))], 'point 0: 4 positions for 3 joints'),
-        ([point(0, ())], 'point 0: 0 positions for 3 joints'),
-        ([*good(2), point(2, ())], 'point 2: 0 positions for 3 joints'),
-        ([*good(1), point(1, (0, 0, 0), (0, 0))], 'point 0: 0 velocities for 3 joints'),
-        (
-            [point(0, (0, 0, 0), (0, 0, 0)), point(1, (0, 0, 0), (0,))],
-            'point 1: 1 velocities for 3 joints',
-        ),
-        ([point(0, (0, 0, 0), (), (0, 0))], 'point 0: 2 accelerations for 3 joints'),
-    ],
-)
-def test_arrays_of_the_wrong_length(points, text):
-    assert text in rejection(from_message(*points))
 
 
 # --- numbers ----------------------------------------------------------------------------------
@@ -166,7 +87,7 @@ def test_times_that_increase_by_a_nanosecond_are_told_apart():
 
 
 def test_a_negative_time():
-    before = JointTrajectoryPoint(positions=[0.0] * 3, time_from_start=Duration(sec=-1))
+    before = point(-1, (0, 0, 0))
     assert 'point 0: time_from_start = -1 s is negative' in rejection(lambda: checked(before))
 
 
@@ -223,7 +144,7 @@ def test_the_last_velocity_must_be_zero_unless_allowed():
 
 
 def starting(time, positions):
-    return trajectory_from_message(message(point(time, positions)), NAMES)
+    return trajectory_of(point(time, positions))
 
 
 def test_a_start_within_tolerance():
@@ -247,17 +168,3 @@ def test_a_later_first_point_must_be_reachable_in_its_time():
     text = rejection(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
     assert '1.2 rad/s' in text
     assert 'limit is 1 rad/s' in text
-
-
-def test_durations():
-    assert duration_in_s(Duration(sec=2, nanosec=500_000_000)) == 2.5
-    assert duration_in_s(SimpleNamespace(sec=0, nanosec=1)) == 1e-9
-    assert duration_in_s(Duration(sec=-1, nanosec=0)) == -1.0
-
-
-def test_the_codes_are_those_of_the_action():
-    from control_msgs.action import FollowJointTrajectory
-
-    result = FollowJointTrajectory.Result
-    for code in ErrorCode:
-        assert getattr(result, code.name) == code

@@ -7,7 +7,7 @@ import pytest
 
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.driver.delivery.trajectory_points import trajectory_points
-from epson_driver.driver.goal.goal import check_limits, check_start, untimed
+from epson_driver.driver.goal.goal_checks import check_limits, check_start, untimed
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
 from epson_driver.motion import Trajectory, problems

@@ -13,7 +13,8 @@ from support.driver_harness import JOINTS, LIMITS, Submitted, cell, pose
 from support.event_loop import PATIENCE, until
 from support.event_loop import run as run_in
 
-from epson_driver.driver.goal.goal import Goal, untimed
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_checks import untimed
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import smoothing_process
 from epson_driver.driver.smoothing.smoothing import Smoothing
