@@ -17,7 +17,7 @@ from epson_driver.cli.arguments import FREE_PORT, argument, host
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
-    LOOK_AHEAD,
+    LOOK_AHEAD_S,
     ControllerProfile,
     load_controller_profile,
 )
@@ -175,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--look-ahead',
-        type=argument(number(*LOOK_AHEAD, 's')),
+        type=argument(number(*LOOK_AHEAD_S, 's')),
         metavar='SECONDS',
         help="smooth motion: how much is taken ahead of the arm (the profile's, 1.0 for rc620)",
     )

@@ -5,6 +5,7 @@
 from typing import TYPE_CHECKING, Literal
 
 from epson_driver.motion import Array
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower
 from epson_driver.sim_controller.arm.mechanism import Mechanism
@@ -41,7 +42,7 @@ def _new_arm(
             statement_overhead=motion.statement_overhead,
             acknowledge=_acknowledge(program.acknowledge, 'done'),
             caps=caps,
-            timed=program.uses == 'duration',
+            timed=program.uses is FieldsUsed.DURATION,
         )
     return Streaming(
         limits,

@@ -34,6 +34,7 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         interface='download' if interface == 'download' else 'streaming',
         point_message='joint_traj_pt_full' if full else 'joint_traj_pt',
         motoman=motoman,
+        velocity_unit=profile.program.velocity_unit,
         buffer=download.buffer,
         dead_time=download.dead_time,
     )
@@ -44,9 +45,9 @@ def make_delivery(
 ) -> Delivery:
     """Return the delivery over a motion link for joints within the limits."""
     if rules.interface == 'download':
-        return Download(link, limits, mapping, rules.buffer, rules.dead_time)
+        return Download(link, limits, mapping, rules.buffer, rules.dead_time, rules.velocity_unit)
     if rules.motoman:
         return MotomanDelivery(link, limits, mapping)
     if rules.point_message == 'joint_traj_pt_full':
         return FullStreaming(link, limits, mapping)
-    return Streaming(link, limits, mapping)
+    return Streaming(link, limits, mapping, rules.velocity_unit)

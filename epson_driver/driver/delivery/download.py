@@ -21,6 +21,7 @@ from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import (
     JointPosition,
     JointTrajPt,
@@ -55,16 +56,20 @@ class Download:
         mapping: JointMapping,
         buffer: int,
         dead_time: float,
+        velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
     ) -> None:
         self._link = link
         self._limits = limits
         self._mapping = mapping
         self._buffer = buffer
         self._dead_time = dead_time
+        self._velocity_unit = velocity_unit
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return its points, at least two. Raises GoalRejectedError if the buffer is too small."""
-        points = trajectory_points(trajectory, start, self._limits, self._mapping)
+        points = trajectory_points(
+            trajectory, start, self._limits, self._mapping, self._velocity_unit
+        )
         numbered = download_sequences(points)
         if len(points) == 1:
             trajectory = _twice(trajectory)

@@ -12,6 +12,7 @@ from epson_driver.driver.delivery.trajectory_points import (
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import Message
 
 
@@ -20,14 +21,23 @@ class Streaming:
 
     resumes = False
 
-    def __init__(self, link: Link, limits: JointLimits, mapping: JointMapping) -> None:
+    def __init__(
+        self,
+        link: Link,
+        limits: JointLimits,
+        mapping: JointMapping,
+        velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
+    ) -> None:
         self._link = link
         self._limits = limits
         self._mapping = mapping
+        self._velocity_unit = velocity_unit
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one point for each of the trajectory's."""
-        points = trajectory_points(trajectory, start, self._limits, self._mapping)
+        points = trajectory_points(
+            trajectory, start, self._limits, self._mapping, self._velocity_unit
+        )
         return PreparedTrajectory(trajectory, list(points))
 
     def post(self, message: Message, on_reply: OnReply) -> None:

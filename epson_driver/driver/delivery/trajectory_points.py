@@ -6,6 +6,7 @@ import numpy as np
 
 from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import (
     JointTrajPt,
     JointTrajPtFull,
@@ -33,15 +34,27 @@ accelerations."""
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
 
+MIN_VELOCITY = 1e-3
+"""Controllers may refuse a velocity of 0; a fraction, or rad/s."""
+
+
 def trajectory_points(
-    trajectory: Trajectory, start: Array, limits: JointLimits, mapping: JointMapping | None = None
+    trajectory: Trajectory,
+    start: Array,
+    limits: JointLimits,
+    mapping: JointMapping | None = None,
+    velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
 ) -> list[JointTrajPt]:
     """Return the messages that stream a checked trajectory from `start` (shape (n,), rad).
 
-    `velocity` is the largest fraction of a joint's limit that the plan uses in the segment, from
-    its mean speed and the velocities at both ends: the arm is never asked to be faster than
-    planned. `duration` is the segment's own time. A first point that has no time is where the arm
-    is, or nearly so: it goes there at FIRST_POINT_VELOCITY_FRACTION, in the time which that takes.
+    `velocity` is the largest that the plan uses in the segment, from its mean speed and the
+    velocities at both ends: the arm is never asked to be faster than planned. It is a fraction of
+    a joint's limit or the speed of the fastest joint, as `velocity_unit` says. `duration` is the
+    segment's own time. A first point that has no time is where the arm is, or nearly so: it goes
+    there at FIRST_POINT_VELOCITY_FRACTION, in the time which that takes.
+
+    Both fields are always filled: a controller that uses one which its profile calls unused is
+    not asked to be faster than planned either.
     """
     mapping = mapping or unmapped(len(start))
     steps = mapping.velocities_to_controller(
@@ -54,15 +67,21 @@ def trajectory_points(
         ends = np.abs(mapping.velocities_to_controller(trajectory.velocities))
         speeds = np.maximum(speeds, ends)
         speeds[1:] = np.maximum(speeds[1:], ends[:-1])
-    fractions = np.max(speeds / limits.velocity, axis=1)
     if durations[0] == 0.0:
-        fractions[0] = FIRST_POINT_VELOCITY_FRACTION
         way = float(np.max(np.abs(steps[0]) / limits.velocity))
         timed[0] = max(way / FIRST_POINT_VELOCITY_FRACTION, MIN_DURATION_S)
-    fractions = np.clip(fractions, 1e-3, 1.0)
+    if velocity_unit is VelocityUnit.FRACTION:
+        velocities, largest = np.max(speeds / limits.velocity, axis=1), 1.0
+        if durations[0] == 0.0:
+            velocities[0] = FIRST_POINT_VELOCITY_FRACTION
+    else:
+        velocities, largest = np.max(speeds, axis=1), float(limits.velocity.max())
+        if durations[0] == 0.0:
+            velocities[0] = float(np.max(np.abs(steps[0]))) / timed[0]
+    velocities = np.clip(velocities, MIN_VELOCITY, largest)
     rows = zip(
         _to_wire(trajectory.positions, limits, mapping).tolist(),
-        fractions.tolist(),
+        velocities.tolist(),
         timed.tolist(),
         strict=True,
     )

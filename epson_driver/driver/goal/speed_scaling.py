@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import TypeVar
 
+from epson_driver.driver.delivery.trajectory_points import MIN_VELOCITY
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
 
 RAMP_PER_S = 2.0
@@ -13,9 +14,6 @@ RAMP_PER_S = 2.0
 
 MIN_FACTOR = 0.01
 """The smallest factor but 0. Below it, points would take longer than anybody waits."""
-
-MIN_VELOCITY_FRACTION = 1e-3
-"""The smallest fraction of the speed that is asked of a controller."""
 
 M = TypeVar('M', bound=Message)
 
@@ -80,7 +78,7 @@ def scaled(message: M, factor: float, delay: float) -> M:
     if isinstance(message, JointTrajPt):
         return replace(
             message,
-            velocity=min(max(message.velocity * factor, MIN_VELOCITY_FRACTION), 1.0),
+            velocity=min(max(message.velocity * factor, MIN_VELOCITY), message.velocity),
             duration=message.duration / factor,
         )
     if isinstance(message, JointTrajPtFull):

@@ -5,6 +5,7 @@
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
+from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
 from epson_driver.sim_controller.errors import ErrorNumber, Refusal, corrupt
 from epson_driver.simple_message import (
     BodyError,
@@ -23,16 +24,6 @@ SLOWEST = 1e-6
 LONGEST = 86_400.0
 """Longest duration field obeyed, s: a day."""
 
-
-BOTH = frozenset({'velocity', 'duration'})
-
-FIELDS_USED = {
-    'both': BOTH,
-    'velocity': frozenset({'velocity'}),
-    'duration': frozenset({'duration'}),
-    'nothing': frozenset[str](),
-}
-"""Which fields of a point count, besides the joints, by the profile's word for it."""
 
 POINT_LENGTH = 64
 """The length prefix of a JOINT_TRAJ_PT."""
@@ -53,21 +44,43 @@ def frame_fault(frame: Frame) -> str | None:
     return None
 
 
-def numbers_refusal(point: JointTrajPt, used: frozenset[str] = BOTH) -> Refusal | None:
+def numbers_refusal(
+    point: JointTrajPt,
+    used: FieldsUsed = FieldsUsed.BOTH,
+    unit: VelocityUnit = VelocityUnit.FRACTION,
+) -> Refusal | None:
     """Return why the point's numbers make no sense, or None. Unused joints count too.
 
-    `used`: which of velocity and duration are looked at.
+    `used`: which of velocity and duration are looked at. `unit`: of the velocity.
     """
     for index, angle in enumerate(point.joints):
         if not np.isfinite(angle):
             return corrupt(f'joints[{index}] = {angle} is not finite')
-    for name in ('velocity', 'duration'):
-        if name in used and (refusal := _number_refusal(name, getattr(point, name))) is not None:
+    if used.velocity:
+        largest = 1.0 if unit is VelocityUnit.FRACTION else np.inf
+        if (refusal := _number_refusal('velocity', point.velocity, largest)) is not None:
             return refusal
-    return None
+    return _number_refusal('duration', point.duration) if used.duration else None
 
 
-def _number_refusal(name: str, value: float) -> Refusal | None:
+def velocity_fraction(
+    point: JointTrajPt, origin: Array, limits: JointLimits, unit: VelocityUnit
+) -> float:
+    """Return the velocity of a point that was not refused as a fraction of the joints' speed.
+
+    In [0, 1]; 0: none is given. `origin`: shape (n,), rad, where the motion to it begins.
+    """
+    if unit is VelocityUnit.FRACTION or point.velocity == 0.0:
+        return point.velocity
+    way = np.abs(target_of(point, limits) - origin)
+    farthest = float(way.max())
+    if farthest == 0.0:
+        return 1.0
+    share = point.velocity * float((way / limits.velocity).max()) / farthest
+    return min(max(share, SLOWEST), 1.0)
+
+
+def _number_refusal(name: str, value: float, largest: float = 1.0) -> Refusal | None:
     if not np.isfinite(value):
         return corrupt(f'{name} = {value} is not finite')
     if value < 0.0:
@@ -75,7 +88,7 @@ def _number_refusal(name: str, value: float) -> Refusal | None:
     if name == 'duration':
         if value > LONGEST:
             return corrupt(f'duration = {value:g} s is above {LONGEST:g} s')
-    elif value > 1.0:
+    elif value > largest:
         return corrupt(f'velocity = {value:g} is above 1, the fraction of the maximum joint speed')
     elif 0.0 < value < SLOWEST:
         return corrupt(f'velocity = {value:g} is below {SLOWEST:g}')
