@@ -13,8 +13,8 @@ from typing import Protocol
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import make_delivery
-from epson_driver.driver.goal.goal_execution import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.io.io_driver import IoDriver
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess

@@ -8,7 +8,7 @@ from typing import Any
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.goal.goal_execution import GoalSettings, cause_timeout
+from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.driver.state.plausibility import Margins

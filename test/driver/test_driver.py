@@ -22,7 +22,7 @@ from support.driver_harness import (
 from support.event_loop import now, run, until
 
 from epson_driver.cli import processes
-from epson_driver.driver.goal.goal_execution import GoalSettings
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.sim_controller.states import Event
 from epson_driver.simple_message import ByteOrder, Dialect, Real, Status

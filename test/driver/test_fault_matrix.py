@@ -25,7 +25,7 @@ from support.driver_harness import LIMITS, Harness, pose, simulated
 from support.event_loop import run, until
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.goal.goal_execution import GoalSettings
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile

@@ -24,7 +24,7 @@ from support.event_loop import run as run_scenario
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli.processes import free_ros_domain
-from epson_driver.driver.goal.goal_execution import GoalSettings
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.node import ClientNode

@@ -12,8 +12,8 @@ from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_execution import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalHandle
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.motion import Trajectory
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model

@@ -6,7 +6,8 @@ import numpy as np
 
 from epson_driver.driver.delivery.trajectory_points import STOP
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_execution import GoalExecution, GoalSettings
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.goal_states import FINAL_STATES
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.state.robot_state import RobotState

@@ -10,33 +10,39 @@ callable it was given.
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
-from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP
+from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.driver.goal.arrival import Arrival
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_clock import GoalClock
-from epson_driver.driver.goal.goal_states import FINAL_STATES, TRANSITIONS, GoalEvent, GoalState
-from epson_driver.driver.goal.speed_scaling import SpeedScaling, scaled
+from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal_states import (
+    AFTERMATH,
+    BRAKING_STATES,
+    FINAL_STATES,
+    REJECTED_STATES,
+    RUNNING_STATES,
+    TRANSITIONS,
+    UNCONFIRMED_STATES,
+    UNKNOWN,
+    GoalEvent,
+    GoalState,
+)
+from epson_driver.driver.goal.point_schedule import PointSchedule
+from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
 from epson_driver.driver.state.controller_pause import PauseDetector
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.state.standstill import UNCONFIRMED_REST_TIME_S, Standstill
 from epson_driver.link.replies import sequence_of
 from epson_driver.motion import Array, Trajectory
-from epson_driver.profiles.profile import StateProfile
 from epson_driver.simple_message import Message, MotionReply, Packet, TriState
 
 SETTLE_TIME_S = 1.0
 """How long an arm may stand beside the goal after the last reply before that is a failure, s."""
-
-CAUSE_TIMEOUT_S = 0.095
-"""How long a refused goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
-
-CAUSE_TIMEOUT_MARGIN_S = 0.04
-"""What it waits beyond the time between two of them, s."""
 
 MAX_COUNTED_GAP_S = 0.5
 """Time from one state to the next that counts as waiting, s: what is longer is this process not
@@ -45,25 +51,6 @@ scheduled, or a controller that is silent, which the driver sees by itself (link
 Send = Callable[[Message, Callable[[Packet, float], None]], object]
 """send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
 Raises ConnectionError if there is no link."""
-
-
-@dataclass(frozen=True, slots=True)
-class GoalSettings:
-    """Tolerances and patience of an execution.
-
-    stopped_velocity: rad/s, below which a joint counts as standing. reply_timeout: s without a
-    reply and without the arm moving, beyond the planned duration of the point. cause_timeout: how
-    long a refused goal waits for the STATUS that says why, s.
-    """
-
-    stopped_velocity: float = 0.01
-    reply_timeout: float = 5.0
-    cause_timeout: float = CAUSE_TIMEOUT_S
-
-
-def cause_timeout(state: StateProfile) -> float:
-    """Return how long to wait for a STATUS of a controller with this profile, s."""
-    return state.period * (state.joint_positions_per_status + 1) + CAUSE_TIMEOUT_MARGIN_S
 
 
 class GoalExecution:
@@ -82,34 +69,25 @@ class GoalExecution:
         scaling: SpeedScaling | None = None,
     ) -> None:
         self.goal = goal
+        self.settings = settings
         self.state = GoalState.PREPARING
+        self.aftermath = UNKNOWN
+        """What is known of the arm when the goal has ended."""
         self.started = now
         self.point = 0
-        self._points: list[Message] = []
-        self._begins_by = 0.0
-        self._looked = now
-        self.settings = settings
+        """How many points were taken: the index of the one that is on its way."""
         self._send = send
         self._on_end = on_end
-        self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
-        self._standstill = Standstill(now)
-        self._rejection = ''
-        self._refused_at = 0.0
-        self.at_rest = False
-        """The goal has ended and the arm stands: not after a fault."""
-        self.broken_off = False
-        """Nobody knows what the controller will do with the points it has taken."""
-        self.unanswered = False
-        """It broke off because no answer came in time: one may come later."""
-        self._confirmed = False
-        self._left = False
-        self._must_leave = _must_leave(goal)
-        self._pause = PauseDetector()
         self._scaling = scaling or SpeedScaling()
-        self._clock: GoalClock | None = None
-        self._due = 0.0
-        self._delay = 0.0
-        self._sent_until = 0.0
+        self._schedule: PointSchedule | None = None
+        self._arrival = Arrival(goal)
+        self._standstill = Standstill(now)
+        self._pause = PauseDetector()
+        self._begins_by = 0.0
+        self._looked = now
+        self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
+        self._rejection = ''
+        self._rejected_at = 0.0
 
     @property
     def paused(self) -> bool:
@@ -122,9 +100,10 @@ class GoalExecution:
 
         None before the goal is prepared. Velocities are 0 while the plan waits and at its end.
         """
-        if self._clock is None:
+        if self._schedule is None:
             return None
-        return min(self._clock.time, self.goal.trajectory.duration), *self._clock.desired()
+        clock = self._schedule.clock
+        return min(clock.time, self.goal.trajectory.duration), *clock.desired()
 
     def speed(self, now: float) -> float:
         """Return the share of the planned speed that the goal runs at: 0 while it is paused."""
@@ -133,7 +112,7 @@ class GoalExecution:
     @property
     def target(self) -> int:
         """Index of the trajectory's point that the arm is on its way to."""
-        return max(min(self.point, len(self._points) - 1), 0)
+        return 0 if self._schedule is None else min(self.point, len(self._schedule) - 1)
 
     @property
     def where(self) -> str:
@@ -163,27 +142,26 @@ class GoalExecution:
         if self.state is not GoalState.PREPARING:
             return
         self.goal = replace(self.goal, trajectory=trajectory)
-        self._must_leave = _must_leave(self.goal)
-        self._points = points
-        self._begins_by = self._sent_until = now + begin_within
+        self._arrival = Arrival(self.goal)
+        self._begins_by = now + begin_within
         self.started = self._standstill.alive = now
         start = trajectory.positions[0] if at is None else at
-        self._clock = GoalClock(trajectory, start, self._scaling, self._begins_by)
+        self._schedule = PointSchedule(trajectory, points, start, self._scaling, self._begins_by)
         self._step(GoalEvent.PREPARED)
         self._send_point(now)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """The controller answered point `index`."""
-        if self.state in (GoalState.CANCELING, GoalState.STOPPING) and not self._confirmed:
+        if self.state in UNCONFIRMED_STATES:
             self._doubt_reply(packet, now)
         if self.state is not GoalState.STREAMING or index != self.point:
             return
         self._standstill.alive = now
         if (no := reply_rejection(packet)) is not None:
-            self._refuse(f'the controller refused {self._name(index)} ({no})', now)
+            self._reject(f'the controller refused {self._name(index)} ({no})', now)
             return
         self.point += 1
-        if self.point < len(self._points):
+        if self._schedule is not None and self.point < len(self._schedule):
             self._send_point(now)
         else:
             self._standstill.expect(max(now, self._begins_by))
@@ -191,9 +169,9 @@ class GoalExecution:
 
     def on_unsolicited_failure(self, now: float) -> None:
         """The controller sent a negative reply for something it had acknowledged before."""
-        if self.state in (GoalState.STREAMING, GoalState.SETTLING):
+        if self.state in RUNNING_STATES:
             where = self._name(self.target)
-            self._refuse(f'the controller withdrew an acknowledgement before {where}', now)
+            self._reject(f'the controller withdrew an acknowledgement before {where}', now)
 
     def on_state(self, robot: RobotState, now: float) -> None:
         """New joints or a new status came."""
@@ -202,16 +180,15 @@ class GoalExecution:
             return
         self._forgive(now)
         self._keep_time(robot, now)
-        distance = np.abs(sample.positions - self.goal.trajectory.positions[-1])
-        self._left = self._left or float(distance.max()) >= self._must_leave
+        distance = self._arrival.see(sample.positions)
         self._standstill.see(sample, robot, self._stopped(), now)
-        if self.state is GoalState.REJECTED:
+        if self.state in REJECTED_STATES:
             self._look_for_cause(robot, now)
             return
         if self._standstill.reached(sample.measured):
             if self.state is GoalState.SETTLING:
                 self._judge(distance, now)
-            elif self.state in (GoalState.CANCELING, GoalState.STOPPING):
+            elif self.state in BRAKING_STATES:
                 self._rest()
         self._check_path(sample, now)
         self._check_patience(now)
@@ -228,26 +205,29 @@ class GoalExecution:
 
     def fault(self, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED) -> None:
         """Something forbids going on: send STOP if anything was sent, and end now."""
-        if self.ended:
-            return
-        refused, unsent = self.state is GoalState.REJECTED, self.state is GoalState.PREPARING
-        text = f'{self._rejection}: {why}' if self._rejection else why
-        outcome = Outcome(End.ABORTED, code, text)
-        self.state = TRANSITIONS[self.state, GoalEvent.FAULT]
-        if not refused and not unsent:
-            self._send_stop()
-        self._on_end(outcome)
+        if not self.ended:
+            self._end_at_once(GoalEvent.FAULT, why, code)
 
-    def _refuse(self, why: str, now: float) -> None:
-        self._rejection, self._refused_at = why, now
-        self.broken_off = self.point > 0
-        self._step(GoalEvent.REJECTION)
+    def _end_at_once(
+        self, event: GoalEvent, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED
+    ) -> None:
+        needs_stop = self.state is not GoalState.PREPARING and self.state not in REJECTED_STATES
+        text = f'{self._rejection}: {why}' if self._rejection else why
+        self._step(event)
+        if needs_stop:
+            self._send_stop()
+        self._on_end(Outcome(End.ABORTED, code, text))
+
+    def _reject(self, why: str, now: float) -> None:
+        """The controller rejected a point: stop, and wait for the STATUS that says why."""
+        self._rejection, self._rejected_at = why, now
+        self._step(GoalEvent.REJECTION_MIDWAY if self.point > 0 else GoalEvent.REJECTION)
         self._send_stop()
 
     def _look_for_cause(self, robot: RobotState, now: float) -> None:
-        """End a refused goal with what the first status after the rejection says, if it comes."""
-        told = robot.status is not None and robot.status_time > self._refused_at
-        waited = now - self._refused_at
+        """End a rejected goal with what the first status after the rejection says, if it comes."""
+        told = robot.status is not None and robot.status_time > self._rejected_at
+        waited = now - self._rejected_at
         status = robot.status
         if told and status and not status.error_code and robot.in_motion == TriState.TRUE:
             # It brakes: what makes it do so may only show when it stands, as motors off do.
@@ -268,7 +248,7 @@ class GoalExecution:
         if (self.state, event) not in TRANSITIONS:
             return
         self._when_at_rest = outcome
-        already = self.state in (GoalState.CANCELING, GoalState.STOPPING)
+        already = self.state in BRAKING_STATES
         self._step(event)
         if already:
             return
@@ -290,7 +270,8 @@ class GoalExecution:
 
     def _on_stop_reply(self, packet: Packet, now: float) -> None:
         if (no := reply_rejection(packet)) is None:
-            self._confirmed = True
+            if (self.state, GoalEvent.STOP_CONFIRMED) in TRANSITIONS:
+                self._step(GoalEvent.STOP_CONFIRMED)
             self._standstill.expect(now)
         else:
             self.fault(f'the controller refused STOP ({no})')
@@ -298,10 +279,10 @@ class GoalExecution:
     def _rest(self) -> None:
         """The arm stands after STOP: the goal ends."""
         outcome = self._when_at_rest
-        if not self._confirmed:
-            self.broken_off = self.unanswered = True
+        if self.state in UNCONFIRMED_STATES:
             outcome = replace(outcome, text=f'{outcome.text}, but a reply is missing')
-        self._step(GoalEvent.AT_REST, outcome)
+        self._step(GoalEvent.AT_REST)
+        self._on_end(outcome)
 
     def _stopped(self) -> Array:
         """Return the velocities below which the joints count as standing, rad/s, shape (n,)."""
@@ -312,51 +293,49 @@ class GoalExecution:
 
     def _judge(self, distance: Array, now: float) -> None:
         """All points are acknowledged and the arm stands: decide whether it is at the goal."""
-        tolerance = self.goal.goal_tolerance
         if self.paused:  # it may have a rest of the way to go
             return
-        clock = self._clock
-        if clock is not None and clock.time < self.goal.trajectory.duration:
+        if self._plan_time < self.goal.trajectory.duration:
             return  # what is planned may be yet to come, however short a way
-        if self._left and np.all(distance <= tolerance):
+        if self._arrival.reached(distance):
             text = f'at the goal after {now - self.started:.2f} s'
-            self._step(GoalEvent.AT_GOAL, Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
+            self._step(GoalEvent.AT_GOAL)
+            self._on_end(Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
         elif now - max(self._standstill.alive, self._begins_by) > SETTLE_TIME_S:
-            joint = int(np.argmax(distance - tolerance))
-            name, unit = self.goal.trajectory.joint_names[joint], self.goal.unit(joint)
-            self.fault(
-                f'the arm stands, and {name} is {distance[joint]:.6g} {unit} from the goal: '
-                f'the tolerance is {tolerance[joint]:.6g} {unit}'
-                if self._left
-                else 'the controller acknowledged all points, but the arm did not move',
-                ErrorCode.GOAL_TOLERANCE_VIOLATED,
-            )
+            self.fault(self._arrival.shortfall(distance), ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
     def _check_patience(self, now: float) -> None:
         if self.ended:
             return
-        planned = self.goal.trajectory.duration
-        took = 0.0 if self._clock is None else self._clock.time
         waited = now - self._standstill.alive
         timeout = self.settings.reply_timeout
-        if self.state in (
-            GoalState.STREAMING,
-            GoalState.SETTLING,
-        ) and 0.0 < self.goal.goal_time < (took - planned):
+        late = self._plan_time - self.goal.trajectory.duration
+        if self.state in RUNNING_STATES and 0.0 < self.goal.goal_time < late:
             self.fault(
-                f'not at the goal after {took:.3g} s: the plan takes {planned:.3g} s, and the '
-                f'goal_time tolerance is {self.goal.goal_time:g} s',
+                f'not at the goal after {self._plan_time:.3g} s: the plan takes '
+                f'{self.goal.trajectory.duration:.3g} s, and the goal_time tolerance is '
+                f'{self.goal.goal_time:g} s',
                 ErrorCode.GOAL_TOLERANCE_VIOLATED,
             )
-        elif self.state is GoalState.STREAMING and waited > timeout + self._due:
-            self._break_off(
-                f'no reply to {self._name(self.point)}: the arm has not moved for {waited:.3g} s'
-            )
+        elif self._schedule is not None and self.state is GoalState.STREAMING:
+            if waited > timeout + self._schedule.duration:
+                self._end_at_once(
+                    GoalEvent.NO_REPLY,
+                    f'no reply to {self._name(self.point)}: the arm has not moved for '
+                    f'{waited:.3g} s',
+                )
         elif (
-            self.state not in (GoalState.PREPARING, GoalState.STREAMING)
-            and min(waited, now - self._begins_by) > timeout
+            self.state is not GoalState.PREPARING and min(waited, now - self._begins_by) > timeout
         ):
-            self._break_off(f'the controller did not confirm the standstill within {waited:.3g} s')
+            self._end_at_once(
+                GoalEvent.NO_REPLY,
+                f'the controller did not confirm the standstill within {waited:.3g} s',
+            )
+
+    @property
+    def _plan_time(self) -> float:
+        """Where the plan is, s; 0 before it is prepared."""
+        return 0.0 if self._schedule is None else self._schedule.clock.time
 
     def _forgive(self, now: float) -> None:
         """Leave the time in which nobody looked out of the patience: a reply may be there."""
@@ -365,13 +344,10 @@ class GoalExecution:
         if unseen > 0.0:
             self._standstill.alive += unseen
 
-    def _break_off(self, why: str) -> None:
-        self.broken_off = self.unanswered = True
-        self.fault(why)
-
     def _keep_time(self, robot: RobotState, now: float) -> None:
         """Let the clock go on, see whether the controller is paused, and send what was held."""
-        clock, moves = self._clock, self.state in (GoalState.STREAMING, GoalState.SETTLING)
+        moves = self.state in RUNNING_STATES
+        clock = None if self._schedule is None else self._schedule.clock
         if clock is not None:
             clock.advance(now, running=moves and not self._pause.interrupted)
         if robot.status is not None:
@@ -385,17 +361,17 @@ class GoalExecution:
 
     def _check_path(self, sample: JointSample, now: float) -> None:
         """Hold what was measured just now against where the plan is."""
-        tolerance, clock = self.goal.path_tolerance, self._clock
+        tolerance = self.goal.path_tolerance
         if (
             tolerance is None
-            or clock is None
-            or self.state not in (GoalState.STREAMING, GoalState.SETTLING)
+            or self._schedule is None
+            or self.state not in RUNNING_STATES
             or self._pause.interrupted
             or sample.time != now
-            or clock.time >= self.goal.trajectory.duration
+            or self._plan_time >= self.goal.trajectory.duration
         ):
             return
-        positions, velocities = clock.desired()
+        positions, velocities = self._schedule.clock.desired()
         violation = tolerance.violation(
             self.goal.trajectory.joint_names,
             positions - sample.positions,
@@ -404,7 +380,9 @@ class GoalExecution:
         )
         if violation is None:
             return
-        self._rejection = f'path tolerance violated {self.where}, {clock.time:.3g} s: {violation}'
+        self._rejection = (
+            f'path tolerance violated {self.where}, {self._plan_time:.3g} s: {violation}'
+        )
         outcome = Outcome(
             End.ABORTED,
             ErrorCode.PATH_TOLERANCE_VIOLATED,
@@ -414,22 +392,10 @@ class GoalExecution:
 
     def _send_point(self, now: float) -> None:
         """Send the next point at the speed of the moment, or hold it back while that is 0."""
-        clock, index = self._clock, self.point
-        if clock is None:
+        index = self.point
+        message = None if self._schedule is None else self._schedule.message(index, now)
+        if message is None:
             return
-        before = float(self.goal.trajectory.times[index - 1]) if index else 0.0
-        planned = max(float(self.goal.trajectory.times[index]) - before, MIN_DURATION_S)
-        begin = max(now, self._sent_until)  # it runs after what was sent before
-        takes = self._scaling.time_for(planned, begin)
-        clock.held = takes is None
-        if takes is None:
-            return
-        factor = planned / takes
-        self._sent_until = begin + takes
-        self._delay += takes - planned
-        message = scaled(self._points[index], factor, self._delay)
-        self._due = max(takes, getattr(message, 'duration', 0.0))
-        clock.sent(factor)
 
         def on_reply(packet: Packet, now: float) -> None:
             self.on_reply(index, packet, now)
@@ -439,21 +405,9 @@ class GoalExecution:
         except ConnectionError as error:
             self.fault(f'{self._name(index)} could not be sent: {error}')
 
-    def _step(self, event: GoalEvent, outcome: Outcome | None = None) -> None:
+    def _step(self, event: GoalEvent) -> None:
+        self.aftermath = AFTERMATH.get((self.state, event), UNKNOWN)
         self.state = TRANSITIONS[self.state, event]
-        if outcome is not None:
-            self.at_rest = True
-            self._on_end(outcome)
 
     def _name(self, index: int) -> str:
-        return f'point {index} of {len(self._points)}'
-
-
-def _must_leave(goal: Goal) -> float:
-    """Return how far from the goal the arm must have been seen, rad.
-
-    On a path that ends where it began, an arm that has not moved yet is at the goal, too.
-    """
-    excursion = float(np.abs(goal.trajectory.positions - goal.trajectory.positions[-1]).max())
-    finite = goal.goal_tolerance[np.isfinite(goal.goal_tolerance)]
-    return excursion / 2 if excursion > 2 * float(finite.max(initial=0.0)) else 0.0
+        return f'point {index} of {0 if self._schedule is None else len(self._schedule)}'

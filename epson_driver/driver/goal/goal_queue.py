@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_checks import check_start
-from epson_driver.driver.goal.goal_execution import GoalExecution, GoalSettings
-from epson_driver.driver.goal.goal_states import GoalState
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal_states import AT_REST, GoalState
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
@@ -348,14 +349,14 @@ class GoalQueue:
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
         self._running = None
         handle.outcome = outcome
-        execution = handle.execution
-        if execution is not None and execution.broken_off:
-            self._on_broken_off(outcome, execution.unanswered)
+        aftermath = AT_REST if handle.execution is None else handle.execution.aftermath
+        if aftermath.broken_off:
+            self._on_broken_off(outcome, aftermath.unanswered)
         if handle.preparation is not None:
             handle.preparation.cancel()
         self._changed.notify_all()
         handle.on_end(outcome)
-        if execution is not None and not execution.at_rest:
+        if not aftermath.at_rest:
             self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:
             self._stopper.goal_reached()

@@ -24,7 +24,7 @@ from support.event_loop import now, run, until
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_execution import GoalSettings, cause_timeout
+from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
 from epson_driver.driver.goal.goal_states import GoalState
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.state.joint_mapping import joint_mapping

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from support.goal_execution_harness import CYCLE, DT, LINE, Harness
 
-from epson_driver.driver.goal.goal_execution import SETTLE_TIME_S, GoalSettings
+from epson_driver.driver.goal.goal_execution import SETTLE_TIME_S
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.speed_scaling import RAMP_PER_S
 from epson_driver.driver.goal.tolerances import Tolerances
 from epson_driver.driver.outcome import End, ErrorCode
@@ -64,7 +65,7 @@ def test_a_joint_beside_the_path_stops_the_arm_and_the_text_says_which():
     assert 'on the way to point 1' in harness.outcome.text
     assert 'joint_2: the position error is 0.09' in harness.outcome.text
     assert 'the tolerance is 0.05 rad' in harness.outcome.text
-    assert harness.execution.at_rest
+    assert harness.execution.aftermath.at_rest
     assert harness.stops == 1
 
 

@@ -25,7 +25,7 @@ from support.event_loop import run, stand_still, until
 
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_execution import GoalSettings
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.motion import Trajectory
 from epson_driver.node.diagnostics import Diagnostics
