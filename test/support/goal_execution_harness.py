@@ -57,14 +57,14 @@ class Harness:
         self.execution = GoalExecution(
             self.goal, settings or GoalSettings(), self._send, self._on_end, self.now, self.scaling
         )
-        self._wire = wire
+        self.wire = wire
         self.see(0.1)
         if start:
             self.start()
 
     def start(self, trajectory=None):
         """The motion is prepared, as it was planned or otherwise."""
-        self.execution.start(trajectory or self.goal.trajectory, self._wire, self.now)
+        self.execution.start(trajectory or self.goal.trajectory, self.wire, self.now)
 
     def _send(self, message, on_reply):
         if self.broken:

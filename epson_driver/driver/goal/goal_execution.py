@@ -88,6 +88,7 @@ class GoalExecution:
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
         self._rejection = ''
         self._rejected_at = 0.0
+        self._cause_waited = 0.0
 
     @property
     def paused(self) -> bool:
@@ -178,12 +179,13 @@ class GoalExecution:
         sample = robot.sample
         if self.ended or sample is None:
             return
-        self._forgive(now)
-        self._keep_time(robot, now)
+        looked, self._looked = self._looked, now
+        self._forgive(now, now - looked)
+        self._keep_time(robot, sample, now)
         distance = self._arrival.see(sample.positions)
         self._standstill.see(sample, robot, self._stopped(), now)
         if self.state in REJECTED_STATES:
-            self._look_for_cause(robot, now)
+            self._look_for_cause(robot, now - max(looked, self._rejected_at))
             return
         if self._standstill.reached(sample.measured):
             if self.state is GoalState.SETTLING:
@@ -221,23 +223,29 @@ class GoalExecution:
     def _reject(self, why: str, now: float) -> None:
         """The controller rejected a point: stop, and wait for the STATUS that says why."""
         self._rejection, self._rejected_at = why, now
+        self._cause_waited = 0.0
         self._step(GoalEvent.REJECTION_MIDWAY if self.point > 0 else GoalEvent.REJECTION)
         self._send_stop()
 
-    def _look_for_cause(self, robot: RobotState, now: float) -> None:
-        """End a rejected goal with what the first status after the rejection says, if it comes."""
-        told = robot.status is not None and robot.status_time > self._rejected_at
-        waited = now - self._rejected_at
+    def _look_for_cause(self, robot: RobotState, gap: float) -> None:
+        """End a rejected goal with what the first status after the rejection says, if it comes.
+
+        Of the time since the last look, `gap`, s, only a part of the patience counts: a status
+        that came while this process was not scheduled is read before the next look.
+        """
         status = robot.status
+        told = status is not None and robot.status_time > self._rejected_at
+        patience = self.settings.cause_timeout
+        self._cause_waited += min(gap, patience / 2)
         if told and status and not status.error_code and robot.in_motion == TriState.TRUE:
             # It brakes: what makes it do so may only show when it stands, as motors off do.
-            told = waited > self.settings.reply_timeout
-            waited = 0.0
-        if robot.status is not None and told:
-            error = robot.status.error_code
+            told = self._cause_waited > self.settings.reply_timeout
+            patience = self.settings.reply_timeout
+        if status is not None and told:
+            error = status.error_code
             text = robot.errors.phrase(error)
             self.fault(f'controller error {text}' if error else 'it reports no error')
-        elif waited > self.settings.cause_timeout:
+        elif self._cause_waited > patience:
             self.fault('no status came that says why')
 
     def _send_stop(self) -> None:
@@ -337,19 +345,27 @@ class GoalExecution:
         """Where the plan is, s; 0 before it is prepared."""
         return 0.0 if self._schedule is None else self._schedule.clock.time
 
-    def _forgive(self, now: float) -> None:
-        """Leave the time in which nobody looked out of the patience: a reply may be there."""
-        unseen = now - self._looked - MAX_COUNTED_GAP_S
-        self._looked = now
+    def _forgive(self, now: float, gap: float) -> None:
+        """Leave the time in which nobody looked out of the patience: a reply may be there.
+
+        `gap`: s since somebody looked.
+        """
+        unseen = gap - MAX_COUNTED_GAP_S
         if unseen > 0.0:
             self._standstill.alive += unseen
+            if self._begins_by < now:
+                self._begins_by = min(self._begins_by + unseen, now)
 
-    def _keep_time(self, robot: RobotState, now: float) -> None:
-        """Let the clock go on, see whether the controller is paused, and send what was held."""
+    def _keep_time(self, robot: RobotState, sample: JointSample, now: float) -> None:
+        """Let the clock go on, see whether the controller is paused, and send what was held.
+
+        The plan is where it was when the joints were measured: they may have waited since, in the
+        network or for this process.
+        """
         moves = self.state in RUNNING_STATES
         clock = None if self._schedule is None else self._schedule.clock
         if clock is not None:
-            clock.advance(now, running=moves and not self._pause.interrupted)
+            clock.advance(sample.measured, running=moves and not self._pause.interrupted)
         if robot.status is not None:
             self._pause.see(robot.status)
         if clock is None:
@@ -360,7 +376,7 @@ class GoalExecution:
             self._standstill.alive = now
 
     def _check_path(self, sample: JointSample, now: float) -> None:
-        """Hold what was measured just now against where the plan is."""
+        """Hold new joints against where the plan was when they were measured."""
         tolerance = self.goal.path_tolerance
         if (
             tolerance is None
