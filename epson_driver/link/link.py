@@ -101,7 +101,8 @@ class Link:
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
         self._framer = Framer(byte_order)
-        self._attempt = 0
+        self.attempt = 0
+        """Attempts to connect since a connection has lasted."""
         self._ended_because: str | None = None
         self._last_received = 0.0
 
@@ -122,6 +123,11 @@ class Link:
         return (own[0], own[1]), (other[0], other[1])
 
     @property
+    def transport(self) -> asyncio.WriteTransport | None:
+        """The connection's transport; None while there is none."""
+        return None if self._writer is None else self._writer.transport
+
+    @property
     def unread(self) -> bytes:
         """What came of a frame that is not whole yet."""
         return self._framer.unread
@@ -135,11 +141,11 @@ class Link:
                 began = loop.time()
                 established = await self._connect_and_receive()
                 if established and loop.time() - established > MIN_PROVEN_UPTIME_S:
-                    self._attempt = 0
-                pause = back_off(self._attempt) - (loop.time() - began)
-                self._attempt += 1
+                    self.attempt = 0
+                pause = back_off(self.attempt) - (loop.time() - began)
+                self.attempt += 1
                 await asyncio.sleep(max(pause, 0.0))
-                self._step(LinkEvent.RETRY, f'attempt {self._attempt}')
+                self._step(LinkEvent.RETRY, f'attempt {self.attempt}')
         finally:
             self._step(LinkEvent.CLOSE, 'closed')
 

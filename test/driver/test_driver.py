@@ -343,9 +343,9 @@ def test_a_lost_motion_link_ends_the_goal_and_does_not_blur_the_status():
         async with cell() as (harness, _):
             goal = harness.submit(pose(1.0))
             await harness.until_moving()
-            writer = harness.driver.motion_link._writer
+            transport = harness.driver.motion_link.transport
             before = len(harness.events.statuses)
-            writer.transport.abort()
+            transport.abort()
             outcome = await goal.end()
             assert 'the motion link was lost' in outcome.text
             assert 'the motion link was lost' in harness.gate
@@ -564,7 +564,7 @@ def test_the_link_state_is_the_worse_of_both():
             async with Harness(ports) as harness:
                 await harness.ready()
                 before = len(harness.events.links)
-                harness.driver.motion_link._writer.transport.abort()
+                harness.driver.motion_link.transport.abort()
                 await until(lambda: len(harness.events.links) > before)
                 await until(lambda: harness.events.links[-1][0] == 'connected')
                 after = [name for name, _ in harness.events.links[before:]]

@@ -164,10 +164,8 @@ class CutCell:
 
     def check_nothing_is_kept(self):
         driver = self.harness.driver
-        assert not driver.goal_queue.busy
-        assert driver.goal_queue._next is None
-        assert not driver.changed._waiters
-        assert not driver.goal_queue._preparations
+        assert driver.goal_queue.idle
+        assert not driver.changed.waiting
         gc.collect()
         assert [each for each in self.handles if each() is not None] == []
 

@@ -83,7 +83,7 @@ class GoalQueue:
         stopper.stopped_velocity = settings.stopped_velocity
         self._changed = changed
         self._on_broken_off = on_broken_off
-        self._smoother = smoother
+        self.smoother = smoother
         self._running: GoalHandle | None = None
         self._next: GoalHandle | None = None
         self._unread: GoalHandle | None = None
@@ -107,20 +107,26 @@ class GoalQueue:
         return self._running is not None
 
     @property
+    def idle(self) -> bool:
+        """True while no goal runs, waits or is being prepared."""
+        waiting = (self._running, self._next, self._unread)
+        return not self._preparations and all(handle is None for handle in waiting)
+
+    @property
     def execution(self) -> GoalExecution | None:
         """How the running goal gets on."""
         return None if self._running is None else self._running.execution
 
     def make_ready(self) -> None:
         """Start what takes its time to start."""
-        if self._smoother is not None:
-            self._smoother.make_ready()
+        if self.smoother is not None:
+            self.smoother.make_ready()
 
     async def close(self) -> None:
         """End what prepares goals; no goal may run any more."""
         await asyncio.gather(*self._preparations, return_exceptions=True)
-        if self._smoother is not None:
-            await self._smoother.close()
+        if self.smoother is not None:
+            await self.smoother.close()
 
     def submit(self, handle: GoalHandle) -> None:
         """Execute a checked goal; a running one is stopped first and ends as aborted.
@@ -291,10 +297,10 @@ class GoalQueue:
             _now(),
             self.scaling,
         )
-        if self._smoother is None:
+        if self.smoother is None:
             self._execute(execution, trajectory, sample)
             return
-        handle.preparation = asyncio.create_task(self._prepare(self._smoother, execution, sample))
+        handle.preparation = asyncio.create_task(self._prepare(self.smoother, execution, sample))
         self._preparations.add(handle.preparation)
         handle.preparation.add_done_callback(self._preparations.discard)
         handle.preparation.add_done_callback(report_task_error)

@@ -38,7 +38,7 @@ class SmoothingProcess:
     def make_ready(self) -> None:
         """Have the next process wait, so that its start delays nobody."""
         if self._next is None:
-            self._next = asyncio.create_task(_started())
+            self._next = asyncio.create_task(start_process())
 
     async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
         """Return what to send for a checked trajectory of an arm that rests at `start`.
@@ -86,7 +86,8 @@ class SmoothingProcess:
                 await _end(await waiting)
 
 
-async def _started() -> asyncio.subprocess.Process:
+async def start_process() -> asyncio.subprocess.Process:
+    """Return a process that waits for its arguments."""
     # the child finds the package where this process found it, sourced workspace or not
     path = os.pathsep.join(filter(None, sys.path))
     return await asyncio.create_subprocess_exec(

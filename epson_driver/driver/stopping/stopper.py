@@ -94,7 +94,7 @@ class Stopper:
         self._sent = 0.0
         self._acknowledged = False
         self._rejection: str | None = None
-        self._refused = 0.0
+        self._rejected_look = 0
         self._unsent: str | None = None
         self._alarm_since: float | None = None
         self._standstill = Standstill(0.0)
@@ -262,7 +262,7 @@ class Stopper:
             self._standstill.expect(now, REST_TIME_S)
         else:
             if self._rejection is None:
-                self._rejection, self._refused = no, now
+                self._rejection, self._rejected_look = no, self._looks
             self._standstill.expect(now, UNCONFIRMED_REST_TIME_S)
         self._changed.notify_all()
 
@@ -299,7 +299,7 @@ class Stopper:
             self.raise_alarm(f'the arm still moves {BRAKING_TIMEOUT_S:g} s after STOP')
         elif self._unsent is None and self._powered():
             if self._rejection is not None:
-                if now - self._refused >= CAUSE_TIMEOUT_S:
+                if (self._looks - self._rejected_look) * CHECK_PERIOD_S > CAUSE_TIMEOUT_S:
                     self.raise_alarm(f'the controller refused STOP ({self._rejection})')
             elif not self._acknowledged and waited >= ANSWER_TIMEOUT_S:
                 self.raise_alarm(f'no reply to STOP within {ANSWER_TIMEOUT_S:g} s')

@@ -189,7 +189,7 @@ def test_every_request_ends_whenever_the_connection_is_cut():
                 await client.known()
                 asked = [asyncio.create_task(ask(client.io)) for _ in range(5)]
                 await asyncio.sleep(times.uniform(0.0, 0.004))
-                client.io.link._writer.transport.abort()
+                client.io.link.transport.abort()
                 for answer in await asyncio.gather(*asked):
                     assert answer == 0 or 'lost' in answer
                 assert not client.io._asked
@@ -280,7 +280,7 @@ def test_a_controller_that_returns_is_subscribed_to_again():
     async def test():
         async with simulated() as (_, ports), Client(ports.io) as client:
             await client.known()
-            client.io.link._writer.transport.abort()  # the cable
+            client.io.link.transport.abort()  # the cable
             await until(lambda: len(client.told) == 3)
             assert 'no I/O link' in client.told[1]
             assert client.told[2] == client.told[0]
@@ -302,7 +302,7 @@ def test_a_port_where_nobody_listens_is_said_once(caplog):
     async def test():
         port = free_port()
         async with Client(port) as client:
-            await until(lambda: client.io.link._attempt >= 5)
+            await until(lambda: client.io.link.attempt >= 5)
             assert len(client.told) == 1
             assert await client.rejection() == f'no I/O link: 127.0.0.1:{port}: Connection refused'
         assert len(caplog.messages) == 1

@@ -29,14 +29,14 @@ run = partial(run_in, real_time=True)
 
 
 def process_of(harness):
-    return harness.driver.goal_queue._smoother
+    return harness.driver.goal_queue.smoother
 
 
 @pytest.fixture
 def slow(monkeypatch):
     """Let the smoother's process sleep before it begins; return whether it is asked."""
     asked = []
-    started = smoothing_process._started
+    started = smoothing_process.start_process
 
     async def sleepy():
         process = await started()
@@ -50,7 +50,7 @@ def slow(monkeypatch):
         process.communicate = delayed
         return process
 
-    monkeypatch.setattr(smoothing_process, '_started', sleepy)
+    monkeypatch.setattr(smoothing_process, 'start_process', sleepy)
     return asked
 
 
@@ -151,7 +151,7 @@ def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
         async with cell(smoothing=RESAMPLE) as (harness, _):
             goal = harness.submit(pose(0.5))
             await until(lambda: slow)
-            harness.driver.motion_link._writer.transport.abort()
+            harness.driver.motion_link.transport.abort()
             assert 'the motion link was lost' in (await goal.end()).text
             assert 'the motion link was lost' in harness.gate
             assert nothing_sent(harness)

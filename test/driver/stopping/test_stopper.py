@@ -30,7 +30,7 @@ from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.motion import Trajectory
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.sim_controller.states import Event
-from epson_driver.simple_message import ReplyCode
+from epson_driver.simple_message import JointPosition, JointTrajPt, ReplyCode, decode, reply
 
 pytestmark = pytest.mark.invariant(3, 4, 9)
 
@@ -71,17 +71,19 @@ def arm(harness):
 
 def refuses_stop(controller, stops, obeys_after=None):
     """Have a simulated controller refuse STOP and go on; after so many it obeys."""
-    program = controller.program
-    obey = program._stop
+    obey = controller.program.receive
 
-    def stop(sequence):
-        stops.append(sequence)
-        if obeys_after is not None and len(stops) > obeys_after:
-            obey(sequence)
+    def receive(received):
+        message = decode(received).message
+        stop = isinstance(message, JointTrajPt) and message.sequence == STOP
+        if stop:
+            stops.append(message.sequence)
+        if not stop or (obeys_after is not None and len(stops) > obeys_after):
+            obey(received)
         else:
-            program._answer(sequence, ReplyCode.FAILURE)
+            controller.send_reply(reply(JointPosition(message.sequence), ReplyCode.FAILURE))
 
-    program._stop = stop
+    controller.program.receive = receive
 
 
 @contextlib.asynccontextmanager
@@ -408,5 +410,31 @@ def test_a_process_that_was_not_scheduled_does_not_take_stop_for_unanswered():
             assert scripted.received == [STOP]
             assert harness.driver.stopper.alarm is None
             assert harness.gate is None
+
+    run(scenario())
+
+
+@pytest.mark.invariant(9)
+def test_inv9_a_process_that_stood_still_has_not_waited_for_the_status_that_says_why():
+    """docs/invariants.md, 9: the motors are off, which is why STOP was refused: to be read yet."""
+
+    def reply_and_stand_still(number):
+        if number == STOP:
+            drives_powered, *others = scripted.STATUS
+            assert drives_powered
+            scripted.status = (0, *others)
+            asyncio.get_running_loop().call_later(0.002, stand_still, 30.0)
+        return answer(2, number)
+
+    scripted = ScriptedController(reply_and_stand_still)
+
+    async def scenario():
+        async with scripted, Harness(scripted.ports) as harness:
+            await harness.ready()
+            await harness.commands.enable()
+            harness.driver.stopper.stop()
+            await until(lambda: harness.driver.stopper.over)
+            assert harness.driver.stopper.alarm is None
+            assert harness.gate == 'the motors are off'
 
     run(scenario())
