@@ -67,7 +67,7 @@ class DriverEvents(Protocol):
     """What the driver tells its owner, in the loop's thread."""
 
     def on_joints(self, sample: JointSample) -> None:
-        """Joints came. Every state message is one call."""
+        """A state message with joints came: one call for each."""
 
     def on_status(self, status: Status) -> None:
         """A status came; also an all-unknown one when there is none to be had any more."""
@@ -118,7 +118,7 @@ class Driver:
             for link in (self.state_link, self.motion_link):
                 link.dialect = Dialect(configuration.usual_byte_order)
         self.changed = Notification()
-        """A status came, a goal or a stop ended, or STOP was answered."""
+        """Notified when a status came, a goal or a stop ended, or STOP was answered."""
         self.motors = SerializedMotors(
             make_motors(
                 configuration.motors,
@@ -218,7 +218,7 @@ class Driver:
             self.motion_link.reconnect('a reply is missing')
 
     def _on_alarm(self, why: str, unanswered: bool) -> None:
-        """STOP does not work: nobody knows what the controller will do."""
+        """Disable the arm: STOP does not work, and nobody knows what the controller will do."""
         _log.error('the arm was not stopped as asked: %s; %s', why, self.stopper.stands)
         self.disable(why)
         self.goal_queue.end_waiting(why)

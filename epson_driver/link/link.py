@@ -129,7 +129,7 @@ class Link:
 
     @property
     def unread(self) -> bytes:
-        """What came of a frame that is not whole yet."""
+        """The received bytes of a frame that is not complete yet."""
         return self._framer.unread
 
     async def run(self) -> None:

@@ -155,7 +155,7 @@ class LoopBridge:
         return value
 
     def end(self) -> None:
-        """Let nothing wait any more: the loop has ended."""
+        """Give every future that still waits DriverEndedError: the loop has ended."""
         with self._lock:
             self._ended = True
             left = list(self._futures)

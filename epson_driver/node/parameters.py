@@ -19,7 +19,7 @@ from epson_driver.simple_message import MAX_JOINTS
 Loaded = TypeVar('Loaded')
 
 POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
-"""What carries a point, per kind of program in a profile."""
+"""The message that carries a point, by the kind of program in a profile."""
 
 GOAL_TOLERANCE = {'rad': 0.01, 'm': 0.001}
 
@@ -38,7 +38,7 @@ class Row:
     choices: tuple[str, ...] = ()
     now: bool = False
     rule: Rule | None = None
-    """What else the value must be, at the start."""
+    """What else the value is checked against at the start."""
 
     @property
     def descriptor(self) -> ParameterDescriptor:

@@ -8,10 +8,10 @@ until they start too far from it. Whoever sends one should be told so, once.
 """
 
 MAX_GAP_S = 0.3
-"""Points that follow one another within this time are a stream, s."""
+"""Points of a stream follow one another within this time, s."""
 
 MIN_POINTS = 3
-"""So many of them are one."""
+"""How many single points in a row are a stream."""
 
 WARNING = (
     'single points come in a stream: each is a goal of its own, which replaces the one before '

@@ -11,7 +11,7 @@ MAX_ERRORS = 100
 """So many errors end the thread: an executor that only raises serves nobody."""
 
 LEAVE_TIMEOUT_S = 2.0
-"""How long the last answers may take, s."""
+"""How long the thread may take to give its last answers, s."""
 
 LAST_ROUNDS = 3
 """Of the executor's tasks before it ends: what a goal waits for comes in the first, that makes its

@@ -16,7 +16,7 @@ from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.node.loop_bridge import LoopBridge
 
 PERIOD_S = 0.05
-"""Between two values of a ramp, s."""
+"""Time between two published values of a ramp, s."""
 
 
 class SpeedScalingInterface:

@@ -19,7 +19,7 @@ from epson_driver.remote_ethernet.errors import MEANINGS
 
 _MAX_LINE_BYTES = 65_536
 _MAX_SHOWN_CHARACTERS = 100
-"""How much of an answer that is none is shown, characters."""
+"""How much of a wrong answer an error text shows, characters."""
 _MAX_ERROR_DIGITS = 5
 """At most, of an error number. (`int` raises ValueError for more than 4,300.)"""
 

@@ -23,7 +23,7 @@ from epson_driver.simple_message import MessageType
 from epson_driver.trace.script import Entry, Kind, Script, Splitter, signature
 
 MIN_PERIOD_S = 1e-3
-"""Between topics that are sent again, s."""
+"""Least time between topics that are sent again, s."""
 
 MANY = 3
 """Of the same complaint in a row, so many are told."""

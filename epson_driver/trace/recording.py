@@ -12,7 +12,7 @@ from epson_driver.trace.pcap import Flag, Segment, Stream, read_segments
 Pair = frozenset[Address]
 
 MAX_RECORDING_BYTES = 1_000_000_000
-"""Bytes of a recording; all of it is held in memory."""
+"""The largest recording that is read, bytes: all of it is held in memory."""
 
 CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
 

@@ -164,10 +164,10 @@ class Trace:
 
 
 class _Nowhere:
-    """The sink before the first trace."""
+    """A sink that forgets everything, before the first trace."""
 
     def write(self, data: bytes, /) -> None:
-        """Forget it."""
+        """Forget the bytes."""
 
 
 class _BackgroundFile:

@@ -35,13 +35,13 @@ MAX_UNSENT_BYTES = 16384
 """While more bytes than this wait for the controller to read them, no further point is sent."""
 
 MAX_START_DELAY_S = 0.1
-"""After the dead times, the arm moves within this time, s."""
+"""The arm begins to move within this time after the dead times of all points, s."""
 
 UNSENT_CHECK_PERIOD_S = 0.005
-"""How long to wait before looking again, s."""
+"""How often it is looked whether the controller has read what was sent, s."""
 
 ASSUMED_REPLY = reply(JointPosition(), ReplyCode.SUCCESS)
-"""Stands for the answer that a topic does not get."""
+"""Given to `on_reply` in place of a reply, which a topic does not get."""
 
 
 class Download:

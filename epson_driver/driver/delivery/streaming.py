@@ -34,7 +34,7 @@ class Streaming:
         self._velocity_unit = velocity_unit
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return one point for each of the trajectory's."""
+        """Return one message for each point of the trajectory."""
         points = trajectory_points(
             trajectory, start, self._limits, self._mapping, self._velocity_unit
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A trajectory as the points that go over the wire."""
+"""Makes the messages of a trajectory: one point each."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ FIRST_POINT_VELOCITY_FRACTION = 0.1
 """Fraction of the maximum speed for a first point that has no time: ROS-Industrial's default."""
 
 MIN_DURATION_S = 1e-3
-"""Controllers may refuse a duration of 0, s."""
+"""The shortest duration that is sent, s: controllers may refuse 0."""
 
 START_MARGIN_RAD = 1e-4
 """A plan that begins closer than this to where the arm stands begins there, rad."""
@@ -35,7 +35,7 @@ STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
 
 MIN_VELOCITY = 1e-3
-"""Controllers may refuse a velocity of 0; a fraction, or rad/s."""
+"""The smallest velocity that is sent, a fraction or rad/s: controllers may refuse 0."""
 
 
 def trajectory_points(

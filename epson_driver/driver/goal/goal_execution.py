@@ -117,7 +117,7 @@ class GoalExecution:
 
     @property
     def where(self) -> str:
-        """How far it is, in words."""
+        """How far the goal has come, as a clause."""
         preparing = self.state is GoalState.PREPARING
         return 'before its first point' if preparing else f'on the way to point {self.target}'
 
@@ -152,7 +152,7 @@ class GoalExecution:
         self._send_point(now)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
-        """The controller answered point `index`."""
+        """Take the controller's reply to point `index`."""
         if self.state in UNCONFIRMED_STATES:
             self._doubt_reply(packet, now)
         if self.state is not GoalState.STREAMING or index != self.point:
@@ -169,13 +169,13 @@ class GoalExecution:
             self._step(GoalEvent.LAST_REPLY)
 
     def on_unsolicited_failure(self, now: float) -> None:
-        """The controller sent a negative reply for something it had acknowledged before."""
+        """Take a negative reply to something that the controller had acknowledged before."""
         if self.state in RUNNING_STATES:
             where = self._name(self.target)
             self._reject(f'the controller withdrew an acknowledgement before {where}', now)
 
     def on_state(self, robot: RobotState, now: float) -> None:
-        """New joints or a new status came."""
+        """Look at the robot state, after new joints or a new status came."""
         sample = robot.sample
         if self.ended or sample is None:
             return
@@ -206,7 +206,7 @@ class GoalExecution:
         self._stop(GoalEvent.STOP, outcome, now)
 
     def fault(self, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED) -> None:
-        """Something forbids going on: send STOP if anything was sent, and end now."""
+        """End now, as something forbids motion; send STOP if anything was sent."""
         if not self.ended:
             self._end_at_once(GoalEvent.FAULT, why, code)
 
@@ -221,7 +221,7 @@ class GoalExecution:
         self._on_end(Outcome(End.ABORTED, code, text))
 
     def _reject(self, why: str, now: float) -> None:
-        """The controller rejected a point: stop, and wait for the STATUS that says why."""
+        """Stop, as the controller rejected a point, and wait for the STATUS that says why."""
         self._rejection, self._rejected_at = why, now
         self._cause_waited = 0.0
         self._step(GoalEvent.REJECTION_MIDWAY if self.point > 0 else GoalEvent.REJECTION)
@@ -285,7 +285,7 @@ class GoalExecution:
             self.fault(f'the controller refused STOP ({no})')
 
     def _rest(self) -> None:
-        """The arm stands after STOP: the goal ends."""
+        """End the goal: the arm stands after STOP."""
         outcome = self._when_at_rest
         if self.state in UNCONFIRMED_STATES:
             outcome = replace(outcome, text=f'{outcome.text}, but a reply is missing')
@@ -300,7 +300,7 @@ class GoalExecution:
         return stopped
 
     def _judge(self, distance: Array, now: float) -> None:
-        """All points are acknowledged and the arm stands: decide whether it is at the goal."""
+        """Decide whether an arm that stands, with all points acknowledged, is at the goal."""
         if self.paused:  # it may have a rest of the way to go
             return
         if self._plan_time < self.goal.trajectory.duration:

@@ -42,7 +42,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(eq=False)
 class GoalHandle:
-    """A goal handed in: `on_end` is given its outcome, once; `on_feedback` every sample."""
+    """A goal in the queue. `on_end` gets its outcome, once, `on_feedback` each sample."""
 
     goal: Goal
     on_end: Callable[[Outcome], None]
@@ -114,16 +114,16 @@ class GoalQueue:
 
     @property
     def execution(self) -> GoalExecution | None:
-        """How the running goal gets on."""
+        """The execution of the running goal; None if no goal runs."""
         return None if self._running is None else self._running.execution
 
     def make_ready(self) -> None:
-        """Start what takes its time to start."""
+        """Start the process that smooths, so that the first goal need not wait for it."""
         if self.smoother is not None:
             self.smoother.make_ready()
 
     async def close(self) -> None:
-        """End what prepares goals; no goal may run any more."""
+        """End the tasks and the process that prepare goals; no goal may run any more."""
         await asyncio.gather(*self._preparations, return_exceptions=True)
         if self.smoother is not None:
             await self.smoother.close()
@@ -183,7 +183,7 @@ class GoalQueue:
             handle.execution.cancel(_now())
 
     def end_waiting(self, why: str) -> None:
-        """End what waits to be started."""
+        """End the goals that wait to be started."""
         for handle in (self._unread, self._next):
             if handle is not None:
                 self._end_unstarted(handle, why)
@@ -197,19 +197,19 @@ class GoalQueue:
         handle.on_end(Outcome(end, code, why))
 
     def on_rest(self) -> None:
-        """A stop is over: what waits for it may start."""
+        """Start the goal that waits, as a stop is over."""
         if self._running is None and self._next is not None:
             following, self._next = self._next, None
             self._start(following)
 
     def fault(self, why: str) -> None:
-        """End at once what runs or waits: something forbids motion."""
+        """End the running and the waiting goals at once: something forbids motion."""
         self.end_waiting(why)
         if (execution := self.execution) is not None:
             execution.fault(f'{why} ({execution.where})')
 
     def withdraw(self) -> None:
-        """The controller took back an answer."""
+        """Tell the running goal that the controller withdrew an acknowledgement."""
         if self.execution is not None:
             self.execution.on_unsolicited_failure(_now())
 
@@ -228,7 +228,7 @@ class GoalQueue:
         return handle.outcome
 
     def on_joints(self, sample: JointSample, now: float) -> None:
-        """Take joints that came."""
+        """Tell the goals that new joints came."""
         if self._unread is not None and not self._robot.stale(now):
             fresh, self._unread = self._unread, None
             self._submit(fresh)
@@ -239,7 +239,7 @@ class GoalQueue:
                 handle.on_feedback(handle.execution, sample)
 
     def on_status(self, now: float) -> None:
-        """Take a status that came and forbids nothing."""
+        """Tell the goals that a status came, which does not forbid motion."""
         execution = self.execution
         if execution is None:
             return

@@ -10,7 +10,7 @@ CAUSE_TIMEOUT_S = 0.095
 """How long a rejected goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
 
 CAUSE_TIMEOUT_MARGIN_S = 0.04
-"""What it waits beyond the time between two of them, s."""
+"""What it waits beyond the time between two STATUS messages, s."""
 
 
 @dataclass(frozen=True, slots=True)

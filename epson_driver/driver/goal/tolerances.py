@@ -22,7 +22,7 @@ class Tolerances:
 
     @property
     def checked(self) -> bool:
-        """Whether any of them limits anything."""
+        """Whether any joint has a limit."""
         return bool(np.isfinite(self.position).any() or np.isfinite(self.velocity).any())
 
     def violation(

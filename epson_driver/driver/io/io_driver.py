@@ -43,7 +43,7 @@ from epson_driver.simple_message import (
 )
 
 MAX_POINTS = 1024
-"""In one request: the wire's limit."""
+"""Points in one request: the limit of the protocol."""
 
 RETRIES = (0.2, 0.5, 1.0, 2.0, 5.0)
 """Pauses before subscribing is tried again on one connection, s; the last one from then on."""
@@ -284,7 +284,7 @@ class IoDriver:
             self._take()
 
     def _take(self) -> None:
-        """Tell the values, as soon as there are some of every range."""
+        """Publish the values, as soon as there are some of every range."""
         if not self._subscribed or any(key not in self._values for key in self._subscribed):
             return
         states = tuple(self._values[key] for key in self._subscribed)

@@ -12,12 +12,12 @@ from epson_driver.motion.smoothed import retimed, smoothed
 from epson_driver.motion.smoother import Mode
 
 MAX_MENTIONED_PROBLEMS = 3
-"""So many violations are spelled out."""
+"""How many violations a text mentions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """How a plan is sent otherwise than it came.
+    """How a plan is changed before it is sent.
 
     resample_period: time between two points of the smooth motion, s; None for the plan's own
     points. time_optimal: as fast as the limits allow, whatever the plan's times.
@@ -28,7 +28,7 @@ class Smoothing:
 
     @property
     def wanted(self) -> bool:
-        """Whether a plan is sent otherwise than it came."""
+        """Whether a plan is changed before it is sent."""
         return self.time_optimal or self.resample_period is not None
 
 

@@ -17,10 +17,10 @@ from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory
 
 TIMEOUT_S = 30.0
-"""Longer than any plan should take, s."""
+"""How long the preparation of one trajectory may take, s: longer than any plan should."""
 
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-"""One each: the matrices are small."""
+"""Thread counts of the numeric libraries; each is set to 1: the matrices are small."""
 
 
 class SmoothingError(RuntimeError):
@@ -36,7 +36,7 @@ class SmoothingProcess:
         self._next: asyncio.Task[asyncio.subprocess.Process] | None = None
 
     def make_ready(self) -> None:
-        """Have the next process wait, so that its start delays nobody."""
+        """Start the next process, so that the next trajectory need not wait for its start."""
         if self._next is None:
             self._next = asyncio.create_task(start_process())
 
@@ -66,7 +66,7 @@ class SmoothingProcess:
         return result
 
     async def _take(self) -> asyncio.subprocess.Process:
-        """Return the process that waits."""
+        """Return the process that was started for the next trajectory."""
         self.make_ready()
         waiting = self._next
         assert waiting is not None  # noqa: S101 - for the type checker
@@ -79,7 +79,7 @@ class SmoothingProcess:
         return process
 
     async def close(self) -> None:
-        """End the process that waits."""
+        """End the process that was started for the next trajectory."""
         waiting, self._next = self._next, None
         if waiting is not None:
             with contextlib.suppress(OSError):

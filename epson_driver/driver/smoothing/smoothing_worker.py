@@ -12,11 +12,11 @@ import sys
 from epson_driver.driver.smoothing.smoothing import smoothed_trajectory
 
 NICENESS = 5
-"""How much the process stands back behind those that keep the links alive."""
+"""Added to the niceness: processes that keep links alive go first."""
 
 
 def main() -> None:
-    """Do it, and end."""
+    """Prepare one trajectory, and end."""
     answers = os.fdopen(os.dup(1), 'wb')
     os.dup2(2, 1)  # whatever prints does not disturb the answer
     os.nice(NICENESS)

@@ -31,7 +31,7 @@ DEFAULT_MARGINS = Margins()
 
 
 class JointBounds:
-    """What n joints can be. Without `limits`, anything."""
+    """Says whether reported joints are possible. Without `limits` everything is."""
 
     def __init__(self, joints: int, limits: JointLimits | None, margins: Margins) -> None:
         if limits is None:

@@ -213,7 +213,7 @@ class RobotState:
         return None
 
     def _step(self, now: float, passed: float | None) -> None:
-        """Let a message count for the controller's clock."""
+        """Advance the controller's clock by a message."""
         if self._heard and now - self._heard > (1 + LATE_SLOTS) * self._clock.period:
             if self._calm >= CALM_MESSAGES:
                 self._calm_until = self._heard

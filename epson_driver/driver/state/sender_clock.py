@@ -23,7 +23,7 @@ MAX_BLOCKS = 8
 newest blocks are kept. The first ones are shorter: the given period may be far off."""
 
 MIN_LINE_POINTS = 3
-"""Points that show whether they lie on one line."""
+"""How many points of the envelope show whether they lie on one line."""
 
 MIN_ENVELOPE_S = 0.75
 """An envelope of that length, s, says what the period is; a shorter one, what it cannot be."""
@@ -45,7 +45,7 @@ MAX_PAUSES = 4
 """So many pauses between which there was no time for a line are none: the period is wrong."""
 
 MIN_SPACING_S = 1e-6
-"""Between two messages, s: stamps of ROS must differ."""
+"""Least time between two messages, s: stamps of ROS must differ."""
 
 Point = tuple[float, float, float]
 """Of the envelope: slots counted, arrival, arrival less the sender's time."""
@@ -138,7 +138,7 @@ class SenderClock:
         return 0.0
 
     def _count_pause(self, arrival: float) -> None:
-        """Take another period if there is nothing but pauses."""
+        """Count a pause; after too many in a row, take another period."""
         if self._proven or len(self._envelope) >= MIN_LINE_POINTS:
             self._pauses = 0
         if not self._pauses:
@@ -155,7 +155,7 @@ class SenderClock:
         self._block_size = 0
 
     def _take(self, arrival: float) -> None:
-        """Let the message count for the envelope."""
+        """Add the message to the envelope."""
         self._block_size += 1
         lies = arrival - self.time
         if lies <= self._least[2]:
@@ -191,7 +191,7 @@ class SenderClock:
         self._offset = now + min(point[1] - point[0] * self.period for point in envelope)
 
     def _believe(self, period: float) -> None:
-        """Take a period that a whole envelope shows."""
+        """Follow the period that a whole envelope shows."""
         change = period - self.period
         if not self._proven:
             self.period = period

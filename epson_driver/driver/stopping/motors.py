@@ -68,7 +68,7 @@ class Motors(Protocol):
 
 
 class MotorsByHand:
-    """The driver has no way."""
+    """For a controller whose motors a person switches: every action fails."""
 
     def __init__(self, missing: str) -> None:
         self.missing = missing
@@ -79,7 +79,7 @@ class MotorsByHand:
 
 
 class RemoteEthernetMotors:
-    """EPSON's remote port."""
+    """Switches the motors by EPSON's Remote Ethernet."""
 
     missing = ''
 
@@ -101,7 +101,7 @@ class RemoteEthernetMotors:
 
 
 class MotomanMotors:
-    """MOTION_CTRL requests on the motion link."""
+    """Switches the motors by Motoman's MOTION_CTRL requests on the motion link."""
 
     missing = ''
 
@@ -154,7 +154,7 @@ class SerializedMotors:
 
     @property
     def busy(self) -> bool:
-        """A command is on its way, or waits for its turn."""
+        """True while a command is on its way, or waits for its turn."""
         return bool(self._tasks)
 
     async def act(self, action: Action, timeout: float) -> None:
@@ -170,7 +170,7 @@ class SerializedMotors:
             raise
 
     async def close(self) -> None:
-        """Give up what is on its way."""
+        """Cancel the commands that are on their way or wait."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()

@@ -106,11 +106,11 @@ class Stopper:
 
     @property
     def resumes(self) -> bool:
-        """As in Delivery."""
+        """See Delivery."""
         return self._delivery.resumes
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """As in Delivery."""
+        """See Delivery."""
         return self._delivery.prepare(trajectory, start)
 
     def post(self, message: Message, on_reply: OnReply) -> None:
@@ -125,27 +125,27 @@ class Stopper:
 
     @property
     def over(self) -> bool:
-        """No stop is under way: the arm stood when the last one ended."""
+        """True while no stop is under way: the arm stood when the last one ended."""
         return self._since is None
 
     @property
     def ours(self) -> bool:
-        """The controller may have something of ours to do yet, even if the arm stands."""
+        """True while the controller may still have points of this driver to execute."""
         return self._ours
 
     @property
     def answered(self) -> bool:
-        """The controller said something to the last STOP, be it yes or no."""
+        """True once the controller answered the last STOP, with SUCCESS or FAILURE."""
         return self._acknowledged or self._rejection is not None
 
     @property
     def failed(self) -> bool:
-        """The last stop raised the alarm, whatever came of it in the end."""
+        """True if the last stop raised the alarm, even if the arm stands now."""
         return self._alarm_since is not None
 
     @property
     def unsent(self) -> bool:
-        """The last STOP found no link."""
+        """True if there was no link for the last STOP."""
         return self._unsent is not None
 
     @property
@@ -187,7 +187,7 @@ class Stopper:
         return self.over
 
     def raise_alarm(self, why: str) -> None:
-        """Take a stop that is under way for one that does not work."""
+        """Raise the alarm for the stop that is under way, if it has not been raised."""
         if self._since is not None and self._alarm_since is None:
             self._alarm_since = _now()
             self.alarm = why
@@ -198,16 +198,16 @@ class Stopper:
         self._ours = False
 
     def enabled(self) -> None:
-        """Somebody has enabled the arm: the alarm is history."""
+        """Forget the alarm, as somebody has enabled the arm."""
         self.alarm = None
 
     def link_lost(self) -> None:
-        """The motion link is gone: no reply will come on it any more."""
+        """Take note that the motion link is gone: no reply will come on it any more."""
         if self._since is not None and not self.answered and self._unsent is None:
             self._unsent = 'the motion link was lost'
 
     def see(self, now: float) -> None:
-        """Look at what the robot state has become."""
+        """Look at the robot state, after new joints or a new status came."""
         sample = self._robot.sample
         if self._since is None or sample is None:
             return
@@ -217,7 +217,7 @@ class Stopper:
             self._end(now)
 
     async def close(self) -> None:
-        """Stop looking; the links are gone."""
+        """End the supervision of a stop; the links are gone."""
         self._since = None
         self._look_no_more()
         if self._switching is not None:
@@ -267,7 +267,7 @@ class Stopper:
         self._changed.notify_all()
 
     def _end(self, now: float) -> None:
-        """The arm stands."""
+        """End the stop, as the arm stands."""
         taken = self._acknowledged and self._rejection is None
         if not taken and self._unsent is None and self._powered():
             self.raise_alarm(self.doubt or 'STOP was not acknowledged')
@@ -327,7 +327,7 @@ class Stopper:
             _log.error('the arm moved in spite of STOP: the motors were switched off')
 
     def _powered(self) -> bool:
-        """Return whether the motors are on, for all that is known."""
+        """Return whether the motors may be on: unless STATUS says that they are off."""
         status = self._robot.status
         return status is None or status.drives_powered != TriState.FALSE
 

@@ -12,7 +12,7 @@ from typing import Any
 
 
 class TaskEndedError(RuntimeError):
-    """A part ended by itself; the text says which."""
+    """A task ended that should run on; the text says which."""
 
 
 def report_error(what: str, error: BaseException) -> None:
