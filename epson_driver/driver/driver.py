@@ -150,7 +150,7 @@ class Driver:
         self._positions_since_feedback = 0
         self._joints_missing = Silence(max(STATUS_TIMEOUT_S, configuration.state_timeout))
         self._status_missing = Silence(STATUS_TIMEOUT_S)
-        self._dropped_pace = LogThrottle()
+        self._dropped_throttle = LogThrottle()
         self._link_state = LinkState.DISCONNECTED
         self._missed: set[str] = set()
 
@@ -267,7 +267,7 @@ class Driver:
             sample = self.robot.on_joints(positions, now, velocities, told)
         except ValueError as error:
             self.state_link.statistics.bad_frames['joints'] += 1
-            line = self._dropped_pace.line(str(error), now)
+            line = self._dropped_throttle.line(str(error), now)
             if line is not None:
                 _log.warning('joint state dropped: %s', line)
             self.fault(f'the joint state cannot be true: {error}')

@@ -97,7 +97,7 @@ class Link:
         self._receive_timeout = receive_timeout
         self.trace = trace
         self._quiet = quiet
-        self._log_pace = LogThrottle()
+        self._log_throttle = LogThrottle()
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
         self._framer = Framer(byte_order)
@@ -324,7 +324,7 @@ class Link:
     def _bad_frame(self, error: SimpleMessageError) -> None:
         self.statistics.bad_frames[error.field] += 1
         level = logging.DEBUG if self._quiet else logging.WARNING
-        line = self._log_pace.line(str(error), asyncio.get_running_loop().time())
+        line = self._log_throttle.line(str(error), asyncio.get_running_loop().time())
         if line is not None:
             _log.log(level, '%s link: bad frame: %s', self.name, line)
 

@@ -62,8 +62,7 @@ def test_points_that_are_sent_ahead_are_as_slow_as_it_is_when_their_turn_comes()
     done = in_ramp * (1.0 + 0.1) / 2
     assert sum(rest) == pytest.approx(in_ramp + (1.0 - done) / 0.1, rel=0.01)
     assert rest[-1] == pytest.approx(STEP / 0.1)
-    harness.pass_time(2.0)
-    harness.joints()
+    harness.see(2.0)
     after = done + (2.0 - in_ramp) * 0.1
     assert harness.execution.desired[0] == pytest.approx(after, abs=0.02)
 

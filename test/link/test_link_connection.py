@@ -69,7 +69,7 @@ def test_the_controller_may_start_later():
 
 
 def test_a_link_that_was_lost_after_a_while_comes_back_at_once(monkeypatch):
-    monkeypatch.setattr('epson_driver.link.link.PROVEN_AFTER', 0.1)
+    monkeypatch.setattr('epson_driver.link.link.MIN_PROVEN_UPTIME_S', 0.1)
     monkeypatch.setattr('epson_driver.link.link.back_off', lambda n: 0.0 if n < 3 else 5.0)
 
     async def scenario():
