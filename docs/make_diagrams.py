@@ -21,7 +21,12 @@ Table = Mapping[tuple[Enum, Enum], Enum]
 
 MACHINES: tuple[tuple[str, str, Table, Enum], ...] = (
     ('A link', 'link/states.py', link.TRANSITIONS, link.LinkState.DISCONNECTED),
-    ('A goal', 'driver/goal/goal_states.py', goal_states.TRANSITIONS, goal_states.State.PREPARING),
+    (
+        'A goal',
+        'driver/goal/goal_states.py',
+        goal_states.TRANSITIONS,
+        goal_states.GoalState.PREPARING,
+    ),
 )
 
 REGIONS = {

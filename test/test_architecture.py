@@ -132,7 +132,7 @@ SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
         'goal': frozenset({'delivery', 'outcome', 'smoothing', 'state', 'stopping', 'tasks'}),
         'configuration': frozenset({'delivery', 'smoothing', 'state', 'stopping'}),
         'driver': ANY_SIBLING,
-        'services': ANY_SIBLING,
+        'arm_commands': ANY_SIBLING,
     },
 }
 """Of packages with packages of their own: what each of these, or file beside them, may import."""
@@ -404,7 +404,7 @@ def test_a_circle_is_found(tmp_path: Path) -> None:
         ('cli/a.py', 'from epson_driver import node, sim_controller\nimport rich, rclpy', ''),
         ('driver/driver.py', 'from epson_driver.driver.goal import goal\nimport numpy', ''),
         ('driver/driver.py', 'import rclpy', 'driver imports rclpy'),
-        ('driver/goal/a.py', 'from epson_driver.driver.delivery import points', ''),
+        ('driver/goal/a.py', 'from epson_driver.driver.delivery import trajectory_points', ''),
         (
             'driver/delivery/a.py',
             'from epson_driver.driver.goal import goal',

@@ -17,7 +17,7 @@ from epson_driver.cli.arguments import FREE_PORT, argument, host, if_in_use
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
-    LOOK_AHEAD,
+    LOOK_AHEAD_S,
     ControllerProfile,
     load_controller_profile,
 )
@@ -177,7 +177,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--look-ahead',
-        type=argument(number(*LOOK_AHEAD, 's')),
+        type=argument(number(*LOOK_AHEAD_S, 's')),
         metavar='SECONDS',
         help="smooth motion: how far ahead of the arm it takes points (the profile's)",
     )

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.state.joint_mapping import JointMapping
-from epson_driver.driver.state.plausibility import USUAL, Margins
+from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, Margins
 from epson_driver.driver.stopping.motors import MotorsKind
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.motion import JointLimits
 from epson_driver.simple_message import ByteOrder
 
-AS_IT_CAME = Smoothing()
-BY_STREAMING = DeliveryRules()
+NO_SMOOTHING = Smoothing()
+STREAMING = DeliveryRules()
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class Configuration:
     byte_order: ByteOrder | None
     state_timeout: float
     limits: JointLimits
-    smoothing: Smoothing = AS_IT_CAME
+    smoothing: Smoothing = NO_SMOOTHING
     errors: ErrorTexts | None = None
-    delivery: DeliveryRules = BY_STREAMING
+    delivery: DeliveryRules = STREAMING
     mapping: JointMapping | None = None
     usual_byte_order: ByteOrder = ByteOrder.LITTLE
     io_port: int = 0
     io_timeout: float = 1.0
     motors: MotorsKind = 'remote_ethernet'
     state_period: float = 0.005
-    margins: Margins = USUAL
+    margins: Margins = DEFAULT_MARGINS

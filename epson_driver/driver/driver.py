@@ -3,7 +3,7 @@
 """The driver without ROS: links, robot state, arm gate and the running goal, in one event loop.
 
 Everything here runs in the loop's thread. The ROS node calls in with `call_soon_threadsafe` and is
-told what happened through `Events`.
+told what happened through `DriverEvents`.
 """
 
 import asyncio
@@ -12,19 +12,19 @@ import logging
 from typing import Protocol
 
 from epson_driver.driver.configuration import Configuration
-from epson_driver.driver.delivery.deliveries import delivery
-from epson_driver.driver.goal.execution import Settings
-from epson_driver.driver.goal.goals import Goals
+from epson_driver.driver.delivery.delivery_factory import make_delivery
+from epson_driver.driver.goal.goal_queue import GoalQueue
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.io.io_driver import IoDriver
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.driver.state.robot_state import JointSample, RobotState, StateRules
 from epson_driver.driver.stopping.arm_gate import ArmGate, only_motors_off, what_forbids_motion
-from epson_driver.driver.stopping.motors import OneAfterTheOther, motors
+from epson_driver.driver.stopping.motors import SerializedMotors, make_motors
 from epson_driver.driver.stopping.stopper import Stopper
-from epson_driver.driver.tasks.changes import Changes
-from epson_driver.driver.tasks.parts import run_together
+from epson_driver.driver.tasks.notification import Notification
+from epson_driver.driver.tasks.task_group import run_task_group
 from epson_driver.link import Link, LinkState
 from epson_driver.link.silence import Silence, passed
 from epson_driver.log_lines import LogThrottle
@@ -40,15 +40,15 @@ from epson_driver.simple_message import (
     ValidFields,
 )
 from epson_driver.trace import Trace
-from epson_driver.trace.trace import END_TIMEOUT
+from epson_driver.trace.trace import END_TIMEOUT_S
 
-SHUT_DOWN_TIMEOUT = 0.5
+SHUT_DOWN_TIMEOUT_S = 0.5
 """How long the arm may take to stop before the process ends all the same, s."""
 
-STATUS_TIMEOUT = 1.0
+STATUS_TIMEOUT_S = 1.0
 """A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
 
-MIXED = 2
+MAX_MIXED_POSITIONS = 2
 """At most this many JOINT_POSITIONs come between two JOINT_FEEDBACKs of a controller that sends
 both at once; they say the same then. With more, they are what tells where the arm is."""
 
@@ -63,11 +63,11 @@ WORST_FIRST = (
 _log = logging.getLogger(__name__)
 
 
-class Events(Protocol):
+class DriverEvents(Protocol):
     """What the driver tells its owner, in the loop's thread."""
 
     def on_joints(self, sample: JointSample) -> None:
-        """Joints came. Every state message is one call."""
+        """A state message with joints came: one call for each."""
 
     def on_status(self, status: Status) -> None:
         """A status came; also an all-unknown one when there is none to be had any more."""
@@ -79,7 +79,9 @@ class Events(Protocol):
 class Driver:
     """Drives one controller. `run` until cancelled; the other methods are called meanwhile."""
 
-    def __init__(self, configuration: Configuration, events: Events, settings: Settings) -> None:
+    def __init__(
+        self, configuration: Configuration, events: DriverEvents, settings: GoalSettings
+    ) -> None:
         self.configuration = configuration
         self.gate = ArmGate()
         joints = len(configuration.limits.names)
@@ -115,10 +117,10 @@ class Driver:
         if order is None:
             for link in (self.state_link, self.motion_link):
                 link.dialect = Dialect(configuration.usual_byte_order)
-        self.changes = Changes()
-        """A status came, a goal or a stop ended, or STOP was answered."""
-        self.motors = OneAfterTheOther(
-            motors(
+        self.changed = Notification()
+        """Notified when a status came, a goal or a stop ended, or STOP was answered."""
+        self.motors = SerializedMotors(
+            make_motors(
                 configuration.motors,
                 configuration.host,
                 configuration.remote_port,
@@ -126,29 +128,29 @@ class Driver:
             )
         )
         self.stopper = Stopper(
-            delivery(configuration.delivery, self.motion_link, configuration.limits, mapping),
+            make_delivery(configuration.delivery, self.motion_link, configuration.limits, mapping),
             self.robot,
             joints,
-            self.changes,
+            self.changed,
             self.motors,
             self._on_alarm,
-            lambda: self.goals.on_rest(),
+            lambda: self.goal_queue.on_rest(),
         )
-        self.goals = Goals(
+        self.goal_queue = GoalQueue(
             configuration.limits,
             self.robot,
             self.gate,
             self.stopper,
             settings,
-            self.changes,
+            self.changed,
             self._on_broken_off,
             _smoother(configuration),
         )
         self._feedback_leads = False
         self._positions_since_feedback = 0
-        self._joints_missing = Silence(max(STATUS_TIMEOUT, configuration.state_timeout))
-        self._status_missing = Silence(STATUS_TIMEOUT)
-        self._dropped_pace = LogThrottle()
+        self._joints_missing = Silence(max(STATUS_TIMEOUT_S, configuration.state_timeout))
+        self._status_missing = Silence(STATUS_TIMEOUT_S)
+        self._dropped_throttle = LogThrottle()
         self._link_state = LinkState.DISCONNECTED
         self._missed: set[str] = set()
 
@@ -158,8 +160,8 @@ class Driver:
         Raises what a part of it raised, after the arm was stopped over the links that are left.
         """
         try:
-            self.goals.make_ready()
-            await run_together(
+            self.goal_queue.make_ready()
+            await run_task_group(
                 {
                     'the state link': self.state_link.run,
                     'the motion link': self.motion_link.run,
@@ -173,8 +175,8 @@ class Driver:
             self.fault('the driver ended')
             await self.stopper.close()
             await self.motors.close()
-            await self.goals.close()
-            self.trace.end('the driver ended', END_TIMEOUT)
+            await self.goal_queue.close()
+            self.trace.end('the driver ended', END_TIMEOUT_S)
 
     async def shut_down(self) -> None:
         """Stop the arm and end the running goal when it stands, or after half a second.
@@ -182,14 +184,14 @@ class Driver:
         An arm that moves on then has its motors switched off, where there is a way to.
         """
         self.gate.close('the driver is shutting down')
-        ends = self._now() + SHUT_DOWN_TIMEOUT
+        ends = self._now() + SHUT_DOWN_TIMEOUT_S
         try:
-            await self.goals.stop('the driver was shut down', SHUT_DOWN_TIMEOUT)
+            await self.goal_queue.stop('the driver was shut down', SHUT_DOWN_TIMEOUT_S)
         finally:
             self.fault('the driver was shut down')
         if not await self.stopper.wait(max(ends - self._now(), 0.0)):
             _log.error('the driver ends; %s, %s', self.stopper.doubt, self.stopper.stands)
-            await self.stopper.motors_off(SHUT_DOWN_TIMEOUT)
+            await self.stopper.motors_off(SHUT_DOWN_TIMEOUT_S)
 
     def fault(self, why: str, *, motors_off: bool = False) -> None:
         """Close the arm gate and end what runs or waits; the arm stays still until enabled.
@@ -197,7 +199,7 @@ class Driver:
         `motors_off`: only that the motors are off is wrong.
         """
         self.disable(why, motors_off=motors_off)
-        self.goals.fault(why)
+        self.goal_queue.fault(why)
 
     async def why_not_ready(self, patience: float) -> str | None:
         """Return why nobody knows where the arm is now; None as soon as it is known.
@@ -207,7 +209,7 @@ class Driver:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience):
                 while self.robot.why_not_ready(self._now()) is not None:
-                    await self.changes.next()
+                    await self.changed.wait()
         return self.robot.why_not_ready(self._now())
 
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
@@ -216,11 +218,11 @@ class Driver:
             self.motion_link.reconnect('a reply is missing')
 
     def _on_alarm(self, why: str, unanswered: bool) -> None:
-        """STOP does not work: nobody knows what the controller will do."""
+        """Disable the arm: STOP does not work, and nobody knows what the controller will do."""
         _log.error('the arm was not stopped as asked: %s; %s', why, self.stopper.stands)
         self.disable(why)
-        self.goals.end_waiting(why)
-        if unanswered and not self.goals.busy:  # a goal that runs does so when it breaks off
+        self.goal_queue.end_waiting(why)
+        if unanswered and not self.goal_queue.busy:  # a goal that runs does so when it breaks off
             self.motion_link.reconnect('no reply to STOP')
 
     def disable(self, why: str, *, motors_off: bool = False) -> None:
@@ -239,11 +241,11 @@ class Driver:
             self._take_status(message, now)
         elif isinstance(message, JointPosition):
             self._positions_since_feedback += 1
-            self._feedback_leads &= self._positions_since_feedback <= MIXED
+            self._feedback_leads &= self._positions_since_feedback <= MAX_MIXED_POSITIONS
             if not self._feedback_leads:
                 self._take_joints(message.joints, now)
         elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
-            self._feedback_leads = self._positions_since_feedback <= MIXED
+            self._feedback_leads = self._positions_since_feedback <= MAX_MIXED_POSITIONS
             self._positions_since_feedback = 0
             given = message.valid_fields
             self._take_joints(
@@ -265,7 +267,7 @@ class Driver:
             sample = self.robot.on_joints(positions, now, velocities, told)
         except ValueError as error:
             self.state_link.statistics.bad_frames['joints'] += 1
-            line = self._dropped_pace.line(str(error), now)
+            line = self._dropped_throttle.line(str(error), now)
             if line is not None:
                 _log.warning('joint state dropped: %s', line)
             self.fault(f'the joint state cannot be true: {error}')
@@ -275,7 +277,7 @@ class Driver:
             return
         self._events.on_joints(sample)
         self.stopper.see(now)
-        self.goals.on_joints(sample, now)
+        self.goal_queue.on_joints(sample, now)
 
     def _take_status(self, status: Status, now: float) -> None:
         self.robot.on_status(status, now)
@@ -286,14 +288,14 @@ class Driver:
         if (why := what_forbids_motion(status, self.robot.errors)) is not None:
             self.fault(why, motors_off=only_motors_off(status))
         else:
-            self.goals.on_status(now)
+            self.goal_queue.on_status(now)
         self._events.on_status(status)
-        self.changes.tell()
+        self.changed.notify_all()
 
     def _on_motion_packet(self, packet: Packet) -> None:
         """Take a topic, or a reply that nobody waits for: a late no is still a no."""
         if packet.reply_code is ReplyCode.FAILURE:
-            self.goals.withdraw()
+            self.goal_queue.withdraw()
 
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:
@@ -338,7 +340,7 @@ class Driver:
                 self._status_missing.restart()
                 if self.robot.status is not None:
                     self.robot.status = None
-                    self.fault(f'no STATUS for {STATUS_TIMEOUT:g} s')
+                    self.fault(f'no STATUS for {STATUS_TIMEOUT_S:g} s')
                 self._events.on_status(Status())
 
     async def _watch_joints(self) -> None:

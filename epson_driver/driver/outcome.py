@@ -34,7 +34,7 @@ class Outcome:
     text: str
 
 
-class GoalRefusedError(ValueError):
+class GoalRejectedError(ValueError):
     """A goal that is not executed. `code` is its result code, the text names what is wrong."""
 
     def __init__(self, code: ErrorCode, text: str) -> None:

@@ -9,7 +9,7 @@ import socket
 from collections.abc import AsyncIterator, Callable
 
 from epson_driver.inputs import HOST
-from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
+from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
 from epson_driver.link.silence import Silence, passed
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
@@ -38,20 +38,20 @@ from epson_driver.simple_message import (
 )
 from epson_driver.socket_errors import reason
 
-READ_SIZE = 65536
-CONNECT_TIMEOUT = 1.0
-PROVEN_AFTER = 1.0
+READ_SIZE_BYTES = 65536
+CONNECT_TIMEOUT_S = 1.0
+MIN_PROVEN_UPTIME_S = 1.0
 """A connection that lasted this long, s, makes the next retry immediate. One that was closed
 sooner (a controller that has its one client already) leaves the back-off where it was."""
 
-FRAMES_A_TURN = 50
+MAX_FRAMES_PER_TURN = 50
 """Frames that are handled before others in the event loop have their turn: a controller that sends
 without a pause must not keep another robot of this process waiting."""
 
-MAX_UNSENT = 65536
+MAX_UNSENT_BYTES = 65536
 """A controller that leaves more bytes than this unread is disconnected (docs/invariants.md, 7)."""
 
-SHOWS_DIALECT = (JointPosition, JointFeedback)
+DIALECT_MESSAGES = (JointPosition, JointFeedback)
 """Messages of every state server that carry reals, so that their length shows the width."""
 
 _log = logging.getLogger(__name__)
@@ -97,11 +97,12 @@ class Link:
         self._receive_timeout = receive_timeout
         self.trace = trace
         self._quiet = quiet
-        self._log_pace = LogThrottle()
+        self._log_throttle = LogThrottle()
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
         self._framer = Framer(byte_order)
-        self._attempt = 0
+        self.attempt = 0
+        """Attempts to connect since a connection has lasted."""
         self._ended_because: str | None = None
         self._last_received = 0.0
 
@@ -122,8 +123,13 @@ class Link:
         return (own[0], own[1]), (other[0], other[1])
 
     @property
+    def transport(self) -> asyncio.WriteTransport | None:
+        """The connection's transport; None while there is none."""
+        return None if self._writer is None else self._writer.transport
+
+    @property
     def unread(self) -> bytes:
-        """What came of a frame that is not whole yet."""
+        """The received bytes of a frame that is not complete yet."""
         return self._framer.unread
 
     async def run(self) -> None:
@@ -134,16 +140,16 @@ class Link:
             while True:
                 began = loop.time()
                 established = await self._connect_and_receive()
-                if established and loop.time() - established > PROVEN_AFTER:
-                    self._attempt = 0
-                pause = back_off(self._attempt) - (loop.time() - began)
-                self._attempt += 1
+                if established and loop.time() - established > MIN_PROVEN_UPTIME_S:
+                    self.attempt = 0
+                pause = back_off(self.attempt) - (loop.time() - began)
+                self.attempt += 1
                 await asyncio.sleep(max(pause, 0.0))
-                self._step(LinkEvent.RETRY, f'attempt {self._attempt}')
+                self._step(LinkEvent.RETRY, f'attempt {self.attempt}')
         finally:
             self._step(LinkEvent.CLOSE, 'closed')
 
-    def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> Waiting:
+    def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> PendingRequest:
         """Send a request; `on_reply` gets its reply and the time (loop's, s), if it comes.
 
         Returns what `give_up` takes. Raises ConnectionError if the link is not connected or the
@@ -155,13 +161,13 @@ class Link:
         data = encode(packet, self.dialect)
         now = asyncio.get_running_loop().time()
         self._write(self._writer, data)
-        waiting = Waiting(
+        waiting = PendingRequest(
             packet.msg_type, sequence_of(message), now, on_reply, command_of(message)
         )
         self._pending.add(waiting)
         return waiting
 
-    def give_up(self, waiting: Waiting) -> None:
+    def give_up(self, waiting: PendingRequest) -> None:
         """Wait no longer for a reply; when it comes all the same, it answers nothing else."""
         self._pending.give_up(waiting)
 
@@ -190,10 +196,10 @@ class Link:
         """Return when the connection was established (loop time, s), or None if it was not."""
         loop = asyncio.get_running_loop()
         try:
-            async with asyncio.timeout(CONNECT_TIMEOUT):
+            async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 reader, writer = await asyncio.open_connection(self.host, self.port)
         except (OSError, TimeoutError, ValueError) as error:  # ValueError: no name of a host
-            why = reason(error) or f'no answer within {CONNECT_TIMEOUT:g} s'
+            why = reason(error) or f'no answer within {CONNECT_TIMEOUT_S:g} s'
             self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
             return None
         established = loop.time()
@@ -222,7 +228,7 @@ class Link:
         framer = self._framer
         try:
             async with self._patience() as heard:
-                while data := await reader.read(READ_SIZE):
+                while data := await reader.read(READ_SIZE_BYTES):
                     self._received(data)
                     heard()
                     framer.receive_data(data)
@@ -230,7 +236,7 @@ class Link:
                     while (frame := framer.next_frame()) is not None:
                         self._dispatch(frame)
                         handled += 1
-                        if handled % FRAMES_A_TURN == 0:
+                        if handled % MAX_FRAMES_PER_TURN == 0:
                             await asyncio.sleep(0)
                             heard()
         except FrameError as error:
@@ -274,7 +280,7 @@ class Link:
         except SimpleMessageError as error:
             self._bad_frame(error)
             return
-        if isinstance(packet.message, SHOWS_DIALECT):
+        if isinstance(packet.message, DIALECT_MESSAGES):
             self.dialect = packet.dialect
         if packet.comm_type is CommType.SERVICE_REQUEST:
             self._answer(packet)
@@ -303,7 +309,7 @@ class Link:
 
     def _write(self, writer: asyncio.StreamWriter, data: bytes) -> None:
         """Raises ConnectionError, and ends the connection, if the controller does not read."""
-        if writer.transport.get_write_buffer_size() > MAX_UNSENT:
+        if writer.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             writer.transport.abort()
             raise ConnectionError('the controller leaves what is sent unread')
         writer.write(data)
@@ -319,7 +325,7 @@ class Link:
     def _bad_frame(self, error: SimpleMessageError) -> None:
         self.statistics.bad_frames[error.field] += 1
         level = logging.DEBUG if self._quiet else logging.WARNING
-        line = self._log_pace.line(str(error), asyncio.get_running_loop().time())
+        line = self._log_throttle.line(str(error), asyncio.get_running_loop().time())
         if line is not None:
             _log.log(level, '%s link: bad frame: %s', self.name, line)
 

@@ -36,18 +36,18 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
 }
 """Types of reply per type of request; a type that is not listed is answered by itself."""
 
-REMEMBERED = 16
+MAX_ANSWERED = 16
 
-MOST_WAITING = 64
+MAX_PENDING = 64
 """One point and a STOP wait, rarely more. Beyond this the oldest is given up."""
 
-GIVEN_UP_AFTER = 1.0
+MAX_REPLY_AGE_S = 1.0
 """When a trajectory begins, the one before it has ended: a reply to it that is still missing this
 long after its request, s, will not come. Otherwise it would take the place of the next one."""
 
 
 @dataclass(frozen=True, slots=True)
-class Waiting:
+class PendingRequest:
     """A request without its reply. `sent` is the loop's time, s.
 
     `command` is that of a MOTION_CTRL; a MOTION_REPLY to any other request has its type there.
@@ -72,18 +72,18 @@ class PendingReplies:
     """The requests on one link that wait for their reply, oldest first."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Waiting] = deque(maxlen=MOST_WAITING)
-        self._answered: deque[int] = deque(maxlen=REMEMBERED)
+        self._waiting: deque[PendingRequest] = deque(maxlen=MAX_PENDING)
+        self._answered: deque[int] = deque(maxlen=MAX_ANSWERED)
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def add(self, waiting: Waiting) -> None:
+    def add(self, waiting: PendingRequest) -> None:
         """Remember a request that is being sent."""
         if waiting.sequence in self._answered:  # a new trajectory counts from 0 again
             self._answered.clear()
         if waiting.sequence == 0:
-            while self._waiting and waiting.sent - self._waiting[0].sent > GIVEN_UP_AFTER:
+            while self._waiting and waiting.sent - self._waiting[0].sent > MAX_REPLY_AGE_S:
                 self._waiting.popleft()
         if (
             waiting.sequence == SpecialSequence.STOP_TRAJECTORY
@@ -93,13 +93,13 @@ class PendingReplies:
                     each
                     for each in self._waiting
                     if each.sequence != waiting.sequence
-                    or waiting.sent - each.sent <= GIVEN_UP_AFTER
+                    or waiting.sent - each.sent <= MAX_REPLY_AGE_S
                 ),
-                MOST_WAITING,
+                MAX_PENDING,
             )
         self._waiting.append(waiting)
 
-    def take(self, reply: Packet) -> Waiting | None:
+    def take(self, reply: Packet) -> PendingRequest | None:
         """Remove and return the request that the reply answers; None if it answers none."""
         found = self._find(reply)
         if found is not None:
@@ -108,7 +108,7 @@ class PendingReplies:
                 self._answered.append(found.sequence)
         return found
 
-    def give_up(self, waiting: Waiting) -> None:
+    def give_up(self, waiting: PendingRequest) -> None:
         """Forget one request; a late reply with its sequence answers no other one."""
         if waiting in self._waiting:
             self._waiting.remove(waiting)
@@ -120,7 +120,7 @@ class PendingReplies:
         self._waiting.clear()
         self._answered.clear()
 
-    def _find(self, reply: Packet) -> Waiting | None:
+    def _find(self, reply: Packet) -> PendingRequest | None:
         sequence = sequence_of(reply.message)
         able = [waiting for waiting in self._waiting if waiting.may_be_answered_by(reply)]
         if sequence:

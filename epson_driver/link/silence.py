@@ -29,7 +29,7 @@ class Silence:
         self._quiet = 0
 
     def heard(self) -> None:
-        """Something came."""
+        """Begin to count anew, as something was received."""
         self._quiet = -1  # of the slice that it came in, nobody knows how much was quiet
 
     def restart(self) -> None:
@@ -37,13 +37,13 @@ class Silence:
         self._quiet = 0
 
     def passed(self) -> bool:
-        """A slice has passed; return whether the patience has."""
+        """Count a slice; return whether nothing came for all of the patience."""
         self._quiet += 1
         return self._quiet >= SLICES
 
 
 async def passed(seconds: float) -> None:
-    """Wait so long, and until what came meanwhile has been read."""
+    """Sleep, and return only when what came meanwhile has been read."""
     await asyncio.sleep(seconds)
     for _ in range(READING_TURNS):
         await asyncio.sleep(0)

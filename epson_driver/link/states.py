@@ -15,7 +15,7 @@ from enum import Enum
 
 
 class LinkState(Enum):
-    """The value is what `~/link_state` publishes."""
+    """The state of a link. Its value is what `~/link_state` publishes."""
 
     DISCONNECTED = 'disconnected'
     CONNECTING = 'connecting'

@@ -10,11 +10,11 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from epson_driver.driver.driver import STATUS_TIMEOUT, Driver
+from epson_driver.driver.driver import STATUS_TIMEOUT_S, Driver
 from epson_driver.driver.stopping.arm_gate import what_forbids_motion
 from epson_driver.error_texts import NO_ERROR
 from epson_driver.link import Link
@@ -30,7 +30,7 @@ class Diagnostics:
         self._before: dict[str, tuple[float, int]] = {}
         self._built: float | None = None
 
-    def build(self, stamp: Any, now: float) -> DiagnosticArray:
+    def build(self, stamp: Time, now: float) -> DiagnosticArray:
         """Return the message. `now` is the loop's time, s."""
         message = DiagnosticArray()
         message.header.stamp = stamp
@@ -104,7 +104,7 @@ class Diagnostics:
         if robot.status is None:
             return DiagnosticStatus.STALE, 'no STATUS'
         age = now - robot.status_time
-        if age >= STATUS_TIMEOUT:
+        if age >= STATUS_TIMEOUT_S:
             return DiagnosticStatus.STALE, f'no STATUS for {age:.1f} s'
         alarm = f'STOP did not work: {driver.stopper.alarm}; {driver.stopper.stands}'
         if driver.stopper.alarm is not None and not driver.stopper.over:
@@ -127,8 +127,8 @@ class Diagnostics:
             yield 'arm gate reason', driver.gate.reason
         if driver.stopper.alarm is not None:
             yield 'STOP did not work', driver.stopper.alarm
-        yield 'goal running', driver.goals.busy
-        yield 'goals without a smooth motion', driver.goals.unsmoothed
+        yield 'goal running', driver.goal_queue.busy
+        yield 'goals without a smooth motion', driver.goal_queue.unsmoothed
         if robot.sample is not None:
             yield 'age of joint state [ms]', f'{(now - robot.sample.measured) * 1e3:.1f}'
             yield 'velocities beyond what a joint can do', robot.bounded

@@ -4,17 +4,16 @@
 
 from array import array
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Duration
+from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
 from industrial_msgs.msg import RobotMode, RobotStatus, TriState
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from epson_driver.driver.goal.execution import Execution
+from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.simple_message import Mode, Status
@@ -26,7 +25,7 @@ class JointStateWriter:
     def __init__(self, joint_names: Sequence[str]) -> None:
         self._message = JointState(name=list(joint_names))
 
-    def write(self, sample: JointSample, stamp: Any) -> JointState:
+    def write(self, sample: JointSample, stamp: Time) -> JointState:
         """Return the message, valid until the next call. Values are the measured ones."""
         message = self._message
         message.header.stamp = stamp
@@ -35,7 +34,7 @@ class JointStateWriter:
         return message
 
 
-def robot_status(status: Status, stamp: Any) -> RobotStatus:
+def robot_status(status: Status, stamp: Time) -> RobotStatus:
     """Return a STATUS as industrial_msgs/RobotStatus. Values outside its enums become UNKNOWN."""
     message = RobotStatus()
     message.header.stamp = stamp
@@ -54,7 +53,7 @@ def result(outcome: Outcome) -> FollowJointTrajectory.Result:
 
 
 def feedback(
-    execution: Execution, sample: JointSample, stamp: Any
+    execution: GoalExecution, sample: JointSample, stamp: Time
 ) -> FollowJointTrajectory.Feedback:
     """Return where the arm should be on the plan, where it was measured, and the difference."""
     message = FollowJointTrajectory.Feedback()
@@ -65,7 +64,7 @@ def feedback(
 
 
 def controller_state(
-    execution: Execution, sample: JointSample, stamp: Any
+    execution: GoalExecution, sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
     """Return the same as joint_trajectory_controller's state message."""
     message = JointTrajectoryControllerState()
@@ -82,7 +81,7 @@ def controller_state(
 
 
 def _points(
-    execution: Execution, sample: JointSample
+    execution: GoalExecution, sample: JointSample
 ) -> tuple[JointTrajectoryPoint, JointTrajectoryPoint, JointTrajectoryPoint]:
     at_rest = (0.0, sample.positions, np.zeros_like(sample.velocities))
     time, positions, velocities = execution.desired or at_rest

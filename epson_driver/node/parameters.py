@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import HOST, JOINT_NAMES, InputError, Rule, shown
@@ -17,7 +19,7 @@ from epson_driver.simple_message import MAX_JOINTS
 Loaded = TypeVar('Loaded')
 
 POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
-"""What carries a point, per kind of program in a profile."""
+"""The message that carries a point, by the kind of program in a profile."""
 
 GOAL_TOLERANCE = {'rad': 0.01, 'm': 0.001}
 
@@ -36,7 +38,7 @@ class Row:
     choices: tuple[str, ...] = ()
     now: bool = False
     rule: Rule | None = None
-    """What else the value must be, at the start."""
+    """What else the value is checked against at the start."""
 
     @property
     def descriptor(self) -> ParameterDescriptor:
@@ -290,7 +292,7 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
     }
 
 
-def declare(node: Any) -> dict[str, Any]:
+def declare(node: Node) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
     Where the controller's profile has a value, it is the default; so are the robot model's joint
@@ -322,7 +324,7 @@ def declare(node: Any) -> dict[str, Any]:
     return values
 
 
-def refusal(changes: Iterable[Any]) -> str:
+def rejection(changes: Iterable[Parameter]) -> str:
     """Return why rclpy parameters cannot have these values; '' if they can.
 
     Ranges, types and read-only flags are rclpy's business: it has them from the descriptors.
@@ -340,7 +342,7 @@ def _not_among(name: str, value: object, choices: Sequence[Any]) -> str:
     return f'parameter {name} = {shown(value)}: must be one of {allowed}'
 
 
-def _declare_rows(node: Any, rows: Any) -> dict[str, Any]:
+def _declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
     values = {}
     for row in rows:
         value = node.declare_parameter(row.name, row.default, row.descriptor).value

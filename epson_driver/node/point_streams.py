@@ -7,13 +7,13 @@ come to rest. So a stream of them makes the arm twitch and stop, and the points 
 until they start too far from it. Whoever sends one should be told so, once.
 """
 
-STREAM_GAP = 0.3
-"""Points that follow one another within this time are a stream, s."""
+MAX_GAP_S = 0.3
+"""Points of a stream follow one another within this time, s."""
 
-STREAM_LENGTH = 3
-"""So many of them are one."""
+MIN_POINTS = 3
+"""How many single points in a row are a stream."""
 
-SENTENCE = (
+WARNING = (
     'single points come in a stream: each is a goal of its own, which replaces the one before '
     'when the arm has come to rest, or is refused where it begins too far from the arm; this '
     'driver does no servoing: send trajectories'
@@ -30,8 +30,8 @@ class PointStreams:
     def noticed(self, points: int, now: float) -> str | None:
         """Take a trajectory with so many points; return the sentence, once for each stream."""
         single = points == 1
-        follows = single and now - self._last < STREAM_GAP
+        follows = single and now - self._last < MAX_GAP_S
         self._count = self._count + 1 if follows else int(single)
         if single:
             self._last = now
-        return SENTENCE if self._count == STREAM_LENGTH else None
+        return WARNING if self._count == MIN_POINTS else None

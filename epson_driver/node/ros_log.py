@@ -8,14 +8,15 @@ and an event loop, so who speaks is in the context that their tasks and callback
 
 import logging
 from contextvars import Context, ContextVar, copy_context
-from typing import Any
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from epson_driver.log_lines import PrintableFormatter
 
-_LOGGER: ContextVar[Any] = ContextVar('ros_logger')
+_LOGGER: ContextVar[RcutilsLogger] = ContextVar('ros_logger')
 
 
-def context_of(logger: Any) -> Context:
+def context_of(logger: RcutilsLogger) -> Context:
     """Return a context in which records go to this rclpy logger."""
     context = copy_context()
     context.run(_LOGGER.set, logger)
@@ -25,7 +26,7 @@ def context_of(logger: Any) -> Context:
 class RosLogHandler(logging.Handler):
     """Sends records to the logger of the context, and to `logger` where there is none."""
 
-    def __init__(self, logger: Any) -> None:
+    def __init__(self, logger: RcutilsLogger) -> None:
         super().__init__()
         self.setFormatter(PrintableFormatter())
         self._logger = logger
@@ -38,7 +39,7 @@ class RosLogHandler(logging.Handler):
             self.handleError(record)
 
     @staticmethod
-    def _write(logger: Any, text: str, record: logging.LogRecord) -> None:
+    def _write(logger: RcutilsLogger, text: str, record: logging.LogRecord) -> None:
         """Write one record. One line per severity: rclpy allows each line of code just one."""
         if record.levelno >= logging.ERROR:
             logger.error(text)

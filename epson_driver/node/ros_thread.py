@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 from rclpy.executors import SingleThreadedExecutor
 
-MOST_ERRORS = 100
+MAX_ERRORS = 100
 """So many errors end the thread: an executor that only raises serves nobody."""
 
-LEAVE_TIMEOUT = 2.0
-"""How long the last answers may take, s."""
+LEAVE_TIMEOUT_S = 2.0
+"""How long the thread may take to give its last answers, s."""
 
-ROUNDS = 3
+LAST_ROUNDS = 3
 """Of the executor's tasks before it ends: what a goal waits for comes in the first, that makes its
 answer a task of the second; and one to spare."""
 
@@ -41,8 +41,8 @@ class RosThread:
         if not self._thread.is_alive():
             self._left.set()
             return True
-        self.executor.create_task(self._leave, ROUNDS)
-        self._thread.join(LEAVE_TIMEOUT)
+        self.executor.create_task(self._leave, LAST_ROUNDS)
+        self._thread.join(LEAVE_TIMEOUT_S)
         return not self._thread.is_alive()
 
     def _leave(self, rounds: int) -> None:
@@ -60,7 +60,7 @@ class RosThread:
                 except BaseException as error:  # noqa: BLE001 - SystemExit, too
                     self._on_error('serving ROS failed', error)
                     errors += 1
-                    if errors >= MOST_ERRORS or not self.executor.context.ok():
+                    if errors >= MAX_ERRORS or not self.executor.context.ok():
                         return
         finally:
             if not self._left.is_set():

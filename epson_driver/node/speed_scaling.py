@@ -4,38 +4,45 @@
 
 import asyncio
 from functools import partial
-from typing import Any
 
 from epson_msgs.srv import SetSpeedScaling
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
-from epson_driver.driver.tasks.parts import report_failure
-from epson_driver.node.serving import Serving
+from epson_driver.driver.tasks.task_group import report_task_error
+from epson_driver.node.loop_bridge import LoopBridge
 
-PERIOD = 0.05
-"""Between two values of a ramp, s."""
+PERIOD_S = 0.05
+"""Time between two published values of a ramp, s."""
 
 
-class SpeedInterface:
+class SpeedScalingInterface:
     """Publishes the factor when it changes, and serves requests. Made in the driver's loop."""
 
     def __init__(
-        self, node: Any, scaling: SpeedScaling, serving: Serving, callback_group: Any
+        self,
+        node: Node,
+        scaling: SpeedScaling,
+        bridge: LoopBridge,
+        callback_group: CallbackGroup,
     ) -> None:
         self._scaling = scaling
-        self._serving = serving
+        self._bridge = bridge
         self._logger = node.get_logger()
         self._ramp: asyncio.Task[None] | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._factor = node.create_publisher(Float64, '~/speed_scaling', latched)
         self._factor.publish(Float64(data=scaling.target))
-        serving.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group)
+        bridge.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group)
 
-    async def _serve(self, request: SetSpeedScaling.Request, response: Any) -> Any:
+    async def _serve(
+        self, request: SetSpeedScaling.Request, response: SetSpeedScaling.Response
+    ) -> SetSpeedScaling.Response:
         try:
-            response.message = await self._serving.in_loop(partial(self._set, request.factor))
+            response.message = await self._bridge.in_loop(partial(self._set, request.factor))
             response.success = True
         except ValueError as error:
             response.message = str(error)
@@ -48,7 +55,7 @@ class SpeedInterface:
         if self._ramp is not None:
             self._ramp.cancel()
         self._ramp = asyncio.create_task(self._publish())
-        self._ramp.add_done_callback(report_failure)
+        self._ramp.add_done_callback(report_task_error)
         if factor == 0.0:
             return 'pausing: no more points are sent; what the controller has taken runs on'
         return f'points are sent at {factor:g} of the planned speed from now on'
@@ -57,6 +64,6 @@ class SpeedInterface:
         factor = None
         while factor != self._scaling.target:
             if factor is not None:
-                await asyncio.sleep(PERIOD)
+                await asyncio.sleep(PERIOD_S)
             factor = self._scaling.factor(asyncio.get_running_loop().time())
             self._factor.publish(Float64(data=factor))

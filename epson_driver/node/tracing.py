@@ -8,7 +8,7 @@ the driver.
 
 import asyncio
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from epson_driver.trace import Trace, TraceError, open_trace
@@ -44,5 +44,5 @@ class Tracing:
         elif name is not None:
             self._call(self._trace.end, 'the parameter trace_file was cleared')
 
-    def _call(self, function: Any, *arguments: Any) -> None:
+    def _call(self, function: Callable[..., object], *arguments: object) -> None:
         self._loop.call_soon_threadsafe(function, *arguments)

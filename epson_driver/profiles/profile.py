@@ -14,8 +14,9 @@ from typing import Any, Literal
 
 from epson_driver.inputs import InputError, printable, read_yaml, shown
 from epson_driver.profiles.io_profile import IoProfile, read_io_profile
+from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
 from epson_driver.profiles.profile_rules import (
-    LOOK_AHEAD,
+    LOOK_AHEAD_S,
     RULES,
     checked,
 )
@@ -23,7 +24,7 @@ from epson_driver.share import share_file
 from epson_driver.simple_message import ByteOrder, Mode
 
 __all__ = [
-    'LOOK_AHEAD',
+    'LOOK_AHEAD_S',
     'ControllerProfile',
     'DownloadProfile',
     'IoProfile',
@@ -112,6 +113,7 @@ class ProgramProfile:
     * `negative_is_stop`: every negative sequence is a STOP.
     * `stop_works`: False: a STOP is answered and nothing else.
     * `uses`: which of a point's velocity and duration count.
+    * `velocity_unit`: what that velocity is.
     * `corrupt`: a message with a wrong length or header is refused, or the servers quit.
     * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too.
     * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
@@ -127,7 +129,8 @@ class ProgramProfile:
     check_limits: bool
     negative_is_stop: bool
     stop_works: bool
-    uses: Literal['both', 'velocity', 'duration', 'nothing']
+    uses: FieldsUsed
+    velocity_unit: VelocityUnit
     corrupt: Literal['refuse', 'quit']
     late_failure: bool
     motors: Literal['none', 'remote_ethernet', 'motoman']

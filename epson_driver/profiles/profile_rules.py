@@ -5,12 +5,13 @@
 from typing import Any
 
 from epson_driver.inputs import InputError, Rule, choice, count, number, printable
+from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
 from epson_driver.simple_message import ByteOrder, Mode
 
-LOOK_AHEAD = (0.01, 60.0)
+LOOK_AHEAD_S = (0.01, 60.0)
 """Shortest and longest look-ahead of smooth motion, s."""
 
-LONGEST_TEXT = 10_000
+MAX_TEXT_CHARACTERS = 10_000
 
 
 def _mapped(choices: dict[str, Any]) -> Rule:
@@ -26,7 +27,7 @@ def _yes_or_no(value: Any) -> bool:
 def _text(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError
-    if len(value) > LONGEST_TEXT:
+    if len(value) > MAX_TEXT_CHARACTERS:
         raise ValueError
     return value
 
@@ -67,7 +68,7 @@ RULES: dict[str, Rule] = {
     'motion.low_power_tool_speed': number(0.001, 10.0),
     'motion.cp': _YES_OR_NO,
     'motion.statement_overhead': number(0.0, 1.0),
-    'motion.look_ahead': number(*LOOK_AHEAD),
+    'motion.look_ahead': number(*LOOK_AHEAD_S),
     'motion.look_ahead_points': count(1, 100_000),
     'motion.pending_limit': count(1, 100_000),
     'servo.lag': number(0.0, 1.0),
@@ -81,7 +82,8 @@ RULES: dict[str, Rule] = {
     'program.check_limits': _YES_OR_NO,
     'program.negative_is_stop': _YES_OR_NO,
     'program.stop_works': _YES_OR_NO,
-    'program.uses': choice('both', 'velocity', 'duration', 'nothing'),
+    'program.uses': _mapped({each.value: each for each in FieldsUsed}),
+    'program.velocity_unit': _mapped({each.value: each for each in VelocityUnit}),
     'program.corrupt': choice('refuse', 'quit'),
     'program.late_failure': _YES_OR_NO,
     'program.motors': choice('none', 'remote_ethernet', 'motoman'),

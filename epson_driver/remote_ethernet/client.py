@@ -17,16 +17,16 @@ from epson_driver.inputs import printable
 from epson_driver.remote_ethernet.errors import MEANINGS
 from epson_driver.socket_errors import reason
 
-_LONGEST_LINE = 65_536
-_SHOWN = 100
-"""How much of an answer that is none is shown, characters."""
-_DIGITS = 5
+_MAX_LINE_BYTES = 65_536
+_MAX_SHOWN_CHARACTERS = 100
+"""How much of a wrong answer an error text shows, characters."""
+_MAX_ERROR_DIGITS = 5
 """At most, of an error number. (`int` raises ValueError for more than 4,300.)"""
 
-LOGINS = 5
+MAX_LOGINS = 5
 """How often a login is tried on a controller that hangs up: its places may all be taken."""
 
-AGAIN = 0.2
+LOGIN_RETRY_PERIOD_S = 0.2
 """How long after a controller hung up the next login is tried, s."""
 
 Ask = Callable[[str], Awaitable[str]]
@@ -68,17 +68,17 @@ async def logged_in(
 ) -> AsyncIterator[Ask]:
     """Be logged in for several commands; what they have in common is one `timeout`, s.
 
-    A controller that hangs up before the login is answered is tried again, `LOGINS` times in all:
-    nothing was asked of it yet. One that does so at the logout has answered everything.
+    A controller that hangs up before the login is answered is tried again, `MAX_LOGINS` times in
+    all: nothing was asked of it yet. One that does so at the logout has answered everything.
 
     Raises RemoteError for a command that is refused, TimeoutError if all together took longer
     than `timeout`, and ConnectionError if the controller cannot be reached, hangs up or answers
     something else.
     """
     async with asyncio.timeout(timeout):
-        for left in reversed(range(LOGINS)):
+        for left in reversed(range(MAX_LOGINS)):
             try:
-                reader, writer = await asyncio.open_connection(host, port, limit=_LONGEST_LINE)
+                reader, writer = await asyncio.open_connection(host, port, limit=_MAX_LINE_BYTES)
             except (OSError, OverflowError, ValueError) as error:
                 raise ConnectionError(f'{host}:{port}: {reason(error)}') from error
             ask = partial(_ask_at, f'{host}:{port}', reader, writer)
@@ -88,7 +88,7 @@ async def logged_in(
                 except _HungUpError:
                     if not left:
                         raise
-                    await asyncio.sleep(AGAIN)
+                    await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
                     continue
                 yield ask
                 with suppress(_HungUpError):
@@ -131,9 +131,11 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
     if name.lower() == command.partition(',')[0].lower():
         if answer.startswith('#'):
             return value
-        if answer.startswith('!') and value.isdecimal() and len(value) <= _DIGITS:
+        if answer.startswith('!') and value.isdecimal() and len(value) <= _MAX_ERROR_DIGITS:
             raise RemoteError(command, int(value))
-    shown = answer if len(answer) <= _SHOWN else f'{answer[:_SHOWN]}…'
+    shown = (
+        answer if len(answer) <= _MAX_SHOWN_CHARACTERS else f'{answer[:_MAX_SHOWN_CHARACTERS]}…'
+    )
     raise ConnectionError(f"'{shown}' is no answer to {_without_password(command)}")
 
 

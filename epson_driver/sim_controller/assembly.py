@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from epson_driver.motion import Array
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.executor import Executor
@@ -85,7 +86,7 @@ def _new_executor(
             statement_overhead=motion.statement_overhead,
             acknowledge=_acknowledge(program.acknowledge, 'done'),
             caps=caps,
-            timed=program.uses == 'duration',
+            timed=program.uses is FieldsUsed.DURATION,
         )
     return Streaming(
         limits,

@@ -18,19 +18,19 @@ from typing import Protocol
 
 from epson_driver.link.wire_events import Address
 
-LARGEST_SEGMENT = 16384
+MAX_SEGMENT_BYTES = 16384
 """Longer data is split; an IPv4 packet holds 65,535 bytes at most."""
 
-UNACKNOWLEDGED = 16384
+MAX_UNACKNOWLEDGED_BYTES = 16384
 """A side that sends nothing acknowledges at least so often, well inside the window of 65,535."""
 
 MICROSECONDS = 0xA1B2C3D4
 NANOSECONDS = 0xA1B23C4D
 PCAPNG = 0x0A0D0D0A
-LONGEST_RECORD = 262144
+MAX_RECORD_BYTES = 262144
 """As tcpdump's; a longer one in a file means that the file is damaged."""
 
-_FILE_HEADER = struct.pack('<IHHiIII', MICROSECONDS, 2, 4, 0, 0, LONGEST_RECORD, 1)
+_FILE_HEADER = struct.pack('<IHHiIII', MICROSECONDS, 2, 4, 0, 0, MAX_RECORD_BYTES, 1)
 _RECORD = struct.Struct('<IIII')
 _TCP = struct.Struct('!HHIIBBHHH')
 _IPV4 = struct.Struct('!BBHHHBBH4s4s')
@@ -152,10 +152,10 @@ class Conversation:
     def data(self, time_ns: int, data: bytes, *, from_client: bool) -> None:
         """Write bytes that one side sent."""
         sender, receiver = self._sides(from_client=from_client)
-        for start in range(0, len(data), LARGEST_SEGMENT):
-            piece = data[start : start + LARGEST_SEGMENT]
+        for start in range(0, len(data), MAX_SEGMENT_BYTES):
+            piece = data[start : start + MAX_SEGMENT_BYTES]
             self._record(time_ns, Flag.PSH | Flag.ACK, from_client=from_client, data=piece)
-            if (sender.sequence - receiver.acknowledged) & 0xFFFFFFFF >= UNACKNOWLEDGED:
+            if (sender.sequence - receiver.acknowledged) & 0xFFFFFFFF >= MAX_UNACKNOWLEDGED_BYTES:
                 self._record(time_ns, Flag.ACK, from_client=not from_client)
 
     def finish(self, time_ns: int, *, from_client: bool) -> None:
@@ -216,7 +216,7 @@ def read_segments(data: bytes) -> Iterator[Segment]:
     position = 24
     while position + record.size <= len(data):
         seconds, fraction, length, _ = record.unpack_from(data, position)
-        if length > LONGEST_RECORD:
+        if length > MAX_RECORD_BYTES:
             raise PcapError(f'damaged at byte {position}: a packet of {length} bytes')
         position += record.size
         packet = data[position + skip : position + length]

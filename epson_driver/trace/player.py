@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from epson_driver.simple_message import MessageType
 from epson_driver.trace.script import Entry, Kind, Script, Splitter, signature
 
-SHORTEST_PERIOD = 1e-3
-"""Between topics that are sent again, s."""
+MIN_PERIOD_S = 1e-3
+"""Least time between topics that are sent again, s."""
 
 MANY = 3
 """Of the same complaint in a row, so many are told."""
@@ -291,7 +291,7 @@ class Player:
 
     def _period(self, connection: int, kind: int) -> float:
         period = self._script.periods.get((connection, kind), 1.0)
-        return max(period, SHORTEST_PERIOD) / self._speed
+        return max(period, MIN_PERIOD_S) / self._speed
 
     def _name(self, connection: int) -> str:
         port = self._script.port_of[connection]

@@ -11,8 +11,8 @@ from epson_driver.trace.pcap import Flag, Segment, Stream, read_segments
 
 Pair = frozenset[Address]
 
-LARGEST = 1_000_000_000
-"""Bytes of a recording; all of it is held in memory."""
+MAX_RECORDING_BYTES = 1_000_000_000
+"""The largest recording that is read, bytes: all of it is held in memory."""
 
 CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
 
@@ -66,7 +66,7 @@ def read_recording(path: Path) -> list[Step]:
     connections: dict[Pair, _Connection] = {}
     steps: list[Step] = []
     number = 0
-    for segment in read_segments(read_file(path, LARGEST)):
+    for segment in read_segments(read_file(path, MAX_RECORDING_BYTES)):
         pair = frozenset({segment.source, segment.target})
         connection = connections.get(pair)
         begins = segment.flags & (Flag.SYN | Flag.ACK) == Flag.SYN

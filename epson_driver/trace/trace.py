@@ -23,17 +23,17 @@ from epson_driver.link.link import Link
 from epson_driver.link.wire_events import WireEvent
 from epson_driver.trace.pcap import Conversation, PcapWriter
 
-WRITE_PERIOD = 0.2
+WRITE_PERIOD_S = 0.2
 """How often the thread writes, s: what a killed process loses at most."""
 
-MOST_UNWRITTEN = 16 * 1024 * 1024
+MAX_UNWRITTEN_BYTES = 16 * 1024 * 1024
 """Bytes held for a disk that does not take them; then the trace ends."""
 
-END_TIMEOUT = 1.0
+END_TIMEOUT_S = 1.0
 """How long the end of the driver waits for the disk, s."""
 
 MEGABYTE = 1_000_000
-DEFAULT_SIZE = 100 * MEGABYTE
+DEFAULT_MAX_BYTES = 100 * MEGABYTE
 
 _log = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ class Trace:
         self._file: _BackgroundFile | None = None
         self._name = ''
         self._writer = PcapWriter(_Nowhere())
-        self.largest: float = DEFAULT_SIZE
+        self.largest: float = DEFAULT_MAX_BYTES
         self._conversations: dict[Link, Conversation] = {}
 
     @property
@@ -164,10 +164,10 @@ class Trace:
 
 
 class _Nowhere:
-    """The sink before the first trace."""
+    """A sink that forgets everything, before the first trace."""
 
     def write(self, data: bytes, /) -> None:
-        """Forget it."""
+        """Forget the bytes."""
 
 
 class _BackgroundFile:
@@ -189,7 +189,7 @@ class _BackgroundFile:
     def write(self, data: bytes, /) -> None:
         """Take bytes. Raises TraceError if the disk failed or does not keep up."""
         with self._lock:
-            if len(self._unwritten) > MOST_UNWRITTEN:
+            if len(self._unwritten) > MAX_UNWRITTEN_BYTES:
                 self._fail(f'the disk does not keep up, {len(self._unwritten)} bytes wait for it')
             if self._error:
                 raise TraceError(self._error)
@@ -205,7 +205,7 @@ class _BackgroundFile:
         try:
             closing = False
             while not closing:
-                closing = self._closing.wait(WRITE_PERIOD)
+                closing = self._closing.wait(WRITE_PERIOD_S)
                 with self._lock:
                     data, self._unwritten = self._unwritten, bytearray()
                 self._write_all(memoryview(data))

@@ -12,7 +12,7 @@ from support.driver_harness import (
     JOINTS,
     LIMITS,
     Harness,
-    WaxController,
+    ScriptedController,
     answer,
     cell,
     frame,
@@ -22,7 +22,7 @@ from support.driver_harness import (
 from support.event_loop import now, run, until
 
 from epson_driver.cli import processes
-from epson_driver.driver.goal.execution import Settings
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import ByteOrder, Dialect, Real, Status
@@ -34,12 +34,12 @@ def test_a_goal_is_executed():
     async def scenario():
         async with cell() as (harness, _):
             goal = harness.submit(pose(0.2, 0.1), pose(0.3, -0.1, 0.2))
-            assert harness.driver.goals.busy
+            assert harness.driver.goal_queue.busy
             outcome = await goal.end()
             assert outcome.end is End.SUCCEEDED
             assert outcome.code is ErrorCode.SUCCESSFUL
             assert np.abs(harness.at - pose(0.3, -0.1, 0.2)).max() < 1e-6
-            assert not harness.driver.goals.busy
+            assert not harness.driver.goal_queue.busy
             assert await harness.rests()
             targets = [target for target, _ in goal.feedback]
             assert targets == sorted(targets)
@@ -74,7 +74,7 @@ def test_inv2_a_goal_is_refused_while_the_arm_still_moves():
         async with cell() as (harness, _):
             lost = harness.submit(pose(0.8))
             await until(lambda: harness.driver.robot.sample.velocities[0] > 0.3)
-            harness.driver.goals.execution.fault('lost for the test')
+            harness.driver.goal_queue.execution.fault('lost for the test')
             early = harness.submit(start=harness.at)
             assert lost.outcome.end is End.ABORTED
             assert early.outcome.code is ErrorCode.INVALID_GOAL
@@ -109,7 +109,7 @@ def test_inv3_a_replaced_goal_ends_after_the_arm_rests():
             assert not first.outcomes
             assert not second.outcomes
             await until(lambda: first.outcomes)
-            assert not controller.moving or second.ticket.execution is not None
+            assert not controller.moving or second.handle.execution is not None
             assert first.outcome.end is End.ABORTED
             assert first.outcome.text == 'replaced by a new goal; the arm stands'
             await second.end()
@@ -122,7 +122,7 @@ def test_inv3_a_replaced_goal_ends_after_the_arm_rests():
 def test_a_replacement_that_fits_where_the_arm_stops_is_executed():
     async def scenario():
         async with cell() as (harness, _):
-            harness.driver.goals.start_tolerance = 1.0
+            harness.driver.goal_queue.start_tolerance = 1.0
             first = harness.submit(pose(1.0))
             await harness.until_moving()
             second = harness.submit(pose(0.2))
@@ -137,7 +137,7 @@ def test_a_replacement_that_fits_where_the_arm_stops_is_executed():
 def test_a_replacement_that_does_not_fit_is_refused_with_its_reason():
     async def scenario():
         async with cell() as (harness, _):
-            harness.driver.goals.start_tolerance = 1e-4
+            harness.driver.goal_queue.start_tolerance = 1e-4
             harness.submit(pose(1.0))
             await harness.until_moving()
             second = harness.submit(pose(0.2))
@@ -154,7 +154,7 @@ def test_a_replacement_that_does_not_fit_is_refused_with_its_reason():
 def test_the_newest_of_several_goals_is_executed():
     async def scenario():
         async with cell() as (harness, _):
-            harness.driver.goals.start_tolerance = 1.0
+            harness.driver.goal_queue.start_tolerance = 1.0
             first = harness.submit(pose(1.0))
             await harness.until_moving()
             second = harness.submit(pose(0.9))
@@ -170,20 +170,20 @@ def test_a_replacement_does_not_start_when_the_arm_was_not_brought_to_rest():
     """The controller answers no STOP: nobody knows whether the arm stands."""
 
     async def scenario():
-        async with WaxController(lambda _: b'') as wax:
-            settings = Settings(reply_timeout=0.2)
-            async with Harness(wax.ports, settings=settings) as harness:
+        async with ScriptedController(lambda _: b'') as scripted:
+            settings = GoalSettings(reply_timeout=0.2)
+            async with Harness(scripted.ports, settings=settings) as harness:
                 await harness.ready()
-                await harness.services.enable()
+                await harness.commands.enable()
                 first = harness.submit(pose(0.5))
                 second = harness.submit(pose(0.2))
                 await first.end()
                 assert 'standstill' in first.outcome.text
                 assert second.outcome.end is End.ABORTED
                 assert 'did not bring the arm to rest' in second.outcome.text
-                await harness.services.disable()
-                assert set(wax.received) == {0, -4}
-                assert wax.received.count(0) == 1
+                await harness.commands.disable()
+                assert set(scripted.received) == {0, -4}
+                assert scripted.received.count(0) == 1
 
     run(scenario())
 
@@ -192,18 +192,18 @@ def test_after_a_missing_reply_the_motion_link_starts_anew():
     """Late replies without a number would be taken for the answers to whatever was asked last."""
 
     async def scenario():
-        async with WaxController(lambda _: b'') as wax:
-            settings = Settings(reply_timeout=0.2)
-            async with Harness(wax.ports, settings=settings) as harness:
+        async with ScriptedController(lambda _: b'') as scripted:
+            settings = GoalSettings(reply_timeout=0.2)
+            async with Harness(scripted.ports, settings=settings) as harness:
                 await harness.ready()
-                await harness.services.enable()
+                await harness.commands.enable()
                 statistics = harness.driver.motion_link.statistics
                 assert statistics.connections == 1
                 outcome = await harness.submit(pose(0.5)).end()
                 assert 'no reply to point 0 of 2' in outcome.text
                 await until(lambda: statistics.connections == 2)
                 await until(lambda: harness.driver.motion_link.connected)
-                assert wax.received == [0, -4]  # STOP was sent before
+                assert scripted.received == [0, -4]  # STOP was sent before
                 assert 'no reply to point 0 of 2' in harness.gate
 
     run(scenario())
@@ -214,14 +214,14 @@ def test_cancel_brings_the_arm_to_rest():
         async with cell() as (harness, _):
             goal = harness.submit(pose(1.0), pose(1.5))
             await harness.until_moving()
-            harness.driver.goals.cancel(goal.ticket)
+            harness.driver.goal_queue.cancel(goal.handle)
             assert not goal.outcomes
             outcome = await goal.end()
             assert outcome.end is End.CANCELED
             assert await harness.rests()
             assert harness.at[0] < 0.9
             assert harness.gate is None
-            harness.driver.goals.cancel(goal.ticket)  # late: changes nothing
+            harness.driver.goal_queue.cancel(goal.handle)  # late: changes nothing
             assert (await harness.submit(pose(0.0)).end()).end is End.SUCCEEDED
 
     run(scenario())
@@ -233,7 +233,7 @@ def test_cancel_of_a_goal_that_waits_leaves_the_running_one_its_end():
             first = harness.submit(pose(1.0))
             await harness.until_moving()
             second = harness.submit(pose(0.5))
-            harness.driver.goals.cancel(second.ticket)
+            harness.driver.goal_queue.cancel(second.handle)
             assert second.outcome.end is End.CANCELED
             assert second.outcome.text == 'canceled before it could start'
             assert (await first.end()).text.startswith('replaced by a new goal')
@@ -246,14 +246,14 @@ def test_a_failure_reply_ends_the_goal_with_the_controllers_error():
         def reply(sequence):
             return answer(1 if sequence < 0 else 2)
 
-        async with WaxController(reply) as wax, Harness(wax.ports) as harness:
+        async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = harness.submit(pose(0.5))
             outcome = await goal.end()
             assert outcome.end is End.ABORTED
             assert 'point 0 of 2' in outcome.text
-            assert wax.received == [0, -4]
+            assert scripted.received == [0, -4]
 
     run(scenario())
 
@@ -263,15 +263,15 @@ def test_a_late_no_ends_the_goal():
         def reply(sequence):
             return answer(1, sequence) if sequence != 1 else b''
 
-        async with WaxController(reply) as wax, Harness(wax.ports) as harness:
+        async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = harness.submit(pose(0.1), pose(0.2))
-            await until(lambda: 1 in wax.received)
-            wax.motion.write(answer(2, 1))
-            wax.motion.write(answer(2, 1))
+            await until(lambda: 1 in scripted.received)
+            scripted.motion.write(answer(2, 1))
+            scripted.motion.write(answer(2, 1))
             assert (await goal.end()).end is End.ABORTED
-            assert wax.received == [0, 1, -4]
+            assert scripted.received == [0, 1, -4]
 
     run(scenario())
 
@@ -304,7 +304,7 @@ def test_inv4_an_estop_ends_the_goal_at_once_and_the_gate_stays_closed():
             assert 'E-stop' in harness.gate
             assert 'E-stop' in harness.submit(pose(0.5)).outcome.text
             assert await harness.rests()
-            await harness.services.enable()
+            await harness.commands.enable()
             assert (await harness.submit(harness.at).end()).end is End.SUCCEEDED
 
     run(scenario())
@@ -343,9 +343,9 @@ def test_a_lost_motion_link_ends_the_goal_and_does_not_blur_the_status():
         async with cell() as (harness, _):
             goal = harness.submit(pose(1.0))
             await harness.until_moving()
-            writer = harness.driver.motion_link._writer
+            transport = harness.driver.motion_link.transport
             before = len(harness.events.statuses)
-            writer.transport.abort()
+            transport.abort()
             outcome = await goal.end()
             assert 'the motion link was lost' in outcome.text
             assert 'the motion link was lost' in harness.gate
@@ -368,7 +368,7 @@ def test_inv4_inv6_a_killed_controller_that_comes_back_moves_nothing(tmp_path):
         try:
             async with Harness(ports) as harness:
                 await harness.ready()
-                await harness.services.enable()
+                await harness.commands.enable()
                 goal = harness.submit(pose(1.0))
                 await harness.until_moving()
                 killed = now()
@@ -396,7 +396,7 @@ def test_inv4_inv6_a_killed_controller_that_comes_back_moves_nothing(tmp_path):
                 assert 'link was lost' in harness.gate
                 assert 'not enabled' in harness.submit(pose(0.5)).outcome.text
                 assert await harness.rests()
-                await harness.services.enable()
+                await harness.commands.enable()
                 assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
         finally:
             for each in (process, again):
@@ -416,11 +416,14 @@ def test_inv6_joints_that_stop_while_the_status_goes_on_are_not_taken_for_fresh(
     """docs/invariants.md, 6."""
 
     async def scenario():
-        async with WaxController(lambda _: b'') as wax, Harness(wax.ports) as harness:
+        async with (
+            ScriptedController(lambda _: b'') as scripted,
+            Harness(scripted.ports) as harness,
+        ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = harness.submit(pose(0.5))
-            wax.shows_joints = False
+            scripted.shows_joints = False
             outcome = await goal.end()
             assert outcome.end is End.ABORTED
             assert 'no joint state' in outcome.text
@@ -433,15 +436,15 @@ def test_inv6_joints_that_stop_while_the_status_goes_on_are_not_taken_for_fresh(
 
 def test_a_status_that_stops_closes_the_gate_and_is_said_to_be_unknown():
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
-            wax.shows_status = False
+            await harness.commands.enable()
+            scripted.shows_status = False
             await until(lambda: harness.gate is not None)
             assert 'no STATUS' in harness.gate
             assert harness.driver.robot.status is None
             await until(lambda: harness.events.status == Status())
-            wax.shows_status = True
+            scripted.shows_status = True
             await until(lambda: harness.events.status != Status())
             assert 'no STATUS' in harness.gate
 
@@ -450,10 +453,13 @@ def test_a_status_that_stops_closes_the_gate_and_is_said_to_be_unknown():
 
 def test_a_silent_state_link_is_lost_after_its_timeout():
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports, state_timeout=0.2) as harness:
+        async with (
+            ScriptedController() as scripted,
+            Harness(scripted.ports, state_timeout=0.2) as harness,
+        ):
             await harness.ready()
-            await harness.services.enable()
-            wax.shows_joints = wax.shows_status = False
+            await harness.commands.enable()
+            scripted.shows_joints = scripted.shows_status = False
             silent = now()
             await until(lambda: harness.gate is not None)
             assert 0.15 < now() - silent < 0.6
@@ -471,12 +477,12 @@ def test_inv8_a_reply_on_the_state_port_is_no_state():
     """docs/invariants.md, 8; REP-I0006: the body of a FAILURE means nothing."""
 
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
             garbage = struct.pack('<i10f', 0, *[7.0] * 10)
             seen = len(harness.events.samples)
-            wax.extra = frame(10, 3, 2, garbage) + frame(10, 3, 1, garbage)
-            wax.extra += frame(13, 3, 2, struct.pack('<7i', 0, 1, 99, 1, 1, 1, 0))
+            scripted.extra = frame(10, 3, 2, garbage) + frame(10, 3, 1, garbage)
+            scripted.extra += frame(13, 3, 2, struct.pack('<7i', 0, 1, 99, 1, 1, 1, 0))
             await until(lambda: len(harness.events.samples) > seen + 5)
             for _, sample in harness.events.samples:
                 assert not sample.positions.any()
@@ -488,10 +494,10 @@ def test_inv8_a_reply_on_the_state_port_is_no_state():
 
 def test_a_joint_that_is_not_finite_is_dropped_and_counted():
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
             body = struct.pack('<i10f', 0, 0, 0, float('nan'), *[0.0] * 7)
-            wax.extra = frame(10, 1, 0, body)
+            scripted.extra = frame(10, 1, 0, body)
             bad = harness.driver.state_link.statistics.bad_frames
             await until(lambda: bad['joints'] == 1)
             assert all(np.isfinite(sample.positions).all() for _, sample in harness.events.samples)
@@ -502,19 +508,19 @@ def test_a_joint_that_is_not_finite_is_dropped_and_counted():
 
 def test_feedback_messages_are_joints_too():
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            wax.shows_joints = False
+            scripted.shows_joints = False
             seen = len(harness.events.samples)
             positions, velocities = [0.03125] * 10, [0.25] * 10
             body = struct.pack('<iif30f', 0, 6, 1.0, *positions, *velocities, *[0.0] * 10)
-            wax.extra = frame(15, 1, 0, body)
+            scripted.extra = frame(15, 1, 0, body)
             await until(lambda: len(harness.events.samples) > seen)
             sample = harness.events.samples[-1][1]
             assert sample.positions.tolist() == [0.03125] * JOINTS
             assert sample.velocities.tolist() == [0.25] * JOINTS
             no_position = struct.pack('<iif30f', 0, 4, 1.0, *[9.0] * 30)
-            wax.extra = frame(15, 1, 0, no_position)
+            scripted.extra = frame(15, 1, 0, no_position)
             received = harness.driver.state_link.statistics.frames_received
             await until(
                 lambda: harness.driver.state_link.statistics.frames_received > received + 5
@@ -545,7 +551,7 @@ def test_points_are_written_in_byte_order_and_real_width_of_the_state(order, rea
     async def scenario():
         async with simulated(dialect) as (_, ports), Harness(ports) as harness:
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
             assert harness.driver.motion_link.dialect == dialect
 
@@ -558,7 +564,7 @@ def test_the_link_state_is_the_worse_of_both():
             async with Harness(ports) as harness:
                 await harness.ready()
                 before = len(harness.events.links)
-                harness.driver.motion_link._writer.transport.abort()
+                harness.driver.motion_link.transport.abort()
                 await until(lambda: len(harness.events.links) > before)
                 await until(lambda: harness.events.links[-1][0] == 'connected')
                 after = [name for name, _ in harness.events.links[before:]]

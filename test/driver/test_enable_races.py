@@ -15,8 +15,8 @@ from support.driver_harness import Harness, cell, pose, simulated
 from support.event_loop import PATIENCE, now, run, until
 from support.slow_remote import SlowRemote
 
-from epson_driver.driver import services
-from epson_driver.driver.services import ServiceError
+from epson_driver.driver import arm_commands
+from epson_driver.driver.arm_commands import CommandError
 from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
@@ -31,8 +31,8 @@ QUICK = replace(RC620, state=replace(RC620.state, joint_positions_per_status=1))
 async def enable(harness):
     """Return what ~/enable answers, and whether it is yes."""
     try:
-        return True, await harness.services.enable()
-    except ServiceError as error:
+        return True, await harness.commands.enable()
+    except CommandError as error:
         return False, str(error)
 
 
@@ -52,7 +52,7 @@ async def seen(harness, **fields):
 
 
 async def disabled(harness, controller, chance):
-    answer = await harness.services.disable()
+    answer = await harness.commands.disable()
     assert 'the motors are off' in answer
     assert controller.status().drives_powered == 0
 
@@ -186,7 +186,7 @@ def test_inv4_disable_is_obeyed_after_the_enable_that_it_overtakes():
 
     async def scenario(harness, controller, far):
         asking = await pending(harness, far)
-        disabling = asyncio.create_task(harness.services.disable())
+        disabling = asyncio.create_task(harness.commands.disable())
         success, text = await asking
         assert not success
         assert 'disabled by ~/disable while ~/enable was under way' in text
@@ -206,9 +206,9 @@ def test_inv9_disable_says_that_the_motors_may_come_on_yet(monkeypatch):
         asking = await pending(harness, far)
         await asking
         far.delay = 0.0
-        assert 'has not answered an earlier command' in await harness.services.disable()
+        assert 'has not answered an earlier command' in await harness.commands.disable()
 
-    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.5)
+    monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.5)
     slow_cell(scenario, delay=1.5)
 
 
@@ -216,8 +216,8 @@ def test_inv4_an_enable_that_comes_while_the_arm_is_being_disabled_is_refused():
     async def scenario(harness, controller, far):
         controller.apply(Event.MOTORS_ON)
         await seen(harness, drives_powered=1)
-        await harness.services.enable()
-        disabling = asyncio.create_task(harness.services.disable())
+        await harness.commands.enable()
+        disabling = asyncio.create_task(harness.commands.disable())
         await asyncio.sleep(0)
         success, text = await enable(harness)
         assert not success
@@ -278,7 +278,7 @@ def test_inv4_disable_cancels_all_enables_and_those_that_wait_give_no_command():
         first = await pending(harness, far)
         second = asyncio.create_task(enable(harness))
         await asyncio.sleep(0)
-        await harness.services.disable()
+        await harness.commands.disable()
         for asking in (first, second):
             success, text = await asking
             assert not success
@@ -291,7 +291,7 @@ def test_inv4_disable_cancels_all_enables_and_those_that_wait_give_no_command():
 def test_a_reset_waits_for_the_command_before_it_and_does_not_disturb_an_enable():
     async def scenario(harness, controller, far):
         asking = await pending(harness, far)
-        await harness.services.reset_error()
+        await harness.commands.reset_error()
         assert far.obeyed == ['SetMotorsOn', 'Reset']
         assert await asking == (True, 'the arm is enabled')
 

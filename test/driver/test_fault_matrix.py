@@ -24,8 +24,8 @@ import pytest
 from support.driver_harness import LIMITS, Harness, pose, simulated
 from support.event_loop import run, until
 
-from epson_driver.driver.delivery.deliveries import delivery_rules
-from epson_driver.driver.goal.execution import Settings
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
@@ -186,7 +186,7 @@ async def cell_of(profile):
     """Run a driver as the profile says, with its controller; yield both, and what is sent."""
     defaults = profile_defaults(profile)
     rules = delivery_rules(profile, defaults['interface'], defaults['point_message'])
-    settings = Settings(reply_timeout=REPLY_TIMEOUT, cause_time=LONG_CAUSE_TIME)
+    settings = GoalSettings(reply_timeout=REPLY_TIMEOUT, cause_timeout=LONG_CAUSE_TIME)
     async with simulated(profile=profile) as (controller, ports):
         options = {
             'delivery': rules,
@@ -242,7 +242,7 @@ async def make_ready(harness, controller, *, reset=False):
     if reset:
         await until(lambda: not controller.in_motion)
         if remote:
-            await harness.services.reset_error()
+            await harness.commands.reset_error()
         else:
             await person(controller, Event.RESET)
     if not remote:
@@ -291,7 +291,7 @@ def test_a_fault_in_the_middle_of_a_motion(record_property, fault, name, row):
     async def scenario():
         async with cell_of(load_controller_profile(name)) as (harness, controller, sent):
             await make_ready(harness, controller)
-            await harness.services.enable()
+            await harness.commands.enable()
 
             goal = harness.submit(*row.points, step=0.4)
             begin = where(controller)
@@ -301,7 +301,7 @@ def test_a_fault_in_the_middle_of_a_motion(record_property, fault, name, row):
             if row.fault:
                 controller.faults.start(parse(row.fault))
             if row.canceled:
-                harness.driver.goals.cancel(goal.ticket)
+                harness.driver.goal_queue.cancel(goal.handle)
 
             outcome = await goal.end()
             assert (outcome.end, outcome.code) == (End.ABORTED, row.code), outcome
@@ -332,7 +332,7 @@ def test_a_fault_in_the_middle_of_a_motion(record_property, fault, name, row):
             assert np.abs(where(controller) - stands).max() < 1e-6
             assert len(sent) == points
 
-            await harness.services.enable()
+            await harness.commands.enable()
             assert harness.gate is None
             again = harness.submit(harness.at + pose(0.0, 0.0, 0.1), step=0.3)
             assert (await again.end()).end is End.SUCCEEDED, again.outcome

@@ -13,13 +13,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.driver_harness import HOME, LIMITS, Harness, WaxController, frame, open_gate, pose
+from support.driver_harness import (
+    HOME,
+    LIMITS,
+    Harness,
+    ScriptedController,
+    frame,
+    open_gate,
+    pose,
+)
 from support.event_loop import run, until
 from support.pages import items, unwrapped
 
 from epson_driver.cli.executables import EXECUTABLES
-from epson_driver.driver.delivery.points import FIRST_VELOCITY, trajectory_points
-from epson_driver.driver.services import ServiceError
+from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.delivery.trajectory_points import (
+    FIRST_POINT_VELOCITY_FRACTION,
+    trajectory_points,
+)
 from epson_driver.motion import Trajectory
 from epson_driver.node.parameters import TABLE as PARAMETERS
 from epson_driver.node.parameters import declare
@@ -109,7 +120,7 @@ def test_b1_a_frame_of_4000_bytes_is_left_out_and_the_next_one_taken():
     """The old library wrote it over the stack."""
 
     async def scenario():
-        async with WaxController() as controller, Harness(controller.ports) as harness:
+        async with ScriptedController() as controller, Harness(controller.ports) as harness:
             await harness.ready()
             controller.extra = frame(10, 1, 0, bytes(4000 - 12))
             counted = harness.driver.state_link.statistics
@@ -126,7 +137,7 @@ def test_b2_a_wrong_byte_order_ends_the_connection_and_says_why():
     """The old client waited for the 939,524,096 bytes of a small message read the wrong way."""
 
     async def scenario():
-        async with WaxController() as controller:  # it writes little endian
+        async with ScriptedController() as controller:  # it writes little endian
             async with Harness(controller.ports, byte_order=ByteOrder.BIG) as harness:
                 await until(lambda: harness.driver.state_link.statistics.bad_frames['length'])
                 await until(lambda: any('length' in why for _, why in harness.events.links))
@@ -158,15 +169,15 @@ def test_191_the_first_point_leaves_at_once():
     """No timer, no sleep, no turn of the loop between the goal and its first point."""
 
     async def scenario():
-        async with WaxController() as controller, Harness(controller.ports) as harness:
+        async with ScriptedController() as controller, Harness(controller.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             sent = harness.driver.motion_link.statistics.frames_sent
             goal = harness.submit(pose(0.1))
             assert harness.driver.motion_link.statistics.frames_sent == sent + 1
             await until(lambda: controller.received)
             assert controller.received[0] == 0
-            harness.driver.goals.cancel(goal.ticket)
+            harness.driver.goal_queue.cancel(goal.handle)
             await goal.end()
 
     run(scenario())
@@ -174,13 +185,13 @@ def test_191_the_first_point_leaves_at_once():
 
 def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
     async def scenario():
-        controller = WaxController()
+        controller = ScriptedController()
         controller.shows_joints = False
         async with controller, Harness(controller.ports) as harness:
             await until(lambda: harness.driver.robot.status is not None)
             await until(lambda: harness.driver.motion_link.connected)
-            with pytest.raises(ServiceError, match='no joint state from the controller'):
-                await harness.services.enable()
+            with pytest.raises(CommandError, match='no joint state from the controller'):
+                await harness.commands.enable()
             open_gate(harness.driver.gate)
             goal = harness.submit(pose(0.1), start=HOME)
             assert 'no joint state' in (await goal.end()).text
@@ -203,17 +214,17 @@ def test_271_a_status_alone_ends_the_goal_and_closes_the_gate(status, words):
 
     async def scenario():
         async with (
-            WaxController(lambda _: b'') as controller,
+            ScriptedController(lambda _: b'') as controller,
             Harness(controller.ports) as harness,
         ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = harness.submit(pose(0.1))
             await until(lambda: controller.received)
             controller.status = status
             assert words in (await goal.end()).text
             assert words in harness.gate
-            controller.status = WaxController.STATUS
+            controller.status = ScriptedController.STATUS
             seen = len(harness.events.statuses)
             await until(lambda: len(harness.events.statuses) > seen + 2)
             assert words in harness.submit(pose(0.1)).outcome.text
@@ -228,4 +239,4 @@ def test_fanuc_9_a_plan_without_velocities_moves_as_fast_as_planned():
     )
     points = trajectory_points(plan, HOME, LIMITS)
     assert [point.velocity for point in points[1:]] == pytest.approx([0.5, 0.5])
-    assert points[0].velocity == FIRST_VELOCITY
+    assert points[0].velocity == FIRST_POINT_VELOCITY_FRACTION

@@ -95,17 +95,17 @@ class CutCell:
         self.histories = {link.name: History(link) for link in links}
         self.ends = Counter()
         self.back_after = []
-        self.tickets = []
+        self.handles = []
 
     async def cut(self):
         """Let one goal run, cut at a random moment, and look at everything that follows."""
         harness, controller = self.harness, self.controller
-        await harness.services.enable()
+        await harness.commands.enable()
         target = pose(-0.4 if harness.at[0] > 0.0 else 0.4, self.chance.uniform(0.0, 0.2))
         goal = harness.submit(
             (harness.at + target) / 2, target, step=PLANNED / 2, tolerance=AT_GOAL
         )
-        self.tickets.append(weakref.ref(goal.ticket))
+        self.handles.append(weakref.ref(goal.handle))
         await asyncio.sleep(self.chance.uniform(0.0, LATEST))
 
         ports = self.chance.choice(PORTS)
@@ -163,12 +163,10 @@ class CutCell:
 
     def check_nothing_is_kept(self):
         driver = self.harness.driver
-        assert not driver.goals.busy
-        assert driver.goals._next is None
-        assert not driver.changes._waiters
-        assert not driver.goals._preparations
+        assert driver.goal_queue.idle
+        assert not driver.changed.waiting
         gc.collect()
-        assert [each for each in self.tickets if each() is not None] == []
+        assert [each for each in self.handles if each() is not None] == []
 
 
 @pytest.mark.invariant(4)
@@ -242,10 +240,10 @@ def test_a_goal_of_10000_points_streams_without_growth(caplog):
     async def scenario():
         async with simulated(profile='generic') as (_, ports), Harness(ports) as harness:
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             points = np.arange(1, POINTS + 1)[:, None] * pose(STEP)
             goal = harness.submit(*points, step=0.001, tolerance=100 * STEP)
-            execution = goal.ticket.execution
+            execution = goal.handle.execution
 
             def kept():
                 """Return objects and bytes in use, without the test's own records."""

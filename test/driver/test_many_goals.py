@@ -19,8 +19,9 @@ from support.event_loop import run, until
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli.processes import free_ros_domain
-from epson_driver.driver.services import Services
-from epson_driver.node import node as client_node
+from epson_driver.driver.arm_commands import ArmCommands
+from epson_driver.node import goal_server
+from epson_driver.node.node import ClientNode
 from epson_driver.sim_controller.faults.fault_text import parse
 
 GOALS = 100
@@ -49,7 +50,7 @@ class User:
             Node('epson_driver', context=self._context, parameter_overrides=overrides),
             Node('user', context=self._context),
         ]
-        self.client = client_node.ClientNode(self._nodes[0])
+        self.client = ClientNode(self._nodes[0])
         self.action = ActionClient(
             self._nodes[1], FollowJointTrajectory, '/epson_driver/follow_joint_trajectory'
         )
@@ -84,7 +85,7 @@ class User:
                 and driver.robot.status is not None
             )
         )
-        await Services(driver).enable()
+        await ArmCommands(driver).enable()
 
     async def send(self, positions):
         """Send a goal of one point; return a future of its status and sentence."""
@@ -115,14 +116,14 @@ class User:
 
 def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setattr(client_node, 'RESULT_KEPT', KEPT)
+    monkeypatch.setattr(goal_server, 'RESULT_TIMEOUT_S', KEPT)
 
     async def scenario():
         ends = Counter()
         async with simulated() as (controller, ports), User(ports) as user:
             await until(user.action.server_is_ready)
             await user.enable()
-            driver, server = user.client.driver, user.client._action
+            driver, server = user.client.driver, user.client.goal_server.action_server
             for number in range(GOALS):
                 kind = KINDS[number % len(KINDS)]
                 at = driver.robot.sample.positions
@@ -131,7 +132,7 @@ def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
                     target[0] = 9.0
                 done = await user.send(target.tolist())
                 if kind == 'cut':
-                    await until(lambda: driver.goals.busy)
+                    await until(lambda: driver.goal_queue.busy)
                     controller.faults.start(parse('cut for=0.05'))
                 status, text = await done
                 expected, words = EXPECTED[kind]
@@ -144,7 +145,7 @@ def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
             assert server._goal_handles  # for who asks late
             await until(lambda: not server._goal_handles)
             assert not server._result_futures
-            assert not user.client._tickets
+            assert not user.client.goal_server.busy
         print(dict(ends))
 
     run(scenario(), 110.0)

@@ -6,10 +6,10 @@ import asyncio
 
 import numpy as np
 import pytest
-from support.driver_harness import Harness, WaxController, cell, pose, simulated
+from support.driver_harness import Harness, ScriptedController, cell, pose, simulated
 from support.event_loop import run, until
 
-from epson_driver.driver.delivery.deliveries import delivery_rules
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
@@ -33,9 +33,9 @@ def as_profile(name):
     return {'delivery': rules, 'usual_byte_order': profile.byte_order}
 
 
-async def tell(harness, wax, status):
-    """Let the controller of wax report a status, and the driver see it."""
-    wax.status = status
+async def tell(harness, scripted, status):
+    """Let the scripted controller report a status, and the driver see it."""
+    scripted.status = status
     await until(lambda: possible(harness, status[-1]))
 
 
@@ -68,7 +68,7 @@ def test_a_goal_that_comes_in_a_pause_leaves_the_one_that_waits():
             waits = harness.submit(pose(0.5))
             await harness.until_moving()
             controller.apply(Event.PAUSE)
-            await until(lambda: waits.ticket.execution.paused)
+            await until(lambda: waits.handle.execution.paused)
             assert 'paused' in harness.submit(pose(0.0)).outcome.text
             assert not waits.outcomes
             controller.apply(Event.CONTINUE)
@@ -80,14 +80,14 @@ def test_a_goal_that_comes_in_a_pause_leaves_the_one_that_waits():
 @pytest.mark.parametrize('never', [NOT_POSSIBLE, UNKNOWN], ids=['always no', 'not told'])
 def test_a_controller_that_never_says_yes_gets_its_goals(never):
     async def check():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
-            wax.status = never
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+            scripted.status = never
             await harness.ready()
             await until(lambda: possible(harness, never[-1]))
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = harness.submit(pose(0.1))
-            await until(lambda: wax.received)
-            harness.driver.goals.cancel(goal.ticket)
+            await until(lambda: scripted.received)
+            harness.driver.goal_queue.cancel(goal.handle)
             await goal.end()
 
     run(check())
@@ -95,18 +95,18 @@ def test_a_controller_that_never_says_yes_gets_its_goals(never):
 
 def test_only_what_was_said_since_the_arm_was_enabled_counts():
     async def check():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
-            await tell(harness, wax, POSSIBLE)
-            await tell(harness, wax, NOT_POSSIBLE)
-            await harness.services.enable()  # it is enabled already: that changes nothing
+            await harness.commands.enable()
+            await tell(harness, scripted, POSSIBLE)
+            await tell(harness, scripted, NOT_POSSIBLE)
+            await harness.commands.enable()  # it is enabled already: that changes nothing
             assert 'paused' in harness.submit(pose(0.1)).outcome.text
-            await harness.services.disable()
-            await harness.services.enable()
+            await harness.commands.disable()
+            await harness.commands.enable()
             goal = harness.submit(pose(0.1))
             assert not goal.outcomes
-            harness.driver.goals.cancel(goal.ticket)
+            harness.driver.goal_queue.cancel(goal.handle)
             await goal.end()
 
     run(check())
@@ -114,10 +114,10 @@ def test_only_what_was_said_since_the_arm_was_enabled_counts():
 
 def test_an_error_without_a_reason_to_close_the_gate_is_no_pause():
     async def check():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
-            await tell(harness, wax, (1, 0, 4031, -1, 0, 2, 0))
+            await harness.commands.enable()
+            await tell(harness, scripted, (1, 0, 4031, -1, 0, 2, 0))
             assert not harness.driver.robot.paused
 
     run(check())
@@ -134,19 +134,19 @@ def test_a_running_goal_waits_for_a_paused_controller_in_every_delivery(name):
             Harness(ports, **as_profile(name)) as harness,
         ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             steps = [pose(0.1 * step) for step in range(1, 9)]
             goal = harness.submit(*steps, step=0.2)
             await harness.until_moving()
             controller.apply(Event.PAUSE)
-            await until(lambda: goal.ticket.execution.paused)
-            assert goal.ticket.execution.speed(0.0) == 0.0
-            plan_time = goal.ticket.execution.desired[0]
+            await until(lambda: goal.handle.execution.paused)
+            assert goal.handle.execution.speed(0.0) == 0.0
+            plan_time = goal.handle.execution.desired[0]
             here = harness.at
             assert here[0] < 0.75
             await asyncio.sleep(1.2)  # longer than an arm may stand beside its goal
             assert not goal.outcomes
-            assert goal.ticket.execution.desired[0] == plan_time
+            assert goal.handle.execution.desired[0] == plan_time
             np.testing.assert_allclose(harness.at, here, atol=1e-3)
             controller.apply(Event.CONTINUE)
             assert (await goal.end()).end is End.SUCCEEDED
@@ -163,12 +163,12 @@ def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled_in_every_deli
             Harness(ports, **as_profile(name)) as harness,
         ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = harness.submit(*[pose(0.1 * step) for step in range(1, 9)], step=0.2)
             await harness.until_moving()
             controller.apply(Event.PAUSE)
-            await until(lambda: goal.ticket.execution.paused)
-            harness.driver.goals.cancel(goal.ticket)
+            await until(lambda: goal.handle.execution.paused)
+            harness.driver.goal_queue.cancel(goal.handle)
             assert (await goal.end()).end is End.CANCELED
             controller.apply(Event.CONTINUE)
             await until(lambda: possible(harness, 1))

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import execution_harness
+from support import goal_execution_harness
 from support.driver_harness import HOME, Harness, pose, simulated
 from support.event_loop import now, run, until
 
-from epson_driver.driver.delivery.deliveries import delivery_rules
-from epson_driver.driver.goal.speed_scaling import RAMP
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.goal.speed_scaling import RAMP_PER_S
 from epson_driver.driver.outcome import End
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
@@ -45,32 +45,31 @@ async def cell_of(name, **motion):
 
         controller.program.receive = receive
         await harness.ready()
-        await harness.services.enable()
+        await harness.commands.enable()
         yield harness, points
 
 
 def test_points_that_are_sent_ahead_are_as_slow_as_it_is_when_their_turn_comes():
     """All points of a plan of 1 s leave at one moment, in which the factor begins to fall."""
     line = np.linspace([0.0, 0.0], [1.0, 0.5], 6)
-    harness = execution_harness.Harness(line, step=STEP, start=False)
+    harness = goal_execution_harness.Harness(line, step=STEP, start=False)
     harness.scaling.set(0.1, harness.now)
     harness.start()
     while harness.state == 'streaming':
         harness.answer()
     _, *rest = (point.duration for point in harness.sent)
-    in_ramp = 0.9 / RAMP
+    in_ramp = 0.9 / RAMP_PER_S
     done = in_ramp * (1.0 + 0.1) / 2
     assert sum(rest) == pytest.approx(in_ramp + (1.0 - done) / 0.1, rel=0.01)
     assert rest[-1] == pytest.approx(STEP / 0.1)
-    harness.pass_time(2.0)
-    harness.joints()
+    harness.see(2.0)
     after = done + (2.0 - in_ramp) * 0.1
     assert harness.execution.desired[0] == pytest.approx(after, abs=0.02)
 
 
 def test_a_pause_holds_back_points_of_which_the_turn_comes_in_it():
     line = np.linspace([0.0, 0.0], [1.0, 0.5], 6)
-    harness = execution_harness.Harness(line, step=STEP, start=False)
+    harness = goal_execution_harness.Harness(line, step=STEP, start=False)
     harness.start()
     for _ in range(4):
         harness.answer()
@@ -79,7 +78,7 @@ def test_a_pause_holds_back_points_of_which_the_turn_comes_in_it():
     assert harness.sequences == [0, 1, 2, 3, 4]
     assert harness.state == 'streaming'
     harness.scaling.set(1.0, harness.now)
-    harness.see(execution_harness.DT)
+    harness.see(goal_execution_harness.DT)
     assert harness.sequences == [0, 1, 2, 3, 4, 5]
 
 
@@ -87,7 +86,7 @@ def test_a_pause_holds_back_points_of_which_the_turn_comes_in_it():
 def test_a_download_has_the_speed_that_is_set_when_it_begins(factor):
     async def check():
         async with cell_of('abb') as (harness, points):
-            harness.driver.goals.scaling.set(factor, now() - 1.0)
+            harness.driver.goal_queue.scaling.set(factor, now() - 1.0)
             assert (await harness.submit(*STEPS, step=STEP).end()).end is End.SUCCEEDED
             durations = [point.duration for point in points[1:]]
             assert durations == pytest.approx([STEP / factor] * len(STEPS), rel=1e-5)
@@ -102,7 +101,7 @@ def test_a_download_that_is_sent_is_not_slowed_and_not_paused():
             goal = harness.submit(*STEPS, step=STEP)
             await harness.until_moving()
             assert len(points) == len(STEPS) + 1
-            harness.driver.goals.scaling.set(0.0, now() - 1.0)
+            harness.driver.goal_queue.scaling.set(0.0, now() - 1.0)
             assert (await goal.end()).end is End.SUCCEEDED
             np.testing.assert_allclose(harness.at, STEPS[-1], atol=1e-3)
 
@@ -112,13 +111,13 @@ def test_a_download_that_is_sent_is_not_slowed_and_not_paused():
 def test_a_download_that_comes_in_a_pause_begins_when_that_ends():
     async def check():
         async with cell_of('abb') as (harness, points):
-            harness.driver.goals.scaling.set(0.0, now() - 1.0)
+            harness.driver.goal_queue.scaling.set(0.0, now() - 1.0)
             goal = harness.submit(*STEPS, step=STEP)
             samples = len(harness.events.samples)
             await until(lambda: len(harness.events.samples) > samples + 5)
             assert points == []
             assert not goal.outcomes
-            harness.driver.goals.scaling.set(1.0, now() - 1.0)
+            harness.driver.goal_queue.scaling.set(1.0, now() - 1.0)
             assert (await goal.end()).end is End.SUCCEEDED
             assert len(points) == len(STEPS) + 1
 
@@ -131,8 +130,8 @@ def test_a_motoman_pauses_when_it_has_done_what_it_has_and_goes_on():
             steps = np.linspace(HOME, pose(1.5), 31)[1:]
             goal = harness.submit(*steps, step=0.1)
             await harness.until_moving()
-            harness.driver.goals.scaling.set(0.0, now())
-            await until(lambda: goal.ticket.execution.desired[2][0] == 0.0)
+            harness.driver.goal_queue.scaling.set(0.0, now())
+            await until(lambda: goal.handle.execution.desired[2][0] == 0.0)
             while not await harness.rests():  # noqa: ASYNC110 - it looks at another end of a socket
                 await asyncio.sleep(0.01)
             sent = len(points)
@@ -141,7 +140,7 @@ def test_a_motoman_pauses_when_it_has_done_what_it_has_and_goes_on():
             assert not goal.outcomes
             assert await harness.rests()
             assert len(points) == sent
-            harness.driver.goals.scaling.set(0.5, now())
+            harness.driver.goal_queue.scaling.set(0.5, now())
             outcome = await goal.end()
             assert outcome.end is End.SUCCEEDED, outcome
             np.testing.assert_allclose(harness.at, steps[-1], atol=1e-3)
@@ -157,7 +156,7 @@ def test_a_motoman_that_has_all_points_in_its_queue_is_not_slowed():
             goal = harness.submit(*STEPS, step=STEP)
             await until(lambda: len(points) == len(STEPS) + 1)
             await harness.until_moving()
-            harness.driver.goals.scaling.set(0.0, now() - 1.0)
+            harness.driver.goal_queue.scaling.set(0.0, now() - 1.0)
             assert (await goal.end()).end is End.SUCCEEDED
 
     run(check())

@@ -8,13 +8,13 @@ import re
 import struct
 
 import pytest
-from support.driver_harness import LIMITS, Harness, WaxController, answer, frame, pose
+from support.driver_harness import LIMITS, Harness, ScriptedController, answer, frame, pose
 from support.event_loop import now, run, stand_still, until
 
 from epson_driver.cli import processes
+from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.driver.services import ServiceError
-from epson_driver.driver.state.robot_state import DISTRUST, POSE_AGE
+from epson_driver.driver.state.robot_state import DISTRUST_TIME_S, MAX_POSE_AGE_S
 
 pytestmark = pytest.mark.invariant(6, 8)
 
@@ -38,12 +38,12 @@ def test_inv6_one_feedback_among_positions_silences_nothing():
     """docs/invariants.md, 6 and 8: every joint message is an event again after a few."""
 
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
             for _ in range(3):
                 seen = len(harness.events.samples)
                 received = harness.driver.state_link.statistics.frames_received
-                wax.extra = feedback(0.001)
+                scripted.extra = feedback(0.001)
                 await more(harness, 20)
                 came = harness.driver.state_link.statistics.frames_received - received
                 assert len(harness.events.samples) - seen >= came / 2 - 4  # the rest are STATUS
@@ -54,19 +54,19 @@ def test_inv6_one_feedback_among_positions_silences_nothing():
 
 def test_feedback_that_comes_with_each_position_is_what_counts():
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
             for _ in range(20):
-                wax.extra = feedback(0.001, valid=6)
-                await until(lambda: not wax.extra)
+                scripted.extra = feedback(0.001, valid=6)
+                await until(lambda: not scripted.extra)
             harness.events.samples.clear()
             for _ in range(20):
-                wax.extra = feedback(0.001, valid=6)
-                await until(lambda: not wax.extra)
+                scripted.extra = feedback(0.001, valid=6)
+                await until(lambda: not scripted.extra)
             assert {float(s.positions[0]) for _, s in harness.events.samples} <= {
                 struct.unpack('<f', struct.pack('<f', 0.001))[0]
             }
-            wax.extra = b''  # and when it ends, the positions count again
+            scripted.extra = b''  # and when it ends, the positions count again
             await until(lambda: harness.events.samples[-1][1].positions[0] == 0.0)
 
     run(scenario())
@@ -87,21 +87,23 @@ def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, s
 
     async def scenario():
         async with (
-            WaxController(lambda number: answer(1, number) if number < 0 else b'') as wax,
-            Harness(wax.ports) as harness,
+            ScriptedController(
+                lambda number: answer(1, number) if number < 0 else b''
+            ) as scripted,
+            Harness(scripted.ports) as harness,
         ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = harness.submit(pose(0.5))
-            wax.extra = message
+            scripted.extra = message
             outcome = await goal.end()
             assert outcome.end is End.ABORTED
             assert 'the joint state cannot be true: ' in outcome.text
             assert 'the joint state cannot be true: ' in harness.gate
             assert harness.driver.state_link.statistics.bad_frames['joints'] == 1
             began = now()
-            await harness.services.enable()
-            assert now() - began > 0.5 * DISTRUST
+            await harness.commands.enable()
+            assert now() - began > 0.5 * DISTRUST_TIME_S
             assert not any(sample.positions.any() for _, sample in harness.events.samples)
             assert harness.driver.state_link.connected
 
@@ -115,12 +117,12 @@ def test_inv6_enable_needs_joints_that_can_be_true():
     """docs/invariants.md, 6."""
 
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
-            wax.shows_joints = False
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+            scripted.shows_joints = False
 
             async def impossible():
                 while True:
-                    wax.extra = position(LIMITS.position_max[0] + 0.2)
+                    scripted.extra = position(LIMITS.position_max[0] + 0.2)
                     await asyncio.sleep(0.005)
 
             task = asyncio.create_task(impossible())
@@ -129,9 +131,9 @@ def test_inv6_enable_needs_joints_that_can_be_true():
             )
             await until(lambda: harness.driver.state_link.statistics.bad_frames['joints'])
             with pytest.raises(
-                ServiceError, match=r'the joint state cannot be true: joint_1 is re'
+                CommandError, match=r'the joint state cannot be true: joint_1 is re'
             ):
-                await harness.services.enable()
+                await harness.commands.enable()
             assert harness.gate is not None
             assert not harness.events.samples
             task.cancel()
@@ -143,20 +145,23 @@ def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
     """docs/invariants.md, 6: the STATUS goes on, and the link waits for long."""
 
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports, state_timeout=60.0) as harness:
+        async with (
+            ScriptedController() as scripted,
+            Harness(scripted.ports, state_timeout=60.0) as harness,
+        ):
             await harness.ready()
-            await harness.services.enable()
-            wax.shows_joints = False
+            await harness.commands.enable()
+            scripted.shows_joints = False
             await more_statuses(harness, 3)
             stopped = now()
-            await until(lambda: now() > stopped + 1.1 * POSE_AGE)
+            await until(lambda: now() > stopped + 1.1 * MAX_POSE_AGE_S)
             goal = harness.submit(pose(0.5))
             outcome = await goal.end()
             assert outcome.code is ErrorCode.INVALID_GOAL
             assert 'the newest joint state is ' in outcome.text
-            assert wax.received == []
-            with pytest.raises(ServiceError, match='the newest joint state is'):
-                await harness.services.enable()
+            assert scripted.received == []
+            with pytest.raises(CommandError, match='the newest joint state is'):
+                await harness.commands.enable()
 
     run(scenario())
 
@@ -175,7 +180,7 @@ def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path
             ports = await asyncio.to_thread(controller.ports)
             async with Harness(ports, state_timeout=0.3) as harness:
                 await harness.ready()
-                await harness.services.enable()
+                await harness.commands.enable()
                 for at in (0.1, 0.0):
                     stand_still(1.5)
                     goal = harness.submit(pose(at), start=harness.at)
@@ -201,25 +206,25 @@ def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
     """docs/invariants.md, 5: between the goal and its start."""
 
     async def scenario():
-        async with WaxController() as wax, Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
-            stand_still(2 * POSE_AGE)
+            await harness.commands.enable()
+            stand_still(2 * MAX_POSE_AGE_S)
             goal = harness.submit(pose(0.1))
             assert not goal.outcomes
             if end == 'cancel':
-                harness.driver.goals.cancel(goal.ticket)
+                harness.driver.goal_queue.cancel(goal.handle)
                 assert goal.outcome.text == 'canceled before it could start'
             elif end == 'newer':
                 newer = harness.submit(pose(0.2))
                 assert goal.outcome.text == 'replaced by a newer goal before it could start'
-                await until(lambda: wax.received)
+                await until(lambda: scripted.received)
                 assert not newer.outcomes
             else:
                 harness.driver.fault('somebody pulled the plug')
                 assert goal.outcome.text.startswith('somebody pulled the plug')
             await more(harness, 50)
             assert len(goal.outcomes) == 1
-            assert bool(wax.received) == (end == 'newer')
+            assert bool(scripted.received) == (end == 'newer')
 
     run(scenario())

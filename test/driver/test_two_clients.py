@@ -73,10 +73,10 @@ def test_each_drives_its_own_arm_and_stays_when_the_other_is_shut_down(make_node
                 clients = (first, second)
                 await until(lambda: all(c.driver.robot.status for c in clients))
                 await until(lambda: all(c.driver.motion_link.connected for c in clients))
-                await second._services.enable()
+                await second.commands.enable()
                 assert second.driver.gate.reason is None
                 assert first.driver.gate.reason is not None
-                await first._services.enable()
+                await first.commands.enable()
             seen = len(first.driver.robot.arrivals)
             await until(lambda: len(first.driver.robot.arrivals) > seen + 20)
             assert first.driver.gate.reason is None

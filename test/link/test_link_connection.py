@@ -69,7 +69,7 @@ def test_the_controller_may_start_later():
 
 
 def test_a_link_that_was_lost_after_a_while_comes_back_at_once(monkeypatch):
-    monkeypatch.setattr('epson_driver.link.link.PROVEN_AFTER', 0.1)
+    monkeypatch.setattr('epson_driver.link.link.MIN_PROVEN_UPTIME_S', 0.1)
     monkeypatch.setattr('epson_driver.link.link.back_off', lambda n: 0.0 if n < 3 else 5.0)
 
     async def scenario():
@@ -485,7 +485,7 @@ def test_small_frames_are_not_delayed_and_a_vanished_peer_is_noticed():
     async def scenario():
         async with Peer(silent) as peer, Harness(peer.port) as harness:
             await harness.connected()
-            ours = harness.link._writer.get_extra_info('socket')
+            ours = harness.link.transport.get_extra_info('socket')
             assert ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
             assert ours.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
             if hasattr(socket, 'TCP_KEEPIDLE'):
@@ -517,11 +517,11 @@ def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
                 await greet(connection)
 
         def trace(_direction, _data):
-            sizes.append(harness.link._writer.transport.get_write_buffer_size())
+            sizes.append(harness.link.transport.get_write_buffer_size())
 
         async with Peer(talk) as peer, Harness(peer.port, trace=trace) as harness:
             await harness.connected()
-            ours = harness.link._writer.get_extra_info('socket')
+            ours = harness.link.transport.get_extra_info('socket')
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
             await until(lambda: harness.packets)
             assert max(sizes) <= 200_000

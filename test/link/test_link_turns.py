@@ -8,7 +8,7 @@ import logging
 from support.event_loop import run, stand_still, until
 from support.link_harness import Harness, Peer, frame, joints
 
-from epson_driver.link.link import FRAMES_A_TURN
+from epson_driver.link.link import MAX_FRAMES_PER_TURN
 
 MANY = 1000
 
@@ -28,7 +28,7 @@ def test_others_have_their_turn_between_frames():
             while seen < MANY:
                 await asyncio.sleep(0)
                 most, seen = max(most, len(harness.packets) - seen), len(harness.packets)
-            assert 0 < most <= FRAMES_A_TURN
+            assert 0 < most <= MAX_FRAMES_PER_TURN
 
     run(scenario())
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from epson_driver.link.replies import PendingReplies, Waiting, command_of, sequence_of
+from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
 from epson_driver.simple_message import (
     Frame,
     GetVersion,
@@ -55,7 +55,7 @@ def garbage(msg_type=10):
 
 
 def waiting_for(message, sent=0.0):
-    return Waiting(request(message).msg_type, sequence_of(message), sent, lambda *_: None)
+    return PendingRequest(request(message).msg_type, sequence_of(message), sent, lambda *_: None)
 
 
 def answered(*steps):
@@ -229,7 +229,7 @@ def test_a_motion_reply_answers_the_command_that_it_repeats():
     for message in (point, stop):
         packet = request(message)
         pending.add(
-            Waiting(
+            PendingRequest(
                 packet.msg_type, sequence_of(message), 0.0, lambda *_: None, command_of(message)
             )
         )

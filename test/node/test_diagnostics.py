@@ -5,7 +5,7 @@
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from support.driver_harness import JOINTS, Harness, WaxController, open_gate
+from support.driver_harness import JOINTS, Harness, ScriptedController, open_gate
 from support.event_loop import now, run, until
 
 from epson_driver.link import LinkState
@@ -262,7 +262,7 @@ def test_a_running_driver_without_a_controller():
 
 def test_a_connection_has_its_time_until_it_is_lost():
     async def scenario():
-        async with WaxController() as controller, Harness(controller.ports) as harness:
+        async with ScriptedController() as controller, Harness(controller.ports) as harness:
             await harness.ready()
             links = (harness.driver.state_link, harness.driver.motion_link)
             assert all(0 < link.statistics.connected_since <= now() for link in links)

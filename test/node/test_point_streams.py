@@ -11,7 +11,7 @@ from support.event_loop import run, until
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End
 from epson_driver.motion import Trajectory
-from epson_driver.node.point_streams import SENTENCE, STREAM_GAP, PointStreams
+from epson_driver.node.point_streams import MAX_GAP_S, WARNING, PointStreams
 
 PERIOD = 0.02
 
@@ -20,14 +20,14 @@ def test_a_stream_of_single_points_is_noticed_once():
     streams = PointStreams()
     said = [streams.noticed(1, PERIOD * count) for count in range(100)]
     assert [count for count, text in enumerate(said) if text] == [2]
-    assert said[2] == SENTENCE
+    assert said[2] == WARNING
     again = [streams.noticed(1, 60.0 + PERIOD * count) for count in range(100)]
     assert [count for count, text in enumerate(again) if text] == [2]
 
 
 def test_single_points_now_and_then_are_no_stream():
     streams = PointStreams()
-    assert not any(streams.noticed(1, 1.5 * STREAM_GAP * count) for count in range(50))
+    assert not any(streams.noticed(1, 1.5 * MAX_GAP_S * count) for count in range(50))
     assert not any(streams.noticed(10, PERIOD * count) for count in range(50))
     assert not any(streams.noticed(1 + count % 2, PERIOD * count) for count in range(50))
 
@@ -40,14 +40,14 @@ def test_a_stream_of_single_points_ends_every_goal_and_leaves_the_arm_at_rest():
                 target = pose(0.006 * count)  # 0.3 rad/s
                 single = Trajectory(LIMITS.names, np.array([PERIOD]), target[None])
                 goals.append(Submitted(Goal(single, np.full(JOINTS, 0.01), goal_time=0.0)))
-                harness.driver.goals.submit(goals[-1].ticket)
+                harness.driver.goal_queue.submit(goals[-1].handle)
                 await asyncio.sleep(PERIOD)
             await until(lambda: all(goal.outcomes for goal in goals))
             for goal in goals[:-1]:
                 assert goal.outcome.end is End.ABORTED or goal.outcome.end is End.SUCCEEDED
                 assert goal.outcome.text
             assert await harness.rests()
-            assert not harness.driver.goals.busy
+            assert not harness.driver.goal_queue.busy
             assert harness.gate is None
             assert 0.0 < harness.at[0] <= 0.3 + 1e-3
             fastest = max(abs(sample.velocities).max() for _, sample in harness.events.samples)

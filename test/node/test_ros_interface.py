@@ -24,11 +24,11 @@ from support.event_loop import run as run_scenario
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli.processes import free_ros_domain
-from epson_driver.driver.goal.execution import Settings
-from epson_driver.driver.outcome import GoalRefusedError
+from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.node import ClientNode
-from epson_driver.node.parameters import TABLE, joint_rows, refusal
+from epson_driver.node.parameters import TABLE, joint_rows, rejection
 from epson_driver.simple_message import Status
 from epson_driver.trace.trace import MEGABYTE
 
@@ -118,7 +118,7 @@ def test_every_parameter_that_is_declared_is_described(made):
     described = set(re.findall(r'^\* `([\w.<>]+)` \(', section('Parameters'), re.MULTILINE))
     joints = made.driver.configuration.limits.names
     declared = set()
-    for name in made.node._parameters:
+    for name in made.node.get_parameters_by_prefix(''):
         for joint in joints:
             name = name.replace(f'.{joint}.', '.<joint>.')
         declared.add(name)
@@ -134,7 +134,7 @@ def test_every_key_of_the_diagnostics_is_described():
     async def scenario():
         async with simulated() as (_, ports), Harness(ports) as harness:
             await harness.ready()
-            await harness.services.stop()  # a reply, for the latency
+            await harness.commands.stop()  # a reply, for the latency
             diagnostics = Diagnostics(harness.driver, 'x')
             harness.driver.state_link.statistics.bad_frames['body'] += 1
             diagnostics.build(Time(), now())
@@ -157,7 +157,9 @@ def goal_of(made, last_velocity=0.0):
             positions=[0.0] * 6, velocities=[last_velocity] * 6, time_from_start=Duration(sec=1)
         )
     ]
-    return made.client._checked(FollowJointTrajectory.Goal(trajectory=message))
+    return made.client.goal_server.requests.checked_goal(
+        FollowJointTrajectory.Goal(trajectory=message)
+    )
 
 
 def path_tolerance(made):
@@ -168,17 +170,17 @@ def path_tolerance(made):
 def may_end_moving(made):
     try:
         goal_of(made, last_velocity=0.1)
-    except GoalRefusedError:
+    except GoalRejectedError:
         return False
     return True
 
 
 EFFECTS = {
-    'reply_timeout': (7.5, lambda made: made.driver.goals.settings.reply_timeout),
-    'start_tolerance': (0.4, lambda made: made.driver.goals.start_tolerance),
+    'reply_timeout': (7.5, lambda made: made.driver.goal_queue.settings.reply_timeout),
+    'start_tolerance': (0.4, lambda made: made.driver.goal_queue.start_tolerance),
     'constraints.stopped_velocity_tolerance': (
         0.5,
-        lambda made: made.driver.goals.settings.stopped_velocity,
+        lambda made: made.driver.goal_queue.settings.stopped_velocity,
     ),
     'constraints.joint_1.trajectory': (0.2, path_tolerance),
     'trace_size': (7.0, lambda made: made.driver.trace.largest / MEGABYTE),
@@ -208,20 +210,20 @@ def test_a_change_holds_for_the_goal_that_runs_too():
     async def scenario():
         async with simulated() as (_, ports), Harness(ports) as harness:
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = harness.submit(pose(0.3))
-            changed = harness.driver.goals.settings = Settings(reply_timeout=123.0)
-            assert goal.ticket.execution.settings is changed
-            harness.driver.goals.cancel(goal.ticket)
+            changed = harness.driver.goal_queue.settings = GoalSettings(reply_timeout=123.0)
+            assert goal.handle.execution.settings is changed
+            harness.driver.goal_queue.cancel(goal.handle)
             await goal.end()
 
     run_scenario(scenario())
 
 
 def test_a_choice_that_may_change_is_refused_with_the_others():
-    assert refusal([Parameter('timing', value='as_planned')]) == ''
-    assert refusal([Parameter('start_tolerance', value=0.1)]) == ''
-    why = refusal([Parameter('start_tolerance', value=0.1), Parameter('timing', value='soon')])
+    assert rejection([Parameter('timing', value='as_planned')]) == ''
+    assert rejection([Parameter('start_tolerance', value=0.1)]) == ''
+    why = rejection([Parameter('start_tolerance', value=0.1), Parameter('timing', value='soon')])
     assert why == "parameter timing = 'soon': must be one of as_planned, time_optimal"
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A driver, what it reported, and a controller for it: the simulated one, or one of wax."""
+"""A driver, what it reported, and a controller for it: the simulated one, or a scripted one."""
 
 import asyncio
 import contextlib
@@ -8,12 +8,12 @@ import struct
 
 import numpy as np
 
+from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.goal.execution import Settings
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goals import Ticket
-from epson_driver.driver.services import Services
+from epson_driver.driver.goal.goal_queue import GoalHandle
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.motion import Trajectory
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
@@ -56,7 +56,7 @@ class Submitted:
         self.outcomes = []
         self.ended_at = None
         self.feedback = []
-        self.ticket = Ticket(goal, self._on_end, self._on_feedback)
+        self.handle = GoalHandle(goal, self._on_end, self._on_feedback)
 
     def _on_end(self, outcome):
         self.ended_at = now()
@@ -80,7 +80,7 @@ class Harness:
     """A driver that runs, its services, its events, and goals for it."""
 
     def __init__(self, ports, **options):
-        settings = options.pop('settings', Settings())
+        settings = options.pop('settings', GoalSettings())
         defaults = {
             'host': '127.0.0.1',
             'motion_port': ports.motion,
@@ -92,7 +92,7 @@ class Harness:
         }
         self.events = Recorder()
         self.driver = Driver(Configuration(**defaults | options), self.events, settings)
-        self.services = Services(self.driver)
+        self.commands = ArmCommands(self.driver)
 
     async def __aenter__(self):
         self._task = asyncio.create_task(self.driver.run())
@@ -137,7 +137,7 @@ class Harness:
             Trajectory(LIMITS.names, times, positions), np.full(JOINTS, tolerance), goal_time=0.0
         )
         submitted = Submitted(goal)
-        self.driver.goals.submit(submitted.ticket)
+        self.driver.goal_queue.submit(submitted.handle)
         return submitted
 
     async def until_moving(self):
@@ -190,11 +190,11 @@ async def cell(*, enabled=True, **options):
     async with simulated() as (controller, ports), Harness(ports, **options) as harness:
         await harness.ready()
         if enabled:
-            await harness.services.enable()
+            await harness.commands.enable()
         yield harness, controller
 
 
-class WaxController:
+class ScriptedController:
     """A controller that does what a test says: `reply(sequence)` gives the bytes for a point.
 
     Its state port sends joints and a status each 5 ms; `shows_joints` and `shows_status` stop one

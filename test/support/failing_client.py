@@ -20,13 +20,13 @@ from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
 
 from epson_driver.cli import client
-from epson_driver.driver import services
+from epson_driver.driver import arm_commands
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.goal.execution import Execution
-from epson_driver.driver.goal.goals import Goals
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.io import io_driver
 from epson_driver.link import Link
-from epson_driver.node import messages, node, tracing
+from epson_driver.node import goal_requests, goal_server, loop_bridge, messages, node, tracing
 from epson_driver.node import speed_scaling as speed_node
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.trace.trace import Trace
@@ -116,8 +116,8 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('io subscription', io_driver.IoDriver, '_left'),
     ('state packet', Driver, '_on_state_packet'),
     ('status', Driver, '_take_status'),
-    ('reply', Execution, 'on_reply'),
-    ('state of the goal', Execution, 'on_state'),
+    ('reply', GoalExecution, 'on_reply'),
+    ('state of the goal', GoalExecution, 'on_state'),
     ('diagnostics', Diagnostics, 'build'),
     ('publish joints', messages.JointStateWriter, 'write', lambda: fail(AssertionError)),
     ('publish status', messages, 'robot_status', lambda: fail(AssertionError)),
@@ -136,8 +136,8 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
         in_loop(lambda loop: loop.call_soon(leave)),
     ),
     ('interrupt', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.call_soon(interrupt))),
-    ('submit', Goals, 'submit'),
-    ('cancel in the loop', Goals, 'cancel'),
+    ('submit', GoalQueue, 'submit'),
+    ('cancel in the loop', GoalQueue, 'cancel'),
     # the executor's thread, and others
     ('executor', SingleThreadedExecutor, 'spin_once'),
     ('executor, always', SingleThreadedExecutor, 'spin_once'),
@@ -145,19 +145,19 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('rclpy', ActionServer, '_execute_cancel_request'),
     ('thread', node.ClientNode, 'on_joints', fail_in_a_thread),
     # requests
-    ('~/stop', services.Services, 'stop'),
-    ('~/enable', services.Services, 'enable'),
-    ('~/disable', services.Services, 'disable'),
-    ('~/reset_error', services.Services, 'reset_error'),
-    ('exit of ~/reset_error', services.Services, '_act', leave),
+    ('~/stop', arm_commands.ArmCommands, 'stop'),
+    ('~/enable', arm_commands.ArmCommands, 'enable'),
+    ('~/disable', arm_commands.ArmCommands, 'disable'),
+    ('~/reset_error', arm_commands.ArmCommands, 'reset_error'),
+    ('exit of ~/reset_error', arm_commands.ArmCommands, '_act', leave),
     ('~/read_io', io_driver.IoDriver, 'read'),
     ('~/write_io', io_driver.IoDriver, 'write'),
-    ('~/set_speed_scaling', speed_node.SpeedInterface, '_set'),
-    ('goal', node.ClientNode, '_checked'),
-    ('trajectory', node.ClientNode, '_take_trajectory'),
+    ('~/set_speed_scaling', speed_node.SpeedScalingInterface, '_set'),
+    ('goal', goal_requests.GoalRequests, 'checked_goal'),
+    ('trajectory', goal_server.GoalServer, 'take_trajectory'),
     (
         'cancel',
-        node.Serving,
+        loop_bridge.LoopBridge,
         'to_loop',
         fail,
         lambda _, function, *__: function.__name__ == 'cancel',

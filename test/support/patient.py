@@ -19,19 +19,19 @@ COMMAND = (sys.executable, str(Path(__file__)))
 LONG = 45.0
 
 TIMEOUTS = {
-    'epson_driver.node.diagnostics': {'STATUS_TIMEOUT': LONG},
+    'epson_driver.node.diagnostics': {'STATUS_TIMEOUT_S': LONG},
     # the end of the process waits so long for what may have failed: not too long, therefore
-    'epson_driver.driver.driver': {'STATUS_TIMEOUT': LONG, 'SHUT_DOWN_TIMEOUT': 8.0},
-    'epson_driver.driver.goal.execution': {'SETTLE_TIME': LONG},
-    'epson_driver.node.node': {'RESULTS_TIMEOUT': 8.0, 'RESULTS_LINGER': 2.0},
-    'epson_driver.node.ros_thread': {'LEAVE_TIMEOUT': 8.0},
-    'epson_driver.driver.services': {'ANSWER_TIMEOUT': LONG},
+    'epson_driver.driver.driver': {'STATUS_TIMEOUT_S': LONG, 'SHUT_DOWN_TIMEOUT_S': 8.0},
+    'epson_driver.driver.goal.goal_execution': {'SETTLE_TIME_S': LONG},
+    'epson_driver.node.node': {'RESULTS_TIMEOUT_S': 8.0, 'RESULTS_LINGER_S': 2.0},
+    'epson_driver.node.ros_thread': {'LEAVE_TIMEOUT_S': 8.0},
+    'epson_driver.driver.arm_commands': {'ANSWER_TIMEOUT_S': LONG},
     'epson_driver.driver.stopping.stopper': {
-        'ANSWER_TIME': LONG,
-        'BRAKING_TIME': LONG,
-        'MOTORS_TIMEOUT': LONG,
+        'ANSWER_TIMEOUT_S': LONG,
+        'BRAKING_TIMEOUT_S': LONG,
+        'MOTORS_OFF_TIMEOUT_S': LONG,
     },
-    'epson_driver.link.link': {'CONNECT_TIMEOUT': LONG},
+    'epson_driver.link.link': {'CONNECT_TIMEOUT_S': LONG},
 }
 
 

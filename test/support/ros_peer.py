@@ -6,7 +6,8 @@ import itertools
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -120,9 +121,9 @@ class RosPeer:
     def __init__(self, domain: int, prefix: str = '', node: str = 'epson_driver') -> None:
         self._domain = domain
         context = CONTEXTS.take(domain)
-        self._node = Node(f'peer_{next(NUMBERS)}', context=context)
+        self.node = Node(f'peer_{next(NUMBERS)}', context=context)
         self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.node)
         self._changed = threading.Condition()
         self.joint_states: list[JointState] = []
         self.robot_status: list[RobotStatus] = []
@@ -142,31 +143,31 @@ class RosPeer:
                 100,
             ),
         ):
-            self._node.create_subscription(kind, topic, self._keep(kept.append), qos)
-        self._node.create_subscription(
+            self.node.create_subscription(kind, topic, self._keep(kept.append), qos)
+        self.node.create_subscription(
             String,
             f'{driver}/link_state',
             self._keep(lambda message: self.link_states.append(message.data)),
             latched,
         )
-        self.trajectory_topic = self._node.create_publisher(
+        self.trajectory_topic = self.node.create_publisher(
             JointTrajectory, f'{driver}/joint_trajectory', 10
         )
         self.action = ActionClient(
-            self._node, FollowJointTrajectory, f'{driver}/follow_joint_trajectory'
+            self.node, FollowJointTrajectory, f'{driver}/follow_joint_trajectory'
         )
         self._services = {
-            name: self._node.create_client(Trigger, f'{driver}/{name}')
+            name: self.node.create_client(Trigger, f'{driver}/{name}')
             for name in ('stop', 'enable', 'disable', 'reset_error')
         }
         self.speed_scaling: list[float] = []
-        self._node.create_subscription(
+        self.node.create_subscription(
             Float64,
             f'{driver}/speed_scaling',
             self._keep(lambda message: self.speed_scaling.append(message.data)),
             latched,
         )
-        self._set_speed = self._node.create_client(SetSpeedScaling, f'{driver}/set_speed_scaling')
+        self._set_speed = self.node.create_client(SetSpeedScaling, f'{driver}/set_speed_scaling')
         self._closing = False
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -181,7 +182,7 @@ class RosPeer:
         self._thread.join(PATIENCE)  # nothing is taken from a thread that still uses it
         assert not self._thread.is_alive(), 'a callback does not end'
         self._executor.shutdown()
-        self._node.destroy_node()
+        self.node.destroy_node()
         CONTEXTS.give(self._domain)
 
     def _keep(self, store: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -226,6 +227,21 @@ class RosPeer:
             lambda: self.robot_status and self.robot_status[-1].mode.val != -1, 'robot_status'
         )
         self.wait_for(lambda: 'connected' in self.link_states[-1:], 'link_state connected')
+
+    @contextmanager
+    def client(self, kind: Any, name: str, **options: Any) -> Iterator[Any]:
+        """Make a client of a service that is there; it is destroyed at the end of the block."""
+        client = self.node.create_client(kind, name, **options)
+        try:
+            assert client.wait_for_service(PATIENCE)
+            yield client
+        finally:
+            self.node.destroy_client(client)
+
+    def begin_call(self, service: str) -> Any:
+        """Call `~/stop`, `~/enable`, … and return the future of its answer."""
+        client = self._services[service]
+        return self.in_executor(lambda: client.call_async(Trigger.Request()))
 
     def call(self, service: str) -> tuple[bool, str]:
         """Call `~/stop`, `~/enable`, … and return (success, message)."""

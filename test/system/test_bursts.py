@@ -33,7 +33,7 @@ def at_once(peer: RosPeer, send: Callable[[], Any], count: int) -> list[Any]:
 @pytest.fixture(scope='module')
 def action(shared_cell: Cell) -> Iterator[Any]:
     client = ActionClient(
-        shared_cell.peer._node,
+        shared_cell.peer.node,
         FollowJointTrajectory,
         'epson_driver/follow_joint_trajectory',
         goal_service_qos_profile=DEEP,
@@ -71,10 +71,6 @@ def test_each_of_many_calls_that_come_at_once_is_answered(
     shared_cell: Cell, kind: Any, name: str, count: int
 ) -> None:
     peer = shared_cell.peer
-    client = peer._node.create_client(kind, f'epson_driver/{name}', qos_profile=DEEP)
-    assert client.wait_for_service(PATIENCE)
-    try:
+    with peer.client(kind, f'epson_driver/{name}', qos_profile=DEEP) as client:
         answers = at_once(peer, lambda: client.call_async(kind.Request()), count)
-    finally:
-        peer._node.destroy_client(client)
     assert len(answers) == count

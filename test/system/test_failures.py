@@ -275,12 +275,8 @@ def test_a_failure_stops_all_robots_of_the_process(tmp_path: Path, name: str) ->
 def ask(robot: Robot, kind: Any, name: str, request: Any = None) -> Any:
     """Call a service and return its response."""
     peer = robot.peer
-    client = peer._node.create_client(kind, name)
-    try:
-        assert client.wait_for_service(PATIENCE)
+    with peer.client(kind, name) as client:
         return peer.complete(client.call_async(request or kind.Request()))
-    finally:
-        peer._node.destroy_client(client)
 
 
 POINTS = [IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=1)]

@@ -54,7 +54,7 @@ class Values:
     def __init__(self, cell: Cell) -> None:
         self._peer = cell.peer
         self._clients = {
-            kind: cell.peer._node.create_client(kind, f'/epson_driver/{name}')
+            kind: cell.peer.node.create_client(kind, f'/epson_driver/{name}')
             for kind, name in (
                 (SetParameters, 'set_parameters'),
                 (SetParametersAtomically, 'set_parameters_atomically'),

@@ -83,7 +83,7 @@ def names_of(peer: RosPeer, robot: str) -> set[tuple[str, str]]:
     return {
         (kind, name)
         for kind, ask in asks.items()
-        for name, _ in ask(peer._node, 'epson_driver', f'/{robot}')
+        for name, _ in ask(peer.node, 'epson_driver', f'/{robot}')
     }
 
 
@@ -185,7 +185,7 @@ def test_an_e_stop_leaves_the_others_enabled(fleet: Fleet) -> None:
 
 def test_parameters_are_apart(fleet: Fleet) -> None:
     clients = {
-        name: AsyncParameterClient(peer._node, f'/{name}/epson_driver')
+        name: AsyncParameterClient(peer.node, f'/{name}/epson_driver')
         for name, peer in fleet.peers.items()
     }
 

@@ -8,17 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from std_srvs.srv import Trigger
 from support.cell import LASTS, START, Cell
-from support.ros_peer import RosPeer, trajectory
+from support.ros_peer import trajectory
 
 RACES = 20
-
-
-def call(peer: RosPeer, service: str) -> Any:
-    """Call a service and return the future of its answer."""
-    client = peer._services[service]
-    return peer.in_executor(lambda: client.call_async(Trigger.Request()))
 
 
 @pytest.mark.invariant(4)
@@ -33,7 +26,7 @@ def test_invariant_4_no_enable_on_its_way_arms_after_disable(make_cell: Any, rem
     here = peer.position().tolist()
     there = [here[0] + 0.1, *here[1:]]
     for _ in range(RACES):
-        enabling = call(peer, 'enable')
+        enabling = peer.begin_call('enable')
         time.sleep(chance.uniform(0.0, 0.08))  # the races' moment, not a wait for anything
         success, message = peer.call('disable')
         assert success, message

@@ -23,7 +23,7 @@ SENT = WireEvent.SENT
 
 
 def set_parameter(peer: RosPeer, name: str, value: Any) -> Any:
-    client = AsyncParameterClient(peer._node, 'epson_driver')
+    client = AsyncParameterClient(peer.node, 'epson_driver')
     peer.wait_for(client.services_are_ready, 'parameter services')
     response = peer.complete(client.set_parameters([Parameter(name, value=value)]))
     return response.results[0]

@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from epson_driver.trace.pcap import (
-    LARGEST_SEGMENT,
+    MAX_SEGMENT_BYTES,
     Conversation,
     Flag,
     PcapError,
@@ -108,12 +108,14 @@ def packet_of(file, number):
 
 
 def test_a_side_that_only_listens_acknowledges_within_the_window():
-    file = written(*[from_server(bytes(1000))] * 200, from_server(bytes(3 * LARGEST_SEGMENT + 1)))
+    file = written(
+        *[from_server(bytes(1000))] * 200, from_server(bytes(3 * MAX_SEGMENT_BYTES + 1))
+    )
     sent = acknowledged = None
     for segment, (_, packet) in zip(read_segments(file), records(file), strict=True):
         if segment.source == SERVER:
             sent = segment.sequence + len(segment.data)
-            assert len(segment.data) <= LARGEST_SEGMENT
+            assert len(segment.data) <= MAX_SEGMENT_BYTES
             assert acknowledged is None or sent - acknowledged < 65535
         else:
             acknowledged = struct.unpack_from('!I', packet, 42)[0] or None

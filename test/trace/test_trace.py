@@ -174,7 +174,7 @@ class BrokenFile:
 
 
 def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch):
-    monkeypatch.setattr(trace_module, 'WRITE_PERIOD', 0.001)
+    monkeypatch.setattr(trace_module, 'WRITE_PERIOD_S', 0.001)
 
     def full(_data):
         raise OSError(errno.ENOSPC, 'x')
@@ -203,8 +203,8 @@ def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch):
 
 
 def test_a_disk_that_hangs_is_not_waited_for(caplog, monkeypatch):
-    monkeypatch.setattr(trace_module, 'WRITE_PERIOD', 0.001)
-    monkeypatch.setattr(trace_module, 'MOST_UNWRITTEN', 2000)
+    monkeypatch.setattr(trace_module, 'WRITE_PERIOD_S', 0.001)
+    monkeypatch.setattr(trace_module, 'MAX_UNWRITTEN_BYTES', 2000)
     going = trace_module.threading.Event()
     file = BrokenFile(lambda data: going.wait(60) and len(data))
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from epson_driver.motion import Array, Trajectory
+from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import Message, Packet
 
 OnReply = Callable[[Packet, float], None]
@@ -25,19 +26,20 @@ OnReply = Callable[[Packet, float], None]
 class DeliveryRules:
     """What the controller takes: parameters and its profile.
 
-    motoman: its points need Motoman's commands. buffer, dead_time (s per point): of a download, as
-    in the profile (docs/controllers.md).
+    motoman: its points need Motoman's commands. velocity_unit: of a JOINT_TRAJ_PT. buffer,
+    dead_time (s per point): of a download. All as in the profile (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download'] = 'streaming'
     point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] = 'joint_traj_pt'
     motoman: bool = False
+    velocity_unit: VelocityUnit = VelocityUnit.FRACTION
     buffer: int = 1000
     dead_time: float = 0.0
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedTrajectory:
     """A trajectory as it is executed, and its messages, in the order in which they are posted.
 
     delay: how long after the first of them the controller lets the arm stand before it moves, s.
@@ -56,10 +58,10 @@ class Delivery(Protocol):
 
     resumes: bool
 
-    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
+    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).
 
-        Raises GoalRefusedError if the controller cannot take it.
+        Raises GoalRejectedError if the controller cannot take it.
         """
 
     def post(self, message: Message, on_reply: OnReply) -> None:

@@ -15,12 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery import OnReply, Prepared
-from epson_driver.driver.delivery.points import SHORTEST_DURATION, STOP, trajectory_points
-from epson_driver.driver.outcome import ErrorCode, GoalRefusedError
+from epson_driver.driver.delivery.delivery import OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP, trajectory_points
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import (
     JointPosition,
     JointTrajPt,
@@ -30,17 +31,17 @@ from epson_driver.simple_message import (
     reply,
 )
 
-MOST_UNSENT = 16384
+MAX_UNSENT_BYTES = 16384
 """While more bytes than this wait for the controller to read them, no further point is sent."""
 
-START_TIME = 0.1
-"""After the dead times, the arm moves within this time, s."""
+MAX_START_DELAY_S = 0.1
+"""The arm begins to move within this time after the dead times of all points, s."""
 
-PAUSE = 0.005
-"""How long to wait before looking again, s."""
+UNSENT_CHECK_PERIOD_S = 0.005
+"""How often it is looked whether the controller has read what was sent, s."""
 
-TAKEN = reply(JointPosition(), ReplyCode.SUCCESS)
-"""Stands for the answer that a topic does not get."""
+ASSUMED_REPLY = reply(JointPosition(), ReplyCode.SUCCESS)
+"""Given to `on_reply` in place of a reply, which a topic does not get."""
 
 
 class Download:
@@ -55,26 +56,32 @@ class Download:
         mapping: JointMapping,
         buffer: int,
         dead_time: float,
+        velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
     ) -> None:
         self._link = link
         self._limits = limits
         self._mapping = mapping
         self._buffer = buffer
         self._dead_time = dead_time
+        self._velocity_unit = velocity_unit
 
-    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
-        """Return its points, at least two. Raises GoalRefusedError if the buffer is too small."""
-        points = trajectory_points(trajectory, start, self._limits, self._mapping)
+    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
+        """Return its points, at least two. Raises GoalRejectedError if the buffer is too small."""
+        points = trajectory_points(
+            trajectory, start, self._limits, self._mapping, self._velocity_unit
+        )
         numbered = download_sequences(points)
         if len(points) == 1:
             trajectory = _twice(trajectory)
         if len(numbered) > self._buffer:
-            raise GoalRefusedError(
+            raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 f'the trajectory has {len(numbered)} points, but the controller keeps '
                 f'{self._buffer} of a download: use fewer points, or interface: streaming',
             )
-        return Prepared(trajectory, list(numbered), len(numbered) * self._dead_time + START_TIME)
+        return PreparedTrajectory(
+            trajectory, list(numbered), len(numbered) * self._dead_time + MAX_START_DELAY_S
+        )
 
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Send a point, which counts as answered soon; or STOP, which the controller answers."""
@@ -86,10 +93,10 @@ class Download:
 
     def _go_on(self, on_reply: OnReply) -> None:
         loop = asyncio.get_running_loop()
-        if self._link.unsent > MOST_UNSENT:
-            loop.call_later(PAUSE, self._go_on, on_reply)
+        if self._link.unsent > MAX_UNSENT_BYTES:
+            loop.call_later(UNSENT_CHECK_PERIOD_S, self._go_on, on_reply)
         else:
-            on_reply(TAKEN, loop.time())
+            on_reply(ASSUMED_REPLY, loop.time())
 
 
 def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
@@ -109,5 +116,5 @@ def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
 
 def _twice(trajectory: Trajectory) -> Trajectory:
     """Return a trajectory of one point with a second one that is the same."""
-    times = np.array([0.0, SHORTEST_DURATION]) + trajectory.times[0]
+    times = np.array([0.0, MIN_DURATION_S]) + trajectory.times[0]
     return Trajectory(trajectory.joint_names, times, np.repeat(trajectory.positions, 2, axis=0))

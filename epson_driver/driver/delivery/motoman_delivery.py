@@ -3,8 +3,8 @@
 """Motoman's way: trajectory mode, JOINT_TRAJ_PT_FULL, and patience when its queue is full.
 
 * Before the first point START_TRAJ_MODE is sent. It is answered SUCCESS if the mode is on already.
-* A point that is answered BUSY has changed nothing; it is sent again after BUSY_PAUSE, until it
-  is taken or the goal is stopped.
+* A point that is answered BUSY has changed nothing; it is sent again after
+  BUSY_RETRY_PERIOD_S, until it is taken or the goal is stopped.
 * STOP is STOP_MOTION. The mode stays on.
 """
 
@@ -12,9 +12,9 @@ import asyncio
 import contextlib
 
 from epson_driver.driver.delivery.delivery import OnReply
-from epson_driver.driver.delivery.points import STOP
-from epson_driver.driver.delivery.refusal import refusal
+from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.streaming import FullStreaming
+from epson_driver.driver.delivery.trajectory_points import STOP
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import JointLimits
@@ -27,7 +27,7 @@ from epson_driver.simple_message import (
 )
 from epson_driver.simple_message.motoman import Command, Result
 
-BUSY_PAUSE = 0.01
+BUSY_RETRY_PERIOD_S = 0.01
 """How long to wait before a point is sent again, s; MotoROS works in cycles of 4 ms."""
 
 
@@ -56,7 +56,7 @@ class MotomanDelivery(FullStreaming):
         trajectory = self._trajectory
 
         def on_mode(packet: Packet, now: float) -> None:
-            if refusal(packet) is not None:
+            if reply_rejection(packet) is not None:
                 on_reply(packet, now)
             elif trajectory == self._trajectory:
                 with contextlib.suppress(ConnectionError):  # the lost link ends the goal
@@ -75,7 +75,7 @@ class MotomanDelivery(FullStreaming):
         def on_answer(packet: Packet, now: float) -> None:
             answer = packet.message
             if isinstance(answer, MotionReply) and answer.result == Result.BUSY:
-                asyncio.get_running_loop().call_later(BUSY_PAUSE, again)
+                asyncio.get_running_loop().call_later(BUSY_RETRY_PERIOD_S, again)
             else:
                 on_reply(packet, now)
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streaming interface: each point is a request, and its reply lets the next one go."""
 
-from epson_driver.driver.delivery.delivery import OnReply, Prepared
-from epson_driver.driver.delivery.points import (
+from epson_driver.driver.delivery.delivery import OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.trajectory_points import (
     from_standing,
     full_points,
     trajectory_points,
@@ -12,6 +12,7 @@ from epson_driver.driver.delivery.points import (
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import Message
 
 
@@ -20,15 +21,24 @@ class Streaming:
 
     resumes = False
 
-    def __init__(self, link: Link, limits: JointLimits, mapping: JointMapping) -> None:
+    def __init__(
+        self,
+        link: Link,
+        limits: JointLimits,
+        mapping: JointMapping,
+        velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
+    ) -> None:
         self._link = link
         self._limits = limits
         self._mapping = mapping
+        self._velocity_unit = velocity_unit
 
-    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
-        """Return one point for each of the trajectory's."""
-        points = trajectory_points(trajectory, start, self._limits, self._mapping)
-        return Prepared(trajectory, list(points))
+    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
+        """Return one message for each point of the trajectory."""
+        points = trajectory_points(
+            trajectory, start, self._limits, self._mapping, self._velocity_unit
+        )
+        return PreparedTrajectory(trajectory, list(points))
 
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Send a request."""
@@ -38,8 +48,8 @@ class Streaming:
 class FullStreaming(Streaming):
     """Points as JOINT_TRAJ_PT_FULL requests: time, positions, velocities."""
 
-    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
+    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return a point where the arm stands, and one for each that follows."""
         executed = with_velocities(from_standing(trajectory, start, self._limits))
         points = full_points(executed, self._limits, self._mapping)
-        return Prepared(executed, list(points))
+        return PreparedTrajectory(executed, list(points))

@@ -14,68 +14,131 @@ Rules:
    when the arm stands. If STOP's answer was taken for that of a point which never came, the state
    decides: an arm that has stood for longer. A fault sends STOP and ends the goal at once: it
    cannot wait for an arm that it may no longer see.
-5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIME at most: it
-   has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
+5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIMEOUT_S at most:
+   it has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
 6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
    against the plan at that moment (goal_clock.py), until the plan's end.
-7. A controller that is paused (pause.py) is waited for, however long: the clock stands and no
-   patience runs out.
+7. A controller that is paused (controller_pause.py) is waited for, however long: the clock stands
+   and no patience runs out.
 8. While the speed scaling is 0 no point is sent; what was acknowledged runs on.
-9. A goal breaks off when the controller does not answer in time, or refuses what follows points
+9. A goal breaks off when the controller does not answer in time, or rejects what follows points
    that it had taken. Nobody knows then what it will do with them: the arm must be enabled again.
+10. What is known of the arm when a goal has ended follows from the change that ended it
+    (AFTERMATH).
 """
 
+from dataclasses import dataclass
 from enum import Enum
 
 
-class State(Enum):
-    """Where a goal is."""
+class GoalState(Enum):
+    """Where a goal is.
+
+    Rejected: a point was refused, and none was taken before it; rejected midway: one was. While it
+    is canceling or stopping, STOP is on its way; when it is confirmed, STOP was acknowledged.
+    """
 
     PREPARING = 'preparing'
     STREAMING = 'streaming'
     SETTLING = 'settling'
-    REFUSED = 'refused'
+    REJECTED = 'rejected'
+    REJECTED_MIDWAY = 'rejected midway'
     CANCELING = 'canceling'
+    CANCELING_CONFIRMED = 'canceling, confirmed'
     STOPPING = 'stopping'
+    STOPPING_CONFIRMED = 'stopping, confirmed'
     SUCCEEDED = 'succeeded'
     CANCELED = 'canceled'
     ABORTED = 'aborted'
 
 
-class Event(Enum):
+class GoalEvent(Enum):
     """What happens to a goal."""
 
     PREPARED = 'prepared'
     LAST_REPLY = 'last reply'
-    REFUSAL = 'refusal'
+    REJECTION = 'rejection'
+    REJECTION_MIDWAY = 'rejection midway'
     AT_GOAL = 'at the goal'
     CANCEL = 'cancel'
     STOP = 'stop'
+    STOP_CONFIRMED = 'STOP confirmed'
     AT_REST = 'at rest'
+    NO_REPLY = 'no reply'
     FAULT = 'fault'
 
 
-TRANSITIONS: dict[tuple[State, Event], State] = {
-    (State.PREPARING, Event.PREPARED): State.STREAMING,
-    (State.PREPARING, Event.CANCEL): State.CANCELING,
-    (State.PREPARING, Event.STOP): State.STOPPING,
-    (State.PREPARING, Event.FAULT): State.ABORTED,
-    (State.STREAMING, Event.LAST_REPLY): State.SETTLING,
-    (State.STREAMING, Event.REFUSAL): State.REFUSED,
-    (State.STREAMING, Event.CANCEL): State.CANCELING,
-    (State.STREAMING, Event.STOP): State.STOPPING,
-    (State.STREAMING, Event.FAULT): State.ABORTED,
-    (State.REFUSED, Event.FAULT): State.ABORTED,
-    (State.SETTLING, Event.AT_GOAL): State.SUCCEEDED,
-    (State.SETTLING, Event.REFUSAL): State.REFUSED,
-    (State.SETTLING, Event.CANCEL): State.CANCELING,
-    (State.SETTLING, Event.STOP): State.STOPPING,
-    (State.SETTLING, Event.FAULT): State.ABORTED,
-    (State.CANCELING, Event.AT_REST): State.CANCELED,
-    (State.CANCELING, Event.FAULT): State.ABORTED,
-    (State.STOPPING, Event.CANCEL): State.CANCELING,
-    (State.STOPPING, Event.AT_REST): State.ABORTED,
-    (State.STOPPING, Event.FAULT): State.ABORTED,
+TRANSITIONS: dict[tuple[GoalState, GoalEvent], GoalState] = {
+    (GoalState.PREPARING, GoalEvent.PREPARED): GoalState.STREAMING,
+    (GoalState.PREPARING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.PREPARING, GoalEvent.STOP): GoalState.STOPPING,
+    (GoalState.PREPARING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.STREAMING, GoalEvent.LAST_REPLY): GoalState.SETTLING,
+    (GoalState.STREAMING, GoalEvent.REJECTION): GoalState.REJECTED,
+    (GoalState.STREAMING, GoalEvent.REJECTION_MIDWAY): GoalState.REJECTED_MIDWAY,
+    (GoalState.STREAMING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.STREAMING, GoalEvent.STOP): GoalState.STOPPING,
+    (GoalState.STREAMING, GoalEvent.NO_REPLY): GoalState.ABORTED,
+    (GoalState.STREAMING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.SETTLING, GoalEvent.AT_GOAL): GoalState.SUCCEEDED,
+    (GoalState.SETTLING, GoalEvent.REJECTION_MIDWAY): GoalState.REJECTED_MIDWAY,
+    (GoalState.SETTLING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.SETTLING, GoalEvent.STOP): GoalState.STOPPING,
+    (GoalState.SETTLING, GoalEvent.NO_REPLY): GoalState.ABORTED,
+    (GoalState.SETTLING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.REJECTED, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.REJECTED_MIDWAY, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.CANCELING, GoalEvent.STOP_CONFIRMED): GoalState.CANCELING_CONFIRMED,
+    (GoalState.CANCELING, GoalEvent.AT_REST): GoalState.CANCELED,
+    (GoalState.CANCELING, GoalEvent.NO_REPLY): GoalState.ABORTED,
+    (GoalState.CANCELING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.CANCELING_CONFIRMED, GoalEvent.AT_REST): GoalState.CANCELED,
+    (GoalState.CANCELING_CONFIRMED, GoalEvent.NO_REPLY): GoalState.ABORTED,
+    (GoalState.CANCELING_CONFIRMED, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.STOPPING, GoalEvent.STOP_CONFIRMED): GoalState.STOPPING_CONFIRMED,
+    (GoalState.STOPPING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.STOPPING, GoalEvent.AT_REST): GoalState.ABORTED,
+    (GoalState.STOPPING, GoalEvent.NO_REPLY): GoalState.ABORTED,
+    (GoalState.STOPPING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.STOPPING_CONFIRMED, GoalEvent.CANCEL): GoalState.CANCELING_CONFIRMED,
+    (GoalState.STOPPING_CONFIRMED, GoalEvent.AT_REST): GoalState.ABORTED,
+    (GoalState.STOPPING_CONFIRMED, GoalEvent.NO_REPLY): GoalState.ABORTED,
+    (GoalState.STOPPING_CONFIRMED, GoalEvent.FAULT): GoalState.ABORTED,
 }
 
-FINAL = frozenset({State.SUCCEEDED, State.CANCELED, State.ABORTED})
+FINAL_STATES = frozenset({GoalState.SUCCEEDED, GoalState.CANCELED, GoalState.ABORTED})
+RUNNING_STATES = frozenset({GoalState.STREAMING, GoalState.SETTLING})
+REJECTED_STATES = frozenset({GoalState.REJECTED, GoalState.REJECTED_MIDWAY})
+UNCONFIRMED_STATES = frozenset({GoalState.CANCELING, GoalState.STOPPING})
+CONFIRMED_STATES = frozenset({GoalState.CANCELING_CONFIRMED, GoalState.STOPPING_CONFIRMED})
+BRAKING_STATES = UNCONFIRMED_STATES | CONFIRMED_STATES
+
+
+@dataclass(frozen=True, slots=True)
+class Aftermath:
+    """What is known of arm and controller when a goal has ended.
+
+    at_rest: the arm stands. broken_off: nobody knows what the controller will do with the points
+    that it has taken. unanswered: because an answer is missing, which may come later.
+    """
+
+    at_rest: bool = False
+    broken_off: bool = False
+    unanswered: bool = False
+
+
+AT_REST = Aftermath(at_rest=True)
+AT_REST_UNCONFIRMED = Aftermath(at_rest=True, broken_off=True, unanswered=True)
+REJECTED_MIDWAY = Aftermath(broken_off=True)
+NO_REPLY = Aftermath(broken_off=True, unanswered=True)
+UNKNOWN = Aftermath()
+"""Of a goal that has not ended, and where a fault ended it."""
+
+AFTERMATH: dict[tuple[GoalState, GoalEvent], Aftermath] = {
+    (GoalState.SETTLING, GoalEvent.AT_GOAL): AT_REST,
+    (GoalState.REJECTED_MIDWAY, GoalEvent.FAULT): REJECTED_MIDWAY,
+    **{(state, GoalEvent.AT_REST): AT_REST for state in CONFIRMED_STATES},
+    **{(state, GoalEvent.AT_REST): AT_REST_UNCONFIRMED for state in UNCONFIRMED_STATES},
+    **{(state, GoalEvent.NO_REPLY): NO_REPLY for state in RUNNING_STATES | BRAKING_STATES},
+}
+"""What follows from the change that ended a goal; from any other fault, UNKNOWN."""

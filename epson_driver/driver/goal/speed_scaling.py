@@ -6,16 +6,14 @@ import math
 from dataclasses import replace
 from typing import TypeVar
 
+from epson_driver.driver.delivery.trajectory_points import MIN_VELOCITY
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
 
-RAMP = 2.0
+RAMP_PER_S = 2.0
 """How fast the factor changes, 1/s: half a second from a pause to full speed."""
 
-SLOWEST = 0.01
+MIN_FACTOR = 0.01
 """The smallest factor but 0. Below it, points would take longer than anybody waits."""
-
-SLOWEST_VELOCITY = 1e-3
-"""The smallest fraction of the speed that is asked of a controller."""
 
 M = TypeVar('M', bound=Message)
 
@@ -35,16 +33,16 @@ class SpeedScaling:
 
     def set(self, factor: float, now: float) -> None:
         """Go to another factor from now on. Raises ValueError with what is allowed."""
-        if not (factor == 0.0 or SLOWEST <= factor <= 1.0):
+        if not (factor == 0.0 or MIN_FACTOR <= factor <= 1.0):
             raise ValueError(
-                f'the factor {factor:g} must be 0 (pause) or from {SLOWEST:g} to 1 (as planned)'
+                f'the factor {factor:g} must be 0 (pause) or from {MIN_FACTOR:g} to 1 (as planned)'
             )
         self._from, self._target, self._since = self.factor(now), factor, now
 
     def factor(self, now: float) -> float:
         """Return the factor at a moment after the last `set`."""
         way = self._target - self._from
-        done = max(now - self._since, 0.0) * RAMP
+        done = max(now - self._since, 0.0) * RAMP_PER_S
         if done >= abs(way):
             return self._target
         return self._from + (done if way > 0.0 else -done)
@@ -58,12 +56,12 @@ class SpeedScaling:
         factor = self.factor(now)
         if factor == self._target:
             return planned / factor if factor else None
-        ramp = abs(self._target - factor) / RAMP
+        ramp = abs(self._target - factor) / RAMP_PER_S
         in_ramp = (factor + self._target) / 2 * ramp
         if planned > in_ramp:
             left = planned - in_ramp
             return ramp + left / self._target if self._target else None
-        slope = RAMP if self._target > factor else -RAMP
+        slope = RAMP_PER_S if self._target > factor else -RAMP_PER_S
         # planned = factor · t + slope · t² / 2, the form that is exact for small t
         root = math.sqrt(max(factor * factor + 2 * slope * planned, 0.0))
         return 2 * planned / (factor + root)
@@ -80,7 +78,7 @@ def scaled(message: M, factor: float, delay: float) -> M:
     if isinstance(message, JointTrajPt):
         return replace(
             message,
-            velocity=min(max(message.velocity * factor, SLOWEST_VELOCITY), 1.0),
+            velocity=min(max(message.velocity * factor, MIN_VELOCITY), message.velocity),
             duration=message.duration / factor,
         )
     if isinstance(message, JointTrajPtFull):

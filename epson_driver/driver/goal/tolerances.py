@@ -1,18 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tolerances per joint: the configured ones, and what a goal says instead.
+"""Tolerances per joint, and what violates them."""
 
-Names and meaning are joint_trajectory_controller's: 0 takes the default, negative switches the
-check off. The controllers report no accelerations, so a goal that limits their error is refused.
-"""
-
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from epson_driver.driver.outcome import ErrorCode, GoalRefusedError
 from epson_driver.motion import Array
 
 
@@ -28,7 +22,7 @@ class Tolerances:
 
     @property
     def checked(self) -> bool:
-        """Whether any of them limits anything."""
+        """Whether any joint has a limit."""
         return bool(np.isfinite(self.position).any() or np.isfinite(self.velocity).any())
 
     def violation(
@@ -55,41 +49,3 @@ class Tolerances:
                     f'the tolerance is {limits[worst]:.6g} {unit(worst)}{per}'
                 )
         return None
-
-
-def tolerances(
-    message: Iterable[Any], field: str, joint_names: Sequence[str], defaults: Array
-) -> Tolerances:
-    """Return the tolerances of a goal's JointTolerance[], the goal's `field`.
-
-    `defaults` (shape (n,), rad; 0: not checked) hold for positions; velocities have none. Raises
-    GoalRefusedError for a joint that is not there, a number that is not finite, and a limit of
-    the acceleration.
-    """
-    values = {
-        'position': np.where(defaults > 0.0, defaults, np.inf),
-        'velocity': np.full(len(joint_names), np.inf),
-    }
-    for entry in message:
-        if entry.name not in joint_names:
-            raise GoalRefusedError(
-                ErrorCode.INVALID_JOINTS, f'{field} names the unknown joint {entry.name!r}'
-            )
-        for quantity in ('position', 'velocity', 'acceleration'):
-            value = getattr(entry, quantity)
-            if not np.isfinite(value):
-                raise GoalRefusedError(
-                    ErrorCode.INVALID_GOAL,
-                    f'{field}, {entry.name}: {quantity} = {value} is not finite',
-                )
-            if quantity in values:
-                if value != 0.0:
-                    index = joint_names.index(entry.name)
-                    values[quantity][index] = value if value > 0.0 else np.inf
-            elif value > 0.0:
-                raise GoalRefusedError(
-                    ErrorCode.INVALID_GOAL,
-                    f'{field}, {entry.name}: {quantity} = {value:g} cannot be checked: the '
-                    f'controller reports no accelerations; leave it at 0',
-                )
-    return Tolerances(values['position'], values['velocity'])

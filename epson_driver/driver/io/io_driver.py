@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from epson_driver.driver.io.io_results import sentence
-from epson_driver.driver.tasks.parts import report_failure
+from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.link import Link, LinkState
 from epson_driver.simple_message import (
     ByteOrder,
@@ -42,13 +42,13 @@ from epson_driver.simple_message import (
     ReplyCode,
 )
 
-MOST_POINTS = 1024
-"""In one request: the wire's limit."""
+MAX_POINTS = 1024
+"""Points in one request: the limit of the protocol."""
 
 RETRIES = (0.2, 0.5, 1.0, 2.0, 5.0)
 """Pauses before subscribing is tried again on one connection, s; the last one from then on."""
 
-MOST_MESSAGE_IDS = 2**31 - 1
+MAX_MESSAGE_ID = 2**31 - 1
 
 NOT_USED = 'I/O is not used: the parameter io_port is 0'
 REFUSED = (
@@ -169,7 +169,7 @@ class IoDriver:
 
     def _next_id(self) -> int:
         """Return 1, 2, … and 1 again. Not an itertools.cycle: that keeps all it has returned."""
-        self._last_id = self._last_id % (MOST_MESSAGE_IDS - 1) + 1
+        self._last_id = self._last_id % (MAX_MESSAGE_ID - 1) + 1
         return self._last_id
 
     async def _ask(self, message: Message, kind: type[R], unsure: str = '') -> R:
@@ -284,7 +284,7 @@ class IoDriver:
             self._take()
 
     def _take(self) -> None:
-        """Tell the values, as soon as there are some of every range."""
+        """Publish the values, as soon as there are some of every range."""
         if not self._subscribed or any(key not in self._values for key in self._subscribed):
             return
         states = tuple(self._values[key] for key in self._subscribed)
@@ -313,7 +313,7 @@ class IoDriver:
             self._published = -math.inf
             self.reason = 'connected; no values yet'
             self._watch = asyncio.get_running_loop().create_task(self._keep_subscribed())
-            self._watch.add_done_callback(report_failure)
+            self._watch.add_done_callback(report_task_error)
             return
         if self._watch is not None:
             self._watch.cancel()
@@ -328,8 +328,8 @@ class IoDriver:
 
 
 def _check_number(points: int) -> None:
-    if points > MOST_POINTS:
-        raise IoUnavailableError(f'{points} points in one request: at most {MOST_POINTS}')
+    if points > MAX_POINTS:
+        raise IoUnavailableError(f'{points} points in one request: at most {MAX_POINTS}')
 
 
 def _check_addresses(items: Sequence[object], asked: list[Key]) -> None:

@@ -11,13 +11,13 @@ from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import retimed, smoothed
 from epson_driver.motion.smoother import Mode
 
-MENTIONED = 3
-"""So many violations are spelled out."""
+MAX_MENTIONED_PROBLEMS = 3
+"""How many violations a text mentions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """How a plan is sent otherwise than it came.
+    """How a plan is changed before it is sent.
 
     resample_period: time between two points of the smooth motion, s; None for the plan's own
     points. time_optimal: as fast as the limits allow, whatever the plan's times.
@@ -28,11 +28,11 @@ class Smoothing:
 
     @property
     def wanted(self) -> bool:
-        """Whether a plan is sent otherwise than it came."""
+        """Whether a plan is changed before it is sent."""
         return self.time_optimal or self.resample_period is not None
 
 
-def prepared(
+def smoothed_trajectory(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
 ) -> Trajectory:
     """Return what to send for a checked trajectory of an arm that rests at `start`, (n,), rad.
@@ -50,7 +50,7 @@ def prepared(
         return retimed(trajectory, limits) if smoothing.time_optimal else trajectory
     mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
     motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
-    wrong = list(islice(problems(motion, limits), MENTIONED))
+    wrong = list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS))
     if wrong:
         raise ValueError('; '.join(wrong))
     return motion

@@ -16,11 +16,11 @@ import sys
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory
 
-TIMEOUT = 30.0
-"""Longer than any plan should take, s."""
+TIMEOUT_S = 30.0
+"""How long the preparation of one trajectory may take, s: longer than any plan should."""
 
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-"""One each: the matrices are small."""
+"""Thread counts of the numeric libraries; each is set to 1: the matrices are small."""
 
 
 class SmoothingError(RuntimeError):
@@ -36,9 +36,9 @@ class SmoothingProcess:
         self._next: asyncio.Task[asyncio.subprocess.Process] | None = None
 
     def make_ready(self) -> None:
-        """Have the next process wait, so that its start delays nobody."""
+        """Start the next process, so that the next trajectory need not wait for its start."""
         if self._next is None:
-            self._next = asyncio.create_task(_started())
+            self._next = asyncio.create_task(start_process())
 
     async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
         """Return what to send for a checked trajectory of an arm that rests at `start`.
@@ -48,10 +48,10 @@ class SmoothingProcess:
         arguments = pickle.dumps((trajectory, start, self._limits, self._smoothing))
         process = await self._take()
         try:
-            async with asyncio.timeout(TIMEOUT):
+            async with asyncio.timeout(TIMEOUT_S):
                 answer, _ = await process.communicate(arguments)
         except TimeoutError as error:
-            raise SmoothingError(f'no smooth motion was found within {TIMEOUT:g} s') from error
+            raise SmoothingError(f'no smooth motion was found within {TIMEOUT_S:g} s') from error
         finally:
             await _end(process)
             self.make_ready()
@@ -66,7 +66,7 @@ class SmoothingProcess:
         return result
 
     async def _take(self) -> asyncio.subprocess.Process:
-        """Return the process that waits."""
+        """Return the process that was started for the next trajectory."""
         self.make_ready()
         waiting = self._next
         assert waiting is not None  # noqa: S101 - for the type checker
@@ -79,14 +79,15 @@ class SmoothingProcess:
         return process
 
     async def close(self) -> None:
-        """End the process that waits."""
+        """End the process that was started for the next trajectory."""
         waiting, self._next = self._next, None
         if waiting is not None:
             with contextlib.suppress(OSError):
                 await _end(await waiting)
 
 
-async def _started() -> asyncio.subprocess.Process:
+async def start_process() -> asyncio.subprocess.Process:
+    """Return a process that waits for its arguments."""
     # the child finds the package where this process found it, sourced workspace or not
     path = os.pathsep.join(filter(None, sys.path))
     return await asyncio.create_subprocess_exec(

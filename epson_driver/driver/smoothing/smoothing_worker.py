@@ -9,22 +9,22 @@ import os
 import pickle
 import sys
 
-from epson_driver.driver.smoothing.smoothing import prepared
+from epson_driver.driver.smoothing.smoothing import smoothed_trajectory
 
-NICER = 5
-"""How much the process stands back behind those that keep the links alive."""
+NICENESS = 5
+"""Added to the niceness: processes that keep links alive go first."""
 
 
 def main() -> None:
-    """Do it, and end."""
+    """Prepare one trajectory, and end."""
     answers = os.fdopen(os.dup(1), 'wb')
     os.dup2(2, 1)  # whatever prints does not disturb the answer
-    os.nice(NICER)
+    os.nice(NICENESS)
     arguments = sys.stdin.buffer.read()
     if not arguments:
         return  # it was not needed
     try:
-        answer = prepared(*pickle.loads(arguments))  # noqa: S301 - our own parent's
+        answer = smoothed_trajectory(*pickle.loads(arguments))  # noqa: S301 - our own parent's
     except ValueError as error:
         pickle.dump(str(error), answers)
     else:

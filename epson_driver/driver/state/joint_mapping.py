@@ -19,7 +19,7 @@ from epson_driver.motion import Array
 
 SIGNS = list_of(choice(1, -1))
 OFFSETS = list_of(number(-1000.0, 1000.0))
-"""rad or m."""
+"""What the parameter joint_offsets may hold, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@
 from collections import deque
 from collections.abc import Sequence
 
-VELOCITY_WINDOW = 0.04
+VELOCITY_WINDOW_S = 0.04
 """Time over which a velocity is the mean, s: it is how fast the joint was half of it ago.
 A single period would show how regularly the sender's program runs rather than the arm."""
 
@@ -65,7 +65,7 @@ class JointVelocity:
     def _add(self, time: float, positions: Values) -> None:
         history = self._history
         history.append((time, positions))
-        oldest = time - VELOCITY_WINDOW
+        oldest = time - VELOCITY_WINDOW_S
         while len(history) > 2 and history[0][0] < oldest:
             history.popleft()
 

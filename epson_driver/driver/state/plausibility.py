@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from epson_driver.motion import JointLimits
 
-JUMP = 0.05
+MIN_JUMP = 0.05
 """A change that is never called a jump, rad or m: what a few ms of wrong time make of a speed."""
 
 
@@ -27,11 +27,11 @@ class Margins:
     velocity: float = 1.5
 
 
-USUAL = Margins()
+DEFAULT_MARGINS = Margins()
 
 
 class JointBounds:
-    """What n joints can be. Without `limits`, anything."""
+    """Says whether reported joints are possible. Without `limits` everything is."""
 
     def __init__(self, joints: int, limits: JointLimits | None, margins: Margins) -> None:
         if limits is None:
@@ -66,7 +66,7 @@ class JointBounds:
     ) -> str | None:
         """Return why the joints cannot have got there in at most `elapsed` s; None if they can."""
         for joint, value in enumerate(positions):
-            farthest = self.fastest[joint] * elapsed + JUMP
+            farthest = self.fastest[joint] * elapsed + MIN_JUMP
             if abs(value - before[joint]) > farthest:
                 unit = self.units[joint]
                 return (

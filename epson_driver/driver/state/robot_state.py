@@ -8,32 +8,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from epson_driver.driver.state.controller_pause import PauseDetector
 from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
-from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW, JointVelocity, Values
-from epson_driver.driver.state.pause import PauseWatch
-from epson_driver.driver.state.plausibility import USUAL, JointBounds, Margins
+from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW_S, JointVelocity, Values
+from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, JointBounds, Margins
 from epson_driver.driver.state.sender_clock import LATE_SLOTS, SenderClock
 from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.motion import Array, JointLimits
 from epson_driver.simple_message import Status, TriState
 
-KEPT_ARRIVALS = 2048
+MAX_ARRIVALS = 2048
 """Arrival times that are kept for diagnostics: two seconds at 1 kHz."""
 
-POSE_AGE = 0.3
-POSE_SLOTS = 6
+MAX_POSE_AGE_S = 0.3
+MAX_POSE_AGE_SLOTS = 6
 """A pose that is older, in s or in slots of the controller's clock, whichever is longer, says
 nothing about where the arm is: nothing may begin there. Bursts of 0.2 s, as networks make them,
 are within it; the slots are for controllers that send a few times a second."""
 
-CALM = 10
+CALM_MESSAGES = 10
 """So many messages after one that came late joints may have been measured when that was due: what
 holds up a controller's program may do so between measuring and sending."""
 
-DISTRUST = 1.0
+DISTRUST_TIME_S = 1.0
 """How long nothing may begin after something impossible was reported, s."""
 
-FINEST_TIME = 0.0004
+MAX_TIME_RESOLUTION_S = 0.0004
 """The coarsest time that a controller may tell, s: 1 % of the window of velocities."""
 
 
@@ -61,10 +61,10 @@ class StateRules:
 
     period: float = 0.005
     limits: JointLimits | None = None
-    margins: Margins = USUAL
+    margins: Margins = DEFAULT_MARGINS
 
 
-ANYTHING = StateRules()
+NO_RULES = StateRules()
 
 
 class RobotState:
@@ -83,7 +83,7 @@ class RobotState:
         joints: int,
         errors: ErrorTexts | None = None,
         mapping: JointMapping | None = None,
-        rules: StateRules = ANYTHING,
+        rules: StateRules = NO_RULES,
     ) -> None:
         self._joints = joints
         self._mapping = unmapped(joints) if mapping is None else mapping
@@ -99,18 +99,18 @@ class RobotState:
         self.status_time = 0.0
         self.status_measured = 0.0
         """When the newest status was made, as `JointSample.measured`."""
-        self.arrivals: deque[float] = deque(maxlen=KEPT_ARRIVALS)
+        self.arrivals: deque[float] = deque(maxlen=MAX_ARRIVALS)
         """When joints came, the newest last; only since the link was established."""
         self.bounded = 0
         """How often positions and times gave more than a joint can do, and it was published as
         moving as fast as it can."""
-        self._pause = PauseWatch()
+        self._pause = PauseDetector()
         self._clock = SenderClock(self._rules.period)
         self._velocity = JointVelocity()
         self._before: Values | None = None
         self._measured = 0.0
         self._heard = self._calm_until = 0.0
-        self._calm = CALM
+        self._calm = CALM_MESSAGES
         self._told: float | None = None
         self._impossible: tuple[float, str] | None = None
 
@@ -127,9 +127,9 @@ class RobotState:
         of a link: they have no velocity yet. Raises ValueError that names the joint, its value
         and what is possible, if they cannot be true; they count for nothing then.
         """
-        self._step(now, self._passed(told, now - self._measured + POSE_AGE))
+        self._step(now, self._passed(told, now - self._measured + MAX_POSE_AGE_S))
         elapsed = longest = max(now - self._measured, self._clock.period)
-        if self._calm < CALM:
+        if self._calm < CALM_MESSAGES:
             longest = max(longest, now - self._calm_until)
         try:
             positions = self._possible(data, longest)
@@ -162,7 +162,7 @@ class RobotState:
 
     def enabled(self) -> None:
         """Somebody enabled the arm: what the controller allowed before that says nothing now."""
-        self._pause = PauseWatch()
+        self._pause = PauseDetector()
         if self.status is not None:
             self._pause.see(self.status)
 
@@ -178,7 +178,7 @@ class RobotState:
 
     def why_not_ready(self, now: float) -> str | None:
         """Return why nobody knows where the arm is now; None if it is known."""
-        if self._impossible is not None and now - self._impossible[0] < DISTRUST:
+        if self._impossible is not None and now - self._impossible[0] < DISTRUST_TIME_S:
             return self._impossible[1]
         if self.sample is None:
             return 'no joint state from the controller'
@@ -188,7 +188,7 @@ class RobotState:
 
     def stale(self, now: float) -> bool:
         """Return whether there are joints, but too old ones to say where the arm is."""
-        allowed = max(POSE_AGE, POSE_SLOTS * self._clock.period)
+        allowed = max(MAX_POSE_AGE_S, MAX_POSE_AGE_SLOTS * self._clock.period)
         return self.sample is not None and now - self.sample.measured > allowed
 
     def why_not_standing(self, stopped_velocity: float) -> str | None:
@@ -208,14 +208,14 @@ class RobotState:
         window = self._velocity.in_window()
         for joint, value in enumerate(window[-1]):
             moved = max(abs(value - each[joint]) for each in window)
-            if moved >= stopped_velocity * VELOCITY_WINDOW:
+            if moved >= stopped_velocity * VELOCITY_WINDOW_S:
                 return f'{bounds.names[joint]} just now by {moved:.3g} {bounds.units[joint]}'
         return None
 
     def _step(self, now: float, passed: float | None) -> None:
-        """Let a message count for the controller's clock."""
+        """Advance the controller's clock by a message."""
         if self._heard and now - self._heard > (1 + LATE_SLOTS) * self._clock.period:
-            if self._calm >= CALM:
+            if self._calm >= CALM_MESSAGES:
                 self._calm_until = self._heard
             self._calm = 0
         else:
@@ -233,7 +233,7 @@ class RobotState:
         time that has passed here, and slots are counted instead.
         """
         before, self._told = self._told, told
-        if told is None or before is None or abs(told) * 2.0**-23 > FINEST_TIME:
+        if told is None or before is None or abs(told) * 2.0**-23 > MAX_TIME_RESOLUTION_S:
             return None
         passed = told - before
         return passed if self._clock.period / 10 <= passed <= longest else None

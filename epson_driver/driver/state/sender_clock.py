@@ -15,22 +15,22 @@ as the arrivals allow it.
 
 from collections import deque
 
-BLOCK_TIME = 0.25
-FIRST_BLOCK_TIME = 0.05
-BLOCK_MESSAGES = 8
-BLOCKS = 8
+BLOCK_TIME_S = 0.25
+FIRST_BLOCK_TIME_S = 0.05
+MIN_BLOCK_MESSAGES = 8
+MAX_BLOCKS = 8
 """The envelope is made of the least delayed message of each block, s and messages at least; the
 newest blocks are kept. The first ones are shorter: the given period may be far off."""
 
-A_LINE = 3
-"""Points that show whether they lie on one line."""
+MIN_LINE_POINTS = 3
+"""How many points of the envelope show whether they lie on one line."""
 
-ENOUGH = 0.75
+MIN_ENVELOPE_S = 0.75
 """An envelope of that length, s, says what the period is; a shorter one, what it cannot be."""
 
-ALIKE = 0.05
-FOLLOWED = 4
-DOUBTS = 8
+SAME_PERIOD_FRACTION = 0.05
+PERIOD_FILTER_DIVISOR = 4
+MIN_DOUBTS = 8
 """A controller has one period. One that was seen and is this part of itself off is followed by one
 part in so many at a time; another one must be seen so many times in a row, which is 2 s: a program
 that is held up shows many."""
@@ -38,14 +38,14 @@ that is held up shows many."""
 LATE_SLOTS = 3
 """A message that comes later than this, in slots, was held up, or the sender paused."""
 
-WAITED_SLOTS = 4
+DECISION_SLOTS = 4
 """So many slots after a late message it is seen whether the next ones hurry."""
 
-FORGET_PERIOD_AFTER = 4
+MAX_PAUSES = 4
 """So many pauses between which there was no time for a line are none: the period is wrong."""
 
-NEVER_AT_ONCE = 1e-6
-"""Between two messages, s: stamps of ROS must differ."""
+MIN_SPACING_S = 1e-6
+"""Least time between two messages, s: stamps of ROS must differ."""
 
 Point = tuple[float, float, float]
 """Of the envelope: slots counted, arrival, arrival less the sender's time."""
@@ -73,7 +73,7 @@ class SenderClock:
         self._slots = 0.0
         self._offset = 0.0
         self._least_late = 0.0
-        self._envelope: deque[Point] = deque(maxlen=BLOCKS)
+        self._envelope: deque[Point] = deque(maxlen=MAX_BLOCKS)
         self._least: Point = (0.0, 0.0, 0.0)
         self._block_began = 0.0
         self._block_size = 0
@@ -109,7 +109,7 @@ class SenderClock:
         if late < 0.0:
             self._offset += late
         self._take(arrival)
-        self.measured = min(arrival, max(self.measured + NEVER_AT_ONCE, self._offset + self.time))
+        self.measured = min(arrival, max(self.measured + MIN_SPACING_S, self._offset + self.time))
         return shift
 
     def _after_gap(self, arrival: float, tolerance: float, again: bool) -> float:
@@ -126,7 +126,7 @@ class SenderClock:
             self.gap = None
             return 0.0
         if again or (
-            since >= (WAITED_SLOTS - 0.5) * self.period and arrival - self._gap_came > since / 2
+            since >= (DECISION_SLOTS - 0.5) * self.period and arrival - self._gap_came > since / 2
         ):
             paused = self._least_late
             self.time += paused
@@ -138,13 +138,13 @@ class SenderClock:
         return 0.0
 
     def _count_pause(self, arrival: float) -> None:
-        """Take another period if there is nothing but pauses."""
-        if self._proven or len(self._envelope) >= A_LINE:
+        """Count a pause; after too many in a row, take another period."""
+        if self._proven or len(self._envelope) >= MIN_LINE_POINTS:
             self._pauses = 0
         if not self._pauses:
             self._first_pause = self._slots, arrival
         self._pauses += 1
-        if self._pauses > FORGET_PERIOD_AFTER:
+        if self._pauses > MAX_PAUSES:
             slots, since = self._first_pause
             self.period = (arrival - since) / (self._slots - slots)
             self._pauses = 0
@@ -155,13 +155,13 @@ class SenderClock:
         self._block_size = 0
 
     def _take(self, arrival: float) -> None:
-        """Let the message count for the envelope."""
+        """Add the message to the envelope."""
         self._block_size += 1
         lies = arrival - self.time
         if lies <= self._least[2]:
             self._least = (self._slots, arrival, lies)
-        enough = BLOCK_TIME if self._settled else FIRST_BLOCK_TIME
-        if self._block_size >= BLOCK_MESSAGES and arrival - self._block_began >= enough:
+        enough = BLOCK_TIME_S if self._settled else FIRST_BLOCK_TIME_S
+        if self._block_size >= MIN_BLOCK_MESSAGES and arrival - self._block_began >= enough:
             self._envelope.append(self._least)
             self._follow()
             self._begin_block(arrival)
@@ -171,18 +171,18 @@ class SenderClock:
         envelope = self._envelope
         size = len(envelope)
         length = envelope[-1][1] - envelope[0][1]
-        self._settled = length >= BLOCK_TIME
+        self._settled = length >= BLOCK_TIME_S
         slots = sum(point[0] for point in envelope) / size
         arrival = sum(point[1] for point in envelope) / size
         spread = sum((point[0] - slots) ** 2 for point in envelope)
-        if size >= A_LINE:
+        if size >= MIN_LINE_POINTS:
             slope = sum((p[0] - slots) * (p[1] - arrival) for p in envelope) / spread
             off = max(abs(p[1] - arrival - slope * (p[0] - slots)) for p in envelope)
             if slope <= 0.0 or off > 2.0 * slope:  # not one line: the way became another one
                 newest = envelope[-1]
                 envelope.clear()
                 envelope.append(newest)
-            elif length >= ENOUGH:
+            elif length >= MIN_ENVELOPE_S:
                 self._believe(slope)
             elif not self._proven:
                 slack = slope / (envelope[-1][0] - envelope[0][0])
@@ -191,15 +191,15 @@ class SenderClock:
         self._offset = now + min(point[1] - point[0] * self.period for point in envelope)
 
     def _believe(self, period: float) -> None:
-        """Take a period that a whole envelope shows."""
+        """Follow the period that a whole envelope shows."""
         change = period - self.period
         if not self._proven:
             self.period = period
-        elif abs(change) <= ALIKE * self.period:
-            self.period += change / FOLLOWED
+        elif abs(change) <= SAME_PERIOD_FRACTION * self.period:
+            self.period += change / PERIOD_FILTER_DIVISOR
         else:
             self._doubts += 1
-            if self._doubts < DOUBTS:
+            if self._doubts < MIN_DOUBTS:
                 return
             self.period = period
         self._proven = True

@@ -8,14 +8,14 @@ from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.motion import Array
 from epson_driver.simple_message import TriState
 
-REST_TIME = 0.05
+REST_TIME_S = 0.05
 """How long the arm must stand before it counts as standing, s: more than the velocity window."""
 
-DOUBTFUL_REST = 1.0
+UNCONFIRMED_REST_TIME_S = 1.0
 """How long it must stand where the controller has not confirmed STOP, s: it may be slow to do what
 it was sent before."""
 
-MOVED = 1e-4
+MIN_MOVEMENT_RAD = 1e-4
 """A change of position that shows that the arm moves, rad: well above an encoder's step."""
 
 
@@ -32,10 +32,10 @@ class Standstill:
         self.alive = now
         self._alive_at: Array | None = None
         self._after: float | None = None
-        self._rest = REST_TIME
+        self._rest = REST_TIME_S
         self._since: float | None = None
 
-    def expect(self, after: float | None, rest: float = REST_TIME) -> None:
+    def expect(self, after: float | None, rest: float = REST_TIME_S) -> None:
         """Only what comes after this time counts: before it, the motion may not have begun.
 
         None: nothing counts yet. `rest`: how long the arm must stand, s.
@@ -46,7 +46,10 @@ class Standstill:
 
     def see(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
         """Take a sample. `stopped`: rad/s, shape (n,), below which a joint counts as standing."""
-        if self._alive_at is None or np.abs(sample.positions - self._alive_at).max() > MOVED:
+        if (
+            self._alive_at is None
+            or np.abs(sample.positions - self._alive_at).max() > MIN_MOVEMENT_RAD
+        ):
             self._alive_at = sample.positions
             self.alive = now
         moving = bool(np.any(np.abs(sample.velocities) >= stopped))

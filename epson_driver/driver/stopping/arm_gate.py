@@ -27,7 +27,7 @@ class Enabling:
         """Called when it is canceled."""
 
     def cancel(self, why: str) -> None:
-        """Something closes the gate: this request opens it no more."""
+        """Cancel this request, as something closes the gate."""
         if self.canceled is None:
             self.canceled = why
             self.on_cancel()

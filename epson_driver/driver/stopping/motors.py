@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, Protocol
 
-from epson_driver.driver.delivery.refusal import refusal
+from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.link import Link
 from epson_driver.remote_ethernet.client import RemoteError, execute
 from epson_driver.simple_message import MotionCtrl, Packet
@@ -67,8 +67,8 @@ class Motors(Protocol):
         """Do it within `timeout` s. Raises MotorsError."""
 
 
-class ByHand:
-    """The driver has no way."""
+class MotorsByHand:
+    """For a controller whose motors a person switches: every action fails."""
 
     def __init__(self, missing: str) -> None:
         self.missing = missing
@@ -78,8 +78,8 @@ class ByHand:
         raise MotorsError(f'{self.missing}, the driver cannot do it: {action.value.by_hand}')
 
 
-class RemoteEthernet:
-    """EPSON's remote port."""
+class RemoteEthernetMotors:
+    """Switches the motors by EPSON's Remote Ethernet."""
 
     missing = ''
 
@@ -100,8 +100,8 @@ class RemoteEthernet:
             ) from error
 
 
-class MotomanCommands:
-    """MOTION_CTRL requests on the motion link."""
+class MotomanMotors:
+    """Switches the motors by Motoman's MOTION_CTRL requests on the motion link."""
 
     missing = ''
 
@@ -123,7 +123,7 @@ class MotomanCommands:
             waiting = self._link.post(MotionCtrl(0, 0, commands.motoman), on_reply)
             try:
                 async with asyncio.timeout(timeout):
-                    why = refusal(await answer)
+                    why = reply_rejection(await answer)
             except TimeoutError:
                 self._link.give_up(waiting)
                 unanswered = True
@@ -136,7 +136,7 @@ class MotomanCommands:
             )
 
 
-class OneAfterTheOther:
+class SerializedMotors:
     """Another way to the motors, with one command on its way at a time.
 
     So the one that was given last has the last word. Somebody who waits for a command and is
@@ -154,7 +154,7 @@ class OneAfterTheOther:
 
     @property
     def busy(self) -> bool:
-        """A command is on its way, or waits for its turn."""
+        """True while a command is on its way, or waits for its turn."""
         return bool(self._tasks)
 
     async def act(self, action: Action, timeout: float) -> None:
@@ -170,7 +170,7 @@ class OneAfterTheOther:
             raise
 
     async def close(self) -> None:
-        """Give up what is on its way."""
+        """Cancel the commands that are on their way or wait."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -194,12 +194,12 @@ class OneAfterTheOther:
                 self.may_come_on = False
 
 
-def motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link) -> Motors:
+def make_motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link) -> Motors:
     """Return the way that a controller's profile and the parameter `remote_port` leave."""
     if kind == 'motoman':
-        return MotomanCommands(motion_link)
+        return MotomanMotors(motion_link)
     if kind == 'none':
-        return ByHand('the controller takes no such command')
+        return MotorsByHand('the controller takes no such command')
     if not remote_port:
-        return ByHand('remote_port is 0')
-    return RemoteEthernet(host, remote_port)
+        return MotorsByHand('remote_port is 0')
+    return RemoteEthernetMotors(host, remote_port)

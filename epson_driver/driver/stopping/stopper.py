@@ -6,8 +6,8 @@ Rules (docs/invariants.md, 3 and 9):
 
 1. Every message for the motion port passes here, so it is known whether the arm may still have
    something of ours to do. After a STOP nothing new begins before that stop is over.
-2. A stop is over when the arm has stood for REST_TIME after STOP was acknowledged. Without an
-   acknowledgement the state decides: the arm must have stood for DOUBTFUL_REST.
+2. A stop is over when the arm has stood for REST_TIME_S after STOP was acknowledged. Without an
+   acknowledgement the state decides: the arm must have stood for UNCONFIRMED_REST_TIME_S.
 3. A STOP that is refused, not answered in time, or not followed by rest in time raises the alarm:
    the owner closes the arm gate. As long as the arm then moves, STOP is sent again and again, and
    the motors are switched off where there is a way to.
@@ -24,37 +24,37 @@ from collections.abc import Callable
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery import Delivery, OnReply, Prepared
-from epson_driver.driver.delivery.points import STOP
-from epson_driver.driver.delivery.refusal import refusal
+from epson_driver.driver.delivery.delivery import Delivery, OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.reply_rejection import reply_rejection
+from epson_driver.driver.delivery.trajectory_points import STOP
 from epson_driver.driver.state.robot_state import RobotState
-from epson_driver.driver.state.standstill import DOUBTFUL_REST, REST_TIME, Standstill
+from epson_driver.driver.state.standstill import REST_TIME_S, UNCONFIRMED_REST_TIME_S, Standstill
 from epson_driver.driver.stopping.motors import Action, Motors, MotorsError
-from epson_driver.driver.tasks.changes import Changes
-from epson_driver.driver.tasks.parts import report_failure
+from epson_driver.driver.tasks.notification import Notification
+from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.motion import Array, Trajectory
 from epson_driver.simple_message import Message, Packet, TriState
 
-ANSWER_TIME = 1.0
+ANSWER_TIMEOUT_S = 1.0
 """A STOP that is not answered within this time raises the alarm, s."""
 
-BRAKING_TIME = 2.0
+BRAKING_TIMEOUT_S = 2.0
 """An arm that still moves this long after STOP raises the alarm, s."""
 
-REPEAT = 0.3
+STOP_REPEAT_PERIOD_S = 0.3
 """While the arm moves in spite of STOP, it is sent again every so often, s."""
 
-MOTORS_TIME = 0.5
+MOTORS_OFF_DELAY_S = 0.5
 """An arm that moves this long after the alarm has its motors switched off, s: one that was stopped
 by something else, as an E-stop is, stands by then."""
 
-MOTORS_TIMEOUT = 2.0
+MOTORS_OFF_TIMEOUT_S = 2.0
 """How long the controller may take to switch them off before it is asked again, s."""
 
-CAUSE_TIME = 0.1
+CAUSE_TIMEOUT_S = 0.1
 """A STATUS that says why STOP was refused is waited for so long, s."""
 
-LOOK = 0.1
+CHECK_PERIOD_S = 0.1
 """How often a stop that is under way is looked at when nothing comes, s. Patience is counted in
 looks: however long one took, as where this process was not scheduled, it counts once."""
 
@@ -73,7 +73,7 @@ class Stopper:
         delivery: Delivery,
         robot: RobotState,
         joints: int,
-        changes: Changes,
+        changed: Notification,
         motors: Motors,
         on_alarm: Callable[[str, bool], None],
         on_rest: Callable[[], None],
@@ -85,7 +85,7 @@ class Stopper:
         self._delivery = delivery
         self._robot = robot
         self._joints = joints
-        self._changes = changes
+        self._changed = changed
         self._motors = motors
         self._on_alarm = on_alarm
         self._on_rest = on_rest
@@ -93,8 +93,8 @@ class Stopper:
         self._since: float | None = None
         self._sent = 0.0
         self._acknowledged = False
-        self._refusal: str | None = None
-        self._refused = 0.0
+        self._rejection: str | None = None
+        self._rejected_look = 0
         self._unsent: str | None = None
         self._alarm_since: float | None = None
         self._standstill = Standstill(0.0)
@@ -106,11 +106,11 @@ class Stopper:
 
     @property
     def resumes(self) -> bool:
-        """As in Delivery."""
+        """See Delivery."""
         return self._delivery.resumes
 
-    def prepare(self, trajectory: Trajectory, start: Array) -> Prepared:
-        """As in Delivery."""
+    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
+        """See Delivery."""
         return self._delivery.prepare(trajectory, start)
 
     def post(self, message: Message, on_reply: OnReply) -> None:
@@ -125,27 +125,27 @@ class Stopper:
 
     @property
     def over(self) -> bool:
-        """No stop is under way: the arm stood when the last one ended."""
+        """True while no stop is under way: the arm stood when the last one ended."""
         return self._since is None
 
     @property
     def ours(self) -> bool:
-        """The controller may have something of ours to do yet, even if the arm stands."""
+        """True while the controller may still have points of this driver to execute."""
         return self._ours
 
     @property
     def answered(self) -> bool:
-        """The controller said something to the last STOP, be it yes or no."""
-        return self._acknowledged or self._refusal is not None
+        """True once the controller answered the last STOP, with SUCCESS or FAILURE."""
+        return self._acknowledged or self._rejection is not None
 
     @property
     def failed(self) -> bool:
-        """The last stop raised the alarm, whatever came of it in the end."""
+        """True if the last stop raised the alarm, even if the arm stands now."""
         return self._alarm_since is not None
 
     @property
     def unsent(self) -> bool:
-        """The last STOP found no link."""
+        """True if there was no link for the last STOP."""
         return self._unsent is not None
 
     @property
@@ -156,8 +156,8 @@ class Stopper:
         """
         if self._unsent is not None and not self._acknowledged:
             return f'STOP could not be sent: {self._unsent}'
-        if self._refusal is not None:
-            return f'the controller refused STOP ({self._refusal})'
+        if self._rejection is not None:
+            return f'the controller refused STOP ({self._rejection})'
         if not self._acknowledged:
             return 'no reply to STOP'
         if self._since is None:
@@ -183,11 +183,11 @@ class Stopper:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while not self.over:
-                    await self._changes.next()
+                    await self._changed.wait()
         return self.over
 
     def raise_alarm(self, why: str) -> None:
-        """Take a stop that is under way for one that does not work."""
+        """Raise the alarm for the stop that is under way, if it has not been raised."""
         if self._since is not None and self._alarm_since is None:
             self._alarm_since = _now()
             self.alarm = why
@@ -198,16 +198,16 @@ class Stopper:
         self._ours = False
 
     def enabled(self) -> None:
-        """Somebody has enabled the arm: the alarm is history."""
+        """Forget the alarm, as somebody has enabled the arm."""
         self.alarm = None
 
     def link_lost(self) -> None:
-        """The motion link is gone: no reply will come on it any more."""
+        """Take note that the motion link is gone: no reply will come on it any more."""
         if self._since is not None and not self.answered and self._unsent is None:
             self._unsent = 'the motion link was lost'
 
     def see(self, now: float) -> None:
-        """Look at what the robot state has become."""
+        """Look at the robot state, after new joints or a new status came."""
         sample = self._robot.sample
         if self._since is None or sample is None:
             return
@@ -217,7 +217,7 @@ class Stopper:
             self._end(now)
 
     async def close(self) -> None:
-        """Stop looking; the links are gone."""
+        """End the supervision of a stop; the links are gone."""
         self._since = None
         self._look_no_more()
         if self._switching is not None:
@@ -235,9 +235,9 @@ class Stopper:
         if self._since is None:
             self._since, self._alarm_since = now, None
             self._acknowledged = False
-            self._refusal = None
+            self._rejection = None
             self._standstill = Standstill(now)
-            self._standstill.expect(now, DOUBTFUL_REST)
+            self._standstill.expect(now, UNCONFIRMED_REST_TIME_S)
             self._look_no_more()
             self._looks = 0
             self._look_later()
@@ -256,19 +256,19 @@ class Stopper:
     def _on_answer(self, packet: Packet, now: float) -> None:
         if self._since is None or self._acknowledged:
             return
-        no = refusal(packet)
+        no = reply_rejection(packet)
         if no is None:
             self._acknowledged = True
-            self._standstill.expect(now, REST_TIME)
+            self._standstill.expect(now, REST_TIME_S)
         else:
-            if self._refusal is None:
-                self._refusal, self._refused = no, now
-            self._standstill.expect(now, DOUBTFUL_REST)
-        self._changes.tell()
+            if self._rejection is None:
+                self._rejection, self._rejected_look = no, self._looks
+            self._standstill.expect(now, UNCONFIRMED_REST_TIME_S)
+        self._changed.notify_all()
 
     def _end(self, now: float) -> None:
-        """The arm stands."""
-        taken = self._acknowledged and self._refusal is None
+        """End the stop, as the arm stands."""
+        taken = self._acknowledged and self._rejection is None
         if not taken and self._unsent is None and self._powered():
             self.raise_alarm(self.doubt or 'STOP was not acknowledged')
         if self._alarm_since is not None:
@@ -276,11 +276,11 @@ class Stopper:
         self._ours = self._ours and not self._acknowledged
         self._since = None
         self._look_no_more()
-        self._changes.tell()
+        self._changed.notify_all()
         self._on_rest()
 
     def _look_later(self) -> None:
-        self._timer = asyncio.get_running_loop().call_later(LOOK, self._look)
+        self._timer = asyncio.get_running_loop().call_later(CHECK_PERIOD_S, self._look)
 
     def _look_no_more(self) -> None:
         if self._timer is not None:
@@ -293,30 +293,30 @@ class Stopper:
             return
         now = _now()
         self._looks += 1
-        waited = self._looks * LOOK
+        waited = self._looks * CHECK_PERIOD_S
         self._look_later()
-        if self._moves() and self._robot.sample is not None and waited >= BRAKING_TIME:
-            self.raise_alarm(f'the arm still moves {BRAKING_TIME:g} s after STOP')
+        if self._moves() and self._robot.sample is not None and waited >= BRAKING_TIMEOUT_S:
+            self.raise_alarm(f'the arm still moves {BRAKING_TIMEOUT_S:g} s after STOP')
         elif self._unsent is None and self._powered():
-            if self._refusal is not None:
-                if now - self._refused >= CAUSE_TIME:
-                    self.raise_alarm(f'the controller refused STOP ({self._refusal})')
-            elif not self._acknowledged and waited >= ANSWER_TIME:
-                self.raise_alarm(f'no reply to STOP within {ANSWER_TIME:g} s')
+            if self._rejection is not None:
+                if (self._looks - self._rejected_look) * CHECK_PERIOD_S > CAUSE_TIMEOUT_S:
+                    self.raise_alarm(f'the controller refused STOP ({self._rejection})')
+            elif not self._acknowledged and waited >= ANSWER_TIMEOUT_S:
+                self.raise_alarm(f'no reply to STOP within {ANSWER_TIMEOUT_S:g} s')
         if not self._ours or not self._moves():
             return
         failed = self._alarm_since is not None
-        if (failed or self._unsent is not None) and now - self._sent >= REPEAT:
+        if (failed or self._unsent is not None) and now - self._sent >= STOP_REPEAT_PERIOD_S:
             self.stop()
         if (
             self._alarm_since is not None
             and self._powered()
-            and now - self._alarm_since >= MOTORS_TIME
+            and now - self._alarm_since >= MOTORS_OFF_DELAY_S
             and not self._motors.missing
             and (self._switching is None or self._switching.done())
         ):
-            self._switching = asyncio.create_task(self._switch_off(MOTORS_TIMEOUT))
-            self._switching.add_done_callback(report_failure)
+            self._switching = asyncio.create_task(self._switch_off(MOTORS_OFF_TIMEOUT_S))
+            self._switching.add_done_callback(report_task_error)
 
     async def _switch_off(self, timeout: float) -> None:
         try:
@@ -327,7 +327,7 @@ class Stopper:
             _log.error('the arm moved in spite of STOP: the motors were switched off')
 
     def _powered(self) -> bool:
-        """Return whether the motors are on, for all that is known."""
+        """Return whether the motors may be on: unless STATUS says that they are off."""
         status = self._robot.status
         return status is None or status.drives_powered != TriState.FALSE
 

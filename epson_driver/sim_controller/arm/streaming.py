@@ -9,20 +9,13 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.planning_latency import PlanningLatency
 from epson_driver.sim_controller.arm.timing import Timing
 
 MAX_ATTEMPTS = 10
 """Plans from rest that may fail one after the other before that counts as a failure."""
-
-USES = {
-    'both': ('duration', 'velocity'),
-    'duration': ('duration',),
-    'velocity': ('velocity',),
-    'nothing': (),
-}
-"""The fields of a point that count."""
 
 ACKNOWLEDGE = ('taken', 'done')
 """When a point may be answered: when the arm has taken it, or when it rests there."""
@@ -78,21 +71,21 @@ class Streaming:
         *,
         low_power_limits: JointLimits | None = None,
         acknowledge: str = 'taken',
-        uses: str = 'both',
+        uses: str = FieldsUsed.BOTH,
         speed: float = 1.0,
         accel: float = 1.0,
     ) -> None:
         if acknowledge not in ACKNOWLEDGE:
             raise ValueError(f'acknowledge = {acknowledge!r}: must be one of {ACKNOWLEDGE}')
-        if uses not in USES:
-            raise ValueError(f'uses = {uses!r}: must be one of {tuple(USES)}')
+        if uses not in tuple(FieldsUsed):
+            raise ValueError(f'uses = {uses!r}: must be one of {tuple(map(str, FieldsUsed))}')
         self.limits = limits
         self.low_power = False
         self.speed = speed
         self.accel = accel
         self._power_limits = {False: limits, True: low_power_limits or limits}
         self._one_by_one = acknowledge == 'done'
-        self._uses = USES[uses]
+        self._uses = FieldsUsed(uses)
         self._latency = PlanningLatency()
         self._planner = planner
         self._timing = timing
@@ -258,10 +251,10 @@ class Streaming:
         self._forgotten = self._request is not None
 
     def _duration(self, point: Point) -> float | None:
-        if 'duration' in self._uses and point.duration > 0.0:
+        if self._uses.duration and point.duration > 0.0:
             return point.duration
-        share = point.velocity if 'velocity' in self._uses else 0.0
-        if not self._uses:
+        share = point.velocity if self._uses.velocity else 0.0
+        if self._uses is FieldsUsed.NOTHING:
             share = self.speed
         if not 0.0 < share < 1.0:
             return None

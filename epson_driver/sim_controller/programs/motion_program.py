@@ -27,6 +27,8 @@ What a profile's `ProgramProfile` changes in these rules stands there.
 import dataclasses
 from collections.abc import Callable
 
+from epson_driver.motion import Array
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile import ProgramProfile
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock
@@ -35,12 +37,12 @@ from epson_driver.sim_controller.ports.requests import answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
 from epson_driver.sim_controller.programs.points import (
-    FIELDS_USED,
     frame_fault,
     limits_rejection,
     numbers_rejection,
     sequence_of,
     target_of,
+    velocity_fraction,
 )
 from epson_driver.sim_controller.programs.program import ProgramQuit, SendPacket
 from epson_driver.sim_controller.programs.replies import REPLIES
@@ -102,7 +104,9 @@ class MotionProgram:
         self._blocked = blocked
         self._send_packet = send
         self._clock = clock
-        self._used = FIELDS_USED[profile.uses]
+        self._used = FieldsUsed(profile.uses)
+        self._arm = arm
+        self._last_target: Array | None = None  # of the points that are not done
         self._reply = REPLIES[profile.reply]
         self._download = Download(profile.download)
         self._accepted: int | None = None
@@ -153,6 +157,7 @@ class MotionProgram:
 
     def abort(self) -> None:
         """Brake, and answer all points that are not answered yet with FAILURE."""
+        self._last_target = None
         entries, lost = self._queue.flush()
         self._download.reject()
         sequences = [  # None: of a download
@@ -224,7 +229,7 @@ class MotionProgram:
         rejection = (
             self._blocked()
             or self._sequence_rejection(point)
-            or numbers_rejection(point, self._used)
+            or numbers_rejection(point, self._used, self._profile.velocity_unit)
             or (None if late else outside)
             or self._queue_rejection()
         )
@@ -257,9 +262,17 @@ class MotionProgram:
         return corrupt(f'{len(self._queue)} points wait already, the most that can')
 
     def _point(self, point: JointTrajPt, sequence: int) -> Point:
-        velocity = point.velocity if 'velocity' in self._used else 0.0
-        duration = point.duration if 'duration' in self._used else 0.0
-        return Point(sequence, target_of(point, self._limits), velocity, duration)
+        origin = self._last_target
+        if origin is None or not (self._arm.moving or len(self._queue)):
+            origin = self._arm.position
+        velocity = (
+            velocity_fraction(point, origin, self._limits, self._profile.velocity_unit)
+            if self._used.velocity
+            else 0.0
+        )
+        duration = point.duration if self._used.duration else 0.0
+        self._last_target = target_of(point, self._limits)
+        return Point(sequence, self._last_target, velocity, duration)
 
     # Downloads.
 
@@ -288,7 +301,7 @@ class MotionProgram:
         check = self._profile.check_limits
         return (
             self._blocked()
-            or numbers_rejection(point, self._used)
+            or numbers_rejection(point, self._used, self._profile.velocity_unit)
             or (limits_rejection(point, self._limits) if check else None)
             or (self._queue_rejection() if reply_to is not None else None)
             or self._download.add(point, self._clock.now)

@@ -5,6 +5,7 @@
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
+from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection, corrupt
 from epson_driver.simple_message import (
     BodyError,
@@ -23,16 +24,6 @@ MIN_VELOCITY = 1e-6
 MAX_DURATION_S = 86_400.0
 """Longest duration field obeyed, s: a day."""
 
-
-BOTH = frozenset({'velocity', 'duration'})
-
-FIELDS_USED = {
-    'both': BOTH,
-    'velocity': frozenset({'velocity'}),
-    'duration': frozenset({'duration'}),
-    'nothing': frozenset[str](),
-}
-"""Which fields of a point count, besides the joints, by the profile's word for it."""
 
 POINT_LENGTH_BYTES = 64
 """The length prefix of a JOINT_TRAJ_PT."""
@@ -53,24 +44,43 @@ def frame_fault(frame: Frame) -> str | None:
     return None
 
 
-def numbers_rejection(point: JointTrajPt, used: frozenset[str] = BOTH) -> Rejection | None:
+def numbers_rejection(
+    point: JointTrajPt,
+    used: FieldsUsed = FieldsUsed.BOTH,
+    unit: VelocityUnit = VelocityUnit.FRACTION,
+) -> Rejection | None:
     """Return why the point's numbers make no sense, or None. Unused joints count too.
 
-    `used`: which of velocity and duration are looked at.
+    `used`: which of velocity and duration are looked at. `unit`: of the velocity.
     """
     for index, angle in enumerate(point.joints):
         if not np.isfinite(angle):
             return corrupt(f'joints[{index}] = {angle} is not finite')
-    for name in ('velocity', 'duration'):
-        if (
-            name in used
-            and (rejection := _number_rejection(name, getattr(point, name))) is not None
-        ):
+    if used.velocity:
+        largest = 1.0 if unit is VelocityUnit.FRACTION else np.inf
+        if (rejection := _number_rejection('velocity', point.velocity, largest)) is not None:
             return rejection
-    return None
+    return _number_rejection('duration', point.duration) if used.duration else None
 
 
-def _number_rejection(name: str, value: float) -> Rejection | None:
+def velocity_fraction(
+    point: JointTrajPt, origin: Array, limits: JointLimits, unit: VelocityUnit
+) -> float:
+    """Return the velocity of a point that was not rejected as a fraction of the joints' speed.
+
+    In [0, 1]; 0: none is given. `origin`: shape (n,), rad, where the motion to it begins.
+    """
+    if unit is VelocityUnit.FRACTION or point.velocity == 0.0:
+        return point.velocity
+    way = np.abs(target_of(point, limits) - origin)
+    farthest = float(way.max())
+    if farthest == 0.0:
+        return 1.0
+    share = point.velocity * float((way / limits.velocity).max()) / farthest
+    return min(max(share, MIN_VELOCITY), 1.0)
+
+
+def _number_rejection(name: str, value: float, largest: float = 1.0) -> Rejection | None:
     if not np.isfinite(value):
         return corrupt(f'{name} = {value} is not finite')
     if value < 0.0:
@@ -78,7 +88,7 @@ def _number_rejection(name: str, value: float) -> Rejection | None:
     if name == 'duration':
         if value > MAX_DURATION_S:
             return corrupt(f'duration = {value:g} s is above {MAX_DURATION_S:g} s')
-    elif value > 1.0:
+    elif value > largest:
         return corrupt(f'velocity = {value:g} is above 1, the fraction of the maximum joint speed')
     elif 0.0 < value < MIN_VELOCITY:
         return corrupt(f'velocity = {value:g} is below {MIN_VELOCITY:g}')

@@ -14,18 +14,18 @@ from support.driver_harness import (
     JOINTS,
     LIMITS,
     Harness,
+    ScriptedController,
     Submitted,
-    WaxController,
     pose,
     simulated,
 )
 from support.event_loop import now, run, until
 
-from epson_driver.driver.delivery.deliveries import delivery_rules
 from epson_driver.driver.delivery.delivery import DeliveryRules
-from epson_driver.driver.goal.execution import Settings, cause_time
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_states import State
+from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.goal.goal_states import GoalState
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.motion import Trajectory
@@ -53,7 +53,7 @@ async def cell_of(profile, interface=None, *, enabled=True, **options):
         profile = load_controller_profile(profile)
     defaults = profile_defaults(profile)
     rules = delivery_rules(profile, interface or defaults['interface'], defaults['point_message'])
-    options.setdefault('settings', Settings(cause_time=cause_time(profile.state)))
+    options.setdefault('settings', GoalSettings(cause_timeout=cause_timeout(profile.state)))
     async with (
         simulated(profile=profile) as (controller, ports),
         Harness(ports, delivery=rules, usual_byte_order=profile.byte_order, **options) as harness,
@@ -61,7 +61,7 @@ async def cell_of(profile, interface=None, *, enabled=True, **options):
         received = watch(controller)
         await harness.ready()
         if enabled:
-            await harness.services.enable()
+            await harness.commands.enable()
         yield harness, controller, received
 
 
@@ -98,7 +98,7 @@ def plan(times, positions, velocities=None):
 
 def hand_in(harness, goal):
     submitted = Submitted(goal)
-    harness.driver.goals.submit(submitted.ticket)
+    harness.driver.goal_queue.submit(submitted.handle)
     return submitted
 
 
@@ -177,8 +177,8 @@ def test_a_profile_gives_the_defaults(name, values):
 
 
 def test_a_refused_goal_waits_for_the_status_of_its_controller():
-    waits = {name: cause_time(load_controller_profile(name).state) for name in PROFILES}
-    assert waits['rc620'] == pytest.approx(Settings().cause_time)
+    waits = {name: cause_timeout(load_controller_profile(name).state) for name in PROFILES}
+    assert waits['rc620'] == pytest.approx(GoalSettings().cause_timeout)
     assert waits['fanuc'] > 11 * 0.0238
 
 
@@ -257,7 +257,7 @@ def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
         async with cell_of('abb') as (harness, controller, received):
             goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
             await harness.until_moving()
-            harness.driver.goals.cancel(goal.ticket)
+            harness.driver.goal_queue.cancel(goal.handle)
             outcome = await goal.end()
             assert outcome.end is End.CANCELED
             assert (received[-1].comm_type, received[-1].message.sequence) == (
@@ -318,7 +318,7 @@ def test_inv7_a_long_download_never_fills_the_memory():
                 await asyncio.sleep(0)
             assert most < 32768
             assert [packet.message.sequence for packet in received[1:-1]] == [*range(1, count - 1)]
-            harness.driver.goals.cancel(goal.ticket)
+            harness.driver.goal_queue.cancel(goal.handle)
             assert (await goal.end()).end is End.CANCELED
 
     run(check())
@@ -375,7 +375,7 @@ def test_a_busy_point_is_not_sent_again_after_stop():
         async with cell_of(small) as (harness, controller, received):
             goal = hand_in(harness, plan(np.arange(9) * 1.0, np.outer(np.arange(9.0), pose(0.2))))
             await harness.until_moving()
-            harness.driver.goals.cancel(goal.ticket)
+            harness.driver.goal_queue.cancel(goal.handle)
             assert (await goal.end()).end is End.CANCELED
             stop = next(
                 index
@@ -405,7 +405,7 @@ def test_a_motoman_that_refuses_says_why():
 def test_stop_reaches_a_motoman_that_does_nothing():
     async def check():
         async with cell_of('motoman') as (harness, _, received):
-            assert 'acknowledged STOP' in await harness.services.stop()
+            assert 'acknowledged STOP' in await harness.commands.stop()
             assert received[-1].message.command == Command.STOP_MOTION
 
     run(check())
@@ -434,7 +434,7 @@ def test_a_plan_that_begins_beside_the_arm_takes_it_there_slowly():
 def test_motomans_times_and_velocities_follow_the_speed_scaling(factor):
     async def check():
         async with cell_of('motoman') as (harness, _, received):
-            harness.driver.goals.scaling.set(factor, now() - 1.0)
+            harness.driver.goal_queue.scaling.set(factor, now() - 1.0)
             goal = plan([0.0, 0.1, 0.2], [HOME, pose(0.02), pose(0.04)])
             outcome = await hand_in(harness, goal).end()
             assert outcome.end is End.SUCCEEDED, outcome
@@ -501,8 +501,8 @@ def test_the_final_states_are_reached_in_every_delivery():
             async with cell_of(name) as (harness, _, received):
                 goal = hand_in(harness, dense())
                 await until(lambda got=received: len(got) >= 2)
-                await harness.services.disable()
-                assert goal.ticket.execution.state is State.ABORTED
+                await harness.commands.disable()
+                assert goal.handle.execution.state is GoalState.ABORTED
                 count = len(received)
                 await asyncio.sleep(0.1)
                 assert len(received) == count
@@ -515,7 +515,7 @@ def test_the_final_states_are_reached_in_every_delivery():
 
 def test_what_is_sent_before_any_state_has_the_byte_order_of_the_profile():
     async def check():
-        async with WaxController() as controller:
+        async with ScriptedController() as controller:
             fanuc = load_controller_profile('fanuc').byte_order
             harness = Harness(controller.ports, usual_byte_order=fanuc)
             assert harness.driver.motion_link.dialect.byte_order is fanuc
@@ -532,11 +532,11 @@ def test_full_points_without_motomans_commands():
     async def check():
         rules = DeliveryRules(point_message='joint_traj_pt_full')
         async with (
-            WaxController() as controller,
+            ScriptedController() as controller,
             Harness(controller.ports, delivery=rules) as harness,
         ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             outcome = await hand_in(harness, line()).end()
             await until(lambda: controller.received == [0, 0, -4])  # group 0 twice, then STOP
             assert 'the arm stands, and joint_1 is 0.2 rad from the goal' in outcome.text

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from epson_driver.driver.delivery.download import download_sequences
-from epson_driver.driver.delivery.points import (
-    AT_START,
-    FIRST_VELOCITY,
-    SHORTEST_DURATION,
+from epson_driver.driver.delivery.trajectory_points import (
+    FIRST_POINT_VELOCITY_FRACTION,
+    MIN_DURATION_S,
+    START_MARGIN_RAD,
     from_standing,
     full_points,
     trajectory_points,
@@ -47,7 +47,7 @@ def sent(trajectory, start=HOME):
 
 def test_the_first_duration_is_not_ten_seconds():
     """Old: a first point at 0 s was sent with 10 s, and a controller waited as long."""
-    assert sent(plan([0.0, 1.0], [0.0, 0.5]))[0].duration == np.float32(SHORTEST_DURATION)
+    assert sent(plan([0.0, 1.0], [0.0, 0.5]))[0].duration == np.float32(MIN_DURATION_S)
 
 
 def test_a_trajectory_knows_nothing_of_the_one_before():
@@ -104,8 +104,10 @@ def test_a_segment_that_stands_has_no_velocity_of_ten_percent():
 def test_a_start_beside_the_arm_takes_its_time():
     """A controller that goes by the duration alone must not jump there."""
     first = sent(plan([0.0, 1.0], [0.02, 0.5]))[0]
-    assert first.duration == pytest.approx(0.02 / (FIRST_VELOCITY * LIMITS.velocity[0]))
-    assert first.velocity == np.float32(FIRST_VELOCITY)
+    assert first.duration == pytest.approx(
+        0.02 / (FIRST_POINT_VELOCITY_FRACTION * LIMITS.velocity[0])
+    )
+    assert first.velocity == np.float32(FIRST_POINT_VELOCITY_FRACTION)
 
 
 def test_a_download_has_the_same_fields():
@@ -156,7 +158,7 @@ def test_velocities_of_the_plan_stay_as_they_are():
 
 def test_a_plan_begins_exactly_where_the_arm_stands():
     """MotoROS refuses a first point that is further away than some encoder pulses."""
-    start = HOME + 0.9 * AT_START
+    start = HOME + 0.9 * START_MARGIN_RAD
     near = from_standing(plan([0.0, 1.0], [0.0, 0.5]), start, LIMITS)
     np.testing.assert_array_equal(near.positions[0], start)
     assert near.times.tolist() == [0.0, 1.0]
@@ -165,5 +167,5 @@ def test_a_plan_begins_exactly_where_the_arm_stands():
     np.testing.assert_array_equal(away.positions[0], start)
     assert away.velocities[:, 0].tolist() == [0.0, 1.0, 0.0]
     beside = from_standing(plan([0.0, 1.0], [0.01, 0.5]), HOME, LIMITS)
-    hold = 0.01 / (FIRST_VELOCITY * LIMITS.velocity[0])
+    hold = 0.01 / (FIRST_POINT_VELOCITY_FRACTION * LIMITS.velocity[0])
     np.testing.assert_allclose(beside.times, [0.0, hold, 1.0 + hold])

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from epson_driver.driver.delivery.points import (
-    FIRST_VELOCITY,
-    SHORTEST_DURATION,
+from epson_driver.driver.delivery.trajectory_points import (
+    FIRST_POINT_VELOCITY_FRACTION,
+    MIN_DURATION_S,
     STOP,
     to_float32_inside,
     trajectory_points,
@@ -67,8 +67,8 @@ def test_durations_of_less_than_a_second_are_exact():
 
 def test_a_first_point_without_time_gets_the_usual_velocity_and_a_duration_above_zero():
     first = points_of(trajectory([0, 1], along(0, [0.0, 0.5])))[0]
-    assert first.velocity == FIRST_VELOCITY
-    assert first.duration == SHORTEST_DURATION
+    assert first.velocity == FIRST_POINT_VELOCITY_FRACTION
+    assert first.duration == MIN_DURATION_S
 
 
 def test_a_first_point_with_time_is_a_segment_from_where_the_arm_is():
@@ -122,7 +122,7 @@ def test_inv2_velocity_is_at_most_1_and_enough_for_the_plan(rows, with_velocitie
         assert point.duration > 0.0
         if index == 0 and from_zero:
             continue
-        duration = max(times[index] - (times[index - 1] if index else 0.0), SHORTEST_DURATION)
+        duration = max(times[index] - (times[index - 1] if index else 0.0), MIN_DURATION_S)
         needed = np.abs(positions[index] - starts[index]) / duration / LIMITS.velocity
         if velocities is not None:
             needed = np.maximum(needed, np.abs(velocities[index]) / LIMITS.velocity)

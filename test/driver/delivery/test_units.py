@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epson_driver.driver.goal.goal import check_limits, check_start
+from epson_driver.driver.goal.goal_checks import check_limits, check_start
 from epson_driver.driver.goal.tolerances import Tolerances
-from epson_driver.driver.outcome import GoalRefusedError
+from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.motion import Trajectory, go, problems
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.programs.motoman_points import invalid_next, invalid_start
@@ -61,7 +61,7 @@ def test_velocities(joint, by, unit):
     given = np.zeros((2, 4))
     given[1, joint] = 0.5
     moving = plan(HOME, moved(joint, by), velocities=given)
-    with pytest.raises(GoalRefusedError, match=rf'the last velocity, 0\.5 {unit}/s, must be 0'):
+    with pytest.raises(GoalRejectedError, match=rf'the last velocity, 0\.5 {unit}/s, must be 0'):
         check_limits(moving, LIMITS)
     given[1, joint] = np.nan
     (found,) = problems(plan(HOME, HOME, velocities=given), LIMITS)
@@ -71,11 +71,11 @@ def test_velocities(joint, by, unit):
 @pytest.mark.parametrize(('joint', 'unit'), [(2, 'm'), (3, 'rad')])
 def test_a_start_beside_the_arm(joint, unit):
     name = f'joint_{joint + 1}'
-    with pytest.raises(GoalRefusedError) as caught:
+    with pytest.raises(GoalRejectedError) as caught:
         check_start(plan(HOME, HOME), moved(joint, -0.05), LIMITS, 0.02)
     assert f'0.05 {unit} apart, the limit is 0.02 {unit}' in str(caught.value)
     late = plan(HOME, HOME, times=(1e-4, 1.0))
-    with pytest.raises(GoalRefusedError, match=rf'{name}: .* need 500 {unit}/s, .* {unit}/s$'):
+    with pytest.raises(GoalRejectedError, match=rf'{name}: .* need 500 {unit}/s, .* {unit}/s$'):
         check_start(late, moved(joint, -0.05), LIMITS, 0.02)
 
 

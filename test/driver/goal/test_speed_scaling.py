@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from epson_driver.driver.goal.speed_scaling import RAMP, SLOWEST, SpeedScaling, scaled
+from epson_driver.driver.goal.speed_scaling import MIN_FACTOR, RAMP_PER_S, SpeedScaling, scaled
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Ping, ValidFields, joint_data
 
-FACTORS = st.one_of(st.just(0.0), st.floats(SLOWEST, 1.0))
+FACTORS = st.one_of(st.just(0.0), st.floats(MIN_FACTOR, 1.0))
 
 
 def test_it_begins_as_planned():
@@ -24,15 +24,15 @@ def test_it_goes_to_its_target_in_a_ramp_also_from_the_middle_of_one():
     scaling = SpeedScaling()
     scaling.set(0.0, 10.0)
     assert scaling.factor(10.0) == 1.0
-    assert scaling.factor(10.0 + 0.25 / RAMP) == pytest.approx(0.75)
-    assert scaling.factor(10.0 + 1.0 / RAMP) == 0.0
-    scaling.set(0.5, 10.0 + 0.75 / RAMP)
-    assert scaling.factor(10.0 + 0.75 / RAMP) == pytest.approx(0.25)
-    assert scaling.factor(10.0 + 0.9 / RAMP) == pytest.approx(0.4)
+    assert scaling.factor(10.0 + 0.25 / RAMP_PER_S) == pytest.approx(0.75)
+    assert scaling.factor(10.0 + 1.0 / RAMP_PER_S) == 0.0
+    scaling.set(0.5, 10.0 + 0.75 / RAMP_PER_S)
+    assert scaling.factor(10.0 + 0.75 / RAMP_PER_S) == pytest.approx(0.25)
+    assert scaling.factor(10.0 + 0.9 / RAMP_PER_S) == pytest.approx(0.4)
     assert scaling.factor(11.0) == 0.5
 
 
-@pytest.mark.parametrize('bad', [-0.1, SLOWEST / 2, 1.001, math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize('bad', [-0.1, MIN_FACTOR / 2, 1.001, math.nan, math.inf, -math.inf])
 def test_what_is_no_factor_is_refused_with_what_is(bad):
     scaling = SpeedScaling()
     with pytest.raises(ValueError, match=r'must be 0 \(pause\) or from 0.01 to 1'):
@@ -51,7 +51,7 @@ def test_a_piece_of_a_plan_takes_as_long_as_the_factors_on_the_way_say(
     takes = scaling.time_for(planned, begin)
     if takes is None:
         assert then == 0.0
-        left = scaling.factor(begin) ** 2 / 2 / RAMP
+        left = scaling.factor(begin) ** 2 / 2 / RAMP_PER_S
         assert planned >= left - 1e-9
         return
     steps = 2000
@@ -65,7 +65,7 @@ def test_no_point_that_is_sent_at_the_end_of_a_pause_is_slow_for_long():
     scaling.set(0.0, 0.0)
     assert scaling.time_for(0.1, 5.0) is None
     scaling.set(1.0, 5.0)
-    assert scaling.time_for(1.0, 5.0) == pytest.approx(1.0 + 0.5 / RAMP)
+    assert scaling.time_for(1.0, 5.0) == pytest.approx(1.0 + 0.5 / RAMP_PER_S)
 
 
 POINT = JointTrajPt(3, joint_data([0.1, 0.2]), 0.6, 0.5)

@@ -13,7 +13,7 @@ import pytest
 from support.driver_harness import Harness, simulated
 from support.event_loop import now, run, until
 
-from epson_driver.driver.io.io_driver import MOST_POINTS, IoDriver, IoUnavailableError
+from epson_driver.driver.io.io_driver import MAX_POINTS, IoDriver, IoUnavailableError
 from epson_driver.driver.io.io_results import sentence
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import (
@@ -59,7 +59,7 @@ class Client:
     async def known(self):
         await until(lambda: self.io.states)
 
-    async def refusal(self, *addresses):
+    async def rejection(self, *addresses):
         """Return why a read has no answer."""
         with pytest.raises(IoUnavailableError) as error:
             await self.io.read([IoAddress(*each) for each in addresses or [(DI, 0)]])
@@ -75,7 +75,7 @@ def publication(*values, start=0):
     return frame(PUB, 0, 1, DI, start, len(values), *values, comm_type=1, reply_code=0)
 
 
-class Wax:
+class ScriptedServer:
     """A server whose `answer(number, msg_type, message_id, words)` is the test's.
 
     It returns the bytes to send, or None to hang up. `requests` are (msg_type, words) as they
@@ -189,7 +189,7 @@ def test_every_request_ends_whenever_the_connection_is_cut():
                 await client.known()
                 asked = [asyncio.create_task(ask(client.io)) for _ in range(5)]
                 await asyncio.sleep(times.uniform(0.0, 0.004))
-                client.io.link._writer.transport.abort()
+                client.io.link.transport.abort()
                 for answer in await asyncio.gather(*asked):
                     assert answer == 0 or 'lost' in answer
                 assert not client.io._asked
@@ -262,7 +262,7 @@ def test_no_values_while_the_io_server_does_not_run_and_again_when_it_does():
             controller.apply(Event.ESTOP_PRESS)
             await until(lambda: not client.io.states)
             assert client.told[1:] == ['no values from the I/O server for 0.3 s']
-            assert 'refused' in await client.refusal()
+            assert 'refused' in await client.rejection()
             with pytest.raises(IoUnavailableError, match='refused'):
                 await client.io.write([IoSetting(DO, 0, 1)])
             await asyncio.sleep(1.0)
@@ -280,7 +280,7 @@ def test_a_controller_that_returns_is_subscribed_to_again():
     async def test():
         async with simulated() as (_, ports), Client(ports.io) as client:
             await client.known()
-            client.io.link._writer.transport.abort()  # the cable
+            client.io.link.transport.abort()  # the cable
             await until(lambda: len(client.told) == 3)
             assert 'no I/O link' in client.told[1]
             assert client.told[2] == client.told[0]
@@ -302,9 +302,9 @@ def test_a_port_where_nobody_listens_is_said_once(caplog):
     async def test():
         port = free_port()
         async with Client(port) as client:
-            await until(lambda: client.io.link._attempt >= 5)
+            await until(lambda: client.io.link.attempt >= 5)
             assert len(client.told) == 1
-            assert await client.refusal() == f'no I/O link: 127.0.0.1:{port}: Connection refused'
+            assert await client.rejection() == f'no I/O link: 127.0.0.1:{port}: Connection refused'
         assert len(caplog.messages) == 1
 
     run(test())
@@ -314,7 +314,7 @@ def test_a_server_that_hangs_up_at_once_is_said_once(caplog):
     caplog.set_level(logging.INFO)
 
     async def test():
-        async with Wax(lambda *_: None) as server, Client(server.port) as client:
+        async with ScriptedServer(lambda *_: None) as server, Client(server.port) as client:
             await until(lambda: client.io.link.statistics.connections >= 4)
             assert len(client.told) == 1
             assert 'closed by the controller' in client.told[0]
@@ -327,8 +327,8 @@ def test_a_server_that_knows_no_io_is_asked_ever_less_and_said_once(caplog):
     caplog.set_level(logging.INFO)
 
     async def test():
-        refusal = frame(INFO, reply_code=FAILURE)
-        async with Wax(lambda *_: refusal) as server, Client(server.port) as client:
+        rejection = frame(INFO, reply_code=FAILURE)
+        async with ScriptedServer(lambda *_: rejection) as server, Client(server.port) as client:
             await until(lambda: len(server.requests) == 3)
             began = now()
             await until(lambda: len(server.requests) == 4)
@@ -367,7 +367,7 @@ def test_port_0_is_not_used(caplog):
         async with Client(0) as client:
             await until(lambda: client.told)
             assert client.told == ['I/O is not used: the parameter io_port is 0']
-            assert 'io_port is 0' in await client.refusal()
+            assert 'io_port is 0' in await client.rejection()
 
     run(test())
     assert not caplog.messages
@@ -384,9 +384,9 @@ def test_a_late_reply_answers_its_own_request_only():
         return b'' if len(late) == 1 else late[0] + late[1]
 
     async def test():
-        async with Wax(answer) as server, Client(server.port, timeout=0.2) as client:
+        async with ScriptedServer(answer) as server, Client(server.port, timeout=0.2) as client:
             await client.known()
-            assert await client.refusal((DI, 3)) == 'no reply from the I/O server within 0.2 s'
+            assert await client.rejection((DI, 3)) == 'no reply from the I/O server within 0.2 s'
             (second,) = await client.io.read([IoAddress(DI, 3)])
             assert second.value == 1
             assert client.io.link.statistics.unsolicited_replies == 1
@@ -404,7 +404,7 @@ def test_two_requests_at_a_time_find_their_replies_in_any_order():
         return held[1] + held[0] if len(held) == 2 else b''
 
     async def test():
-        async with Wax(answer) as server, Client(server.port) as client:
+        async with ScriptedServer(answer) as server, Client(server.port) as client:
             await client.known()
             first, second = await asyncio.gather(
                 client.io.read([IoAddress(DI, 2)]), client.io.read([IoAddress(DI, 3)])
@@ -432,9 +432,9 @@ def test_replies_that_are_none(reply, said):
         return reply(message_id)
 
     async def test():
-        async with Wax(answer) as server, Client(server.port) as client:
+        async with ScriptedServer(answer) as server, Client(server.port) as client:
             await client.known()
-            assert said in await client.refusal((DI, 3))
+            assert said in await client.rejection((DI, 3))
 
     run(test())
 
@@ -444,7 +444,7 @@ def test_a_write_without_a_reply_says_that_it_may_have_been_done():
         return b'' if msg_type == WRITE else four_inputs(number, msg_type, message_id, words)
 
     async def test():
-        async with Wax(answer) as server, Client(server.port, timeout=0.2) as client:
+        async with ScriptedServer(answer) as server, Client(server.port, timeout=0.2) as client:
             await client.known()
             with pytest.raises(IoUnavailableError, match='may have been written'):
                 await client.io.write([IoSetting(DO, 0, 1)])
@@ -454,7 +454,7 @@ def test_a_write_without_a_reply_says_that_it_may_have_been_done():
 
 def test_ranges_that_were_not_subscribed_to_are_dropped_and_counted():
     async def test():
-        async with Wax(four_inputs) as server, Client(server.port) as client:
+        async with ScriptedServer(four_inputs) as server, Client(server.port) as client:
             await client.known()
             server.writers[-1].write(publication(1, 1) + publication(7, start=4))
             bad = client.io.link.statistics.bad_frames
@@ -465,10 +465,13 @@ def test_ranges_that_were_not_subscribed_to_are_dropped_and_counted():
 
 
 def test_values_without_a_period_become_unknown_and_are_asked_for_again():
-    """Wax publishes once only, when it is subscribed to."""
+    """ScriptedServer publishes once only, when it is subscribed to."""
 
     async def test():
-        async with Wax(four_inputs) as server, Client(server.port, timeout=0.2) as client:
+        async with (
+            ScriptedServer(four_inputs) as server,
+            Client(server.port, timeout=0.2) as client,
+        ):
             await until(lambda: len(client.told) == 4)
             known = {(DI, 0): (0, 0, 0, 1)}
             silent = 'no values from the I/O server for 0.2 s'
@@ -487,7 +490,7 @@ def test_ranges_that_are_refused_do_not_keep_the_others():
         return publication(1, 1, 1, 1) + frame(SUB, message_id, 2, *outcomes)
 
     async def test():
-        async with Wax(answer) as server, Client(server.port) as client:
+        async with ScriptedServer(answer) as server, Client(server.port) as client:
             await client.known()
             assert client.values == {(DI, 0): (1, 1, 1, 1)}
 
@@ -496,11 +499,11 @@ def test_ranges_that_are_refused_do_not_keep_the_others():
 
 def test_too_many_points_are_refused_before_they_are_sent():
     async def test():
-        async with Wax(four_inputs) as server, Client(server.port) as client:
+        async with ScriptedServer(four_inputs) as server, Client(server.port) as client:
             await client.known()
             sent = len(server.requests)
-            points = [(DI, 0)] * (MOST_POINTS + 1)
-            assert await client.refusal(*points) == '1025 points in one request: at most 1024'
+            points = [(DI, 0)] * (MAX_POINTS + 1)
+            assert await client.rejection(*points) == '1025 points in one request: at most 1024'
             assert len(server.requests) == sent
 
     run(test())
@@ -508,7 +511,10 @@ def test_too_many_points_are_refused_before_they_are_sent():
 
 def test_without_a_byte_order_it_waits_for_the_state_messages():
     async def test():
-        async with Wax(four_inputs) as server, Client(server.port, dialect=None) as client:
+        async with (
+            ScriptedServer(four_inputs) as server,
+            Client(server.port, dialect=None) as client,
+        ):
             await until(lambda: client.io.link.connected)
             await asyncio.sleep(0.1)
             assert not server.requests
@@ -516,7 +522,7 @@ def test_without_a_byte_order_it_waits_for_the_state_messages():
             await client.known()
         order = ByteOrder.LITTLE
         async with (
-            Wax(four_inputs) as server,
+            ScriptedServer(four_inputs) as server,
             Client(server.port, dialect=None, byte_order=order) as client,
         ):
             await client.known()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from epson_driver.cli.trajectory_file import read_trajectory
-from epson_driver.driver.delivery.points import trajectory_points
-from epson_driver.driver.goal.goal import check_limits, check_start, untimed
-from epson_driver.driver.outcome import GoalRefusedError
-from epson_driver.driver.smoothing.smoothing import Smoothing, prepared
+from epson_driver.driver.delivery.trajectory_points import trajectory_points
+from epson_driver.driver.goal.goal_checks import check_limits, check_start, untimed
+from epson_driver.driver.outcome import GoalRejectedError
+from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
 from epson_driver.motion import Trajectory, problems
 from epson_driver.motion.smoothed import passed
 from epson_driver.robots import load_robot_model
@@ -22,7 +22,7 @@ POSITIONS_ONLY = Trajectory(LIMITS.names, np.zeros(len(PLAN.times)), PLAN.positi
 
 
 def resampled(period, *, time_optimal=False, plan=PLAN):
-    return prepared(plan, START, LIMITS, Smoothing(period, time_optimal))
+    return smoothed_trajectory(plan, START, LIMITS, Smoothing(period, time_optimal))
 
 
 @pytest.mark.parametrize('period', [0.004, 0.05, 0.1])
@@ -64,7 +64,9 @@ def test_time_optimal_needs_no_times_and_is_the_same_with_them():
 
 
 def test_retiming_keeps_the_points_of_the_plan():
-    plan = prepared(untimed(POSITIONS_ONLY, LIMITS), START, LIMITS, Smoothing(None, True))
+    plan = smoothed_trajectory(
+        untimed(POSITIONS_ONLY, LIMITS), START, LIMITS, Smoothing(None, True)
+    )
     assert np.array_equal(plan.positions, PLAN.positions)
     assert plan.times[0] == 0.0
     assert np.all(np.diff(plan.times) > 0.0)
@@ -77,7 +79,7 @@ def test_retiming_keeps_the_points_of_the_plan():
 def test_retiming_leaves_repeated_points_out():
     positions = np.repeat(PLAN.positions, 3, axis=0)
     plan = untimed(Trajectory(LIMITS.names, np.zeros(len(positions)), positions), LIMITS)
-    retimed = prepared(plan, START, LIMITS, Smoothing(None, True))
+    retimed = smoothed_trajectory(plan, START, LIMITS, Smoothing(None, True))
     assert np.array_equal(retimed.positions, PLAN.positions)
 
 
@@ -85,15 +87,17 @@ def test_a_first_point_with_a_time_is_gone_to_from_where_the_arm_is():
     start = np.zeros(6)
     plan = Trajectory(LIMITS.names, np.array([2.0]), START[None, :])
     for smoothing in (Smoothing(0.05), Smoothing(0.05, True), Smoothing(None, True)):
-        motion = prepared(plan, start, LIMITS, smoothing)
+        motion = smoothed_trajectory(plan, start, LIMITS, smoothing)
         assert np.array_equal(motion.positions[0], start)
         assert np.abs(motion.positions[-1] - START).max() < 1e-9
-    assert prepared(plan, start, LIMITS, Smoothing(0.05)).duration == pytest.approx(2.0, abs=0.3)
+    assert smoothed_trajectory(plan, start, LIMITS, Smoothing(0.05)).duration == pytest.approx(
+        2.0, abs=0.3
+    )
 
 
 def test_a_plan_that_is_too_fast_becomes_slower_when_its_times_do_not_count():
     fast = Trajectory(LIMITS.names, PLAN.times / 100.0, PLAN.positions)
-    with pytest.raises(GoalRefusedError, match='velocity limit'):
+    with pytest.raises(GoalRejectedError, match='velocity limit'):
         check_limits(fast, LIMITS)
     check_limits(untimed(fast, LIMITS), LIMITS)
 
@@ -109,7 +113,7 @@ def test_positions_are_checked_all_the_same(value, words):
     positions = PLAN.positions.copy()
     positions[2, 2] = value
     plan = Trajectory(LIMITS.names, np.zeros(len(positions)), positions)
-    with pytest.raises(GoalRefusedError) as caught:
+    with pytest.raises(GoalRejectedError) as caught:
         check_limits(untimed(plan, LIMITS), LIMITS)
     assert words in str(caught.value)
 
@@ -119,4 +123,4 @@ def test_an_arm_outside_its_limits_is_said_to_be():
     start[0] = 3.0
     plan = Trajectory(LIMITS.names, PLAN.times + 1.0, PLAN.positions)
     with pytest.raises(ValueError, match=r'joint_1: position 3 is outside the limits -2\.9'):
-        prepared(plan, start, LIMITS, Smoothing(0.05))
+        smoothed_trajectory(plan, start, LIMITS, Smoothing(0.05))

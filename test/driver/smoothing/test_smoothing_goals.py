@@ -13,7 +13,8 @@ from support.driver_harness import JOINTS, LIMITS, Submitted, cell, pose
 from support.event_loop import PATIENCE, until
 from support.event_loop import run as run_in
 
-from epson_driver.driver.goal.goal import Goal, untimed
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_checks import untimed
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import smoothing_process
 from epson_driver.driver.smoothing.smoothing import Smoothing
@@ -28,14 +29,14 @@ run = partial(run_in, real_time=True)
 
 
 def process_of(harness):
-    return harness.driver.goals._smoother
+    return harness.driver.goal_queue.smoother
 
 
 @pytest.fixture
 def slow(monkeypatch):
     """Let the smoother's process sleep before it begins; return whether it is asked."""
     asked = []
-    started = smoothing_process._started
+    started = smoothing_process.start_process
 
     async def sleepy():
         process = await started()
@@ -49,7 +50,7 @@ def slow(monkeypatch):
         process.communicate = delayed
         return process
 
-    monkeypatch.setattr(smoothing_process, '_started', sleepy)
+    monkeypatch.setattr(smoothing_process, 'start_process', sleepy)
     return asked
 
 
@@ -61,11 +62,11 @@ def test_a_goal_is_resampled_and_executed():
     async def scenario():
         async with cell(smoothing=RESAMPLE) as (harness, _):
             goal = harness.submit(pose(0.2, 0.1), pose(0.3, -0.1, 0.2))
-            assert goal.ticket.execution.state.value == 'preparing'
+            assert goal.handle.execution.state.value == 'preparing'
             outcome = await goal.end()
             assert outcome.end is End.SUCCEEDED
             assert np.abs(harness.at - pose(0.3, -0.1, 0.2)).max() < 1e-6
-            sent = goal.ticket.execution.goal.trajectory
+            sent = goal.handle.execution.goal.trajectory
             assert len(sent.times) > 10
             assert np.diff(sent.times) == pytest.approx(0.1)
             assert max(target for target, _ in goal.feedback) == len(sent.times) - 1
@@ -80,10 +81,10 @@ def test_a_goal_without_times_is_retimed_and_executed():
             positions = np.stack([harness.at, pose(0.2), pose(0.2, 0.3)])
             plan = untimed(Trajectory(LIMITS.names, np.zeros(3), positions), LIMITS)
             goal = Submitted(Goal(plan, np.full(JOINTS, 0.01), goal_time=0.0))
-            harness.driver.goals.submit(goal.ticket)
+            harness.driver.goal_queue.submit(goal.handle)
             assert (await goal.end()).end is End.SUCCEEDED
             assert np.abs(harness.at - pose(0.2, 0.3)).max() < 1e-6
-            assert len(goal.ticket.execution.goal.trajectory.times) == 3
+            assert len(goal.handle.execution.goal.trajectory.times) == 3
 
     run(scenario())
 
@@ -96,7 +97,7 @@ def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
         async with cell(smoothing=RESAMPLE) as (harness, _):
             goal = harness.submit(pose(0.5))
             await until(lambda: slow)
-            harness.driver.goals.cancel(goal.ticket)
+            harness.driver.goal_queue.cancel(goal.handle)
             outcome = await goal.end()
             assert (outcome.end, outcome.text) == (End.CANCELED, 'canceled; the arm stands')
             assert not harness.at.any()
@@ -115,7 +116,7 @@ def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
         async with cell(smoothing=RESAMPLE) as (harness, _):
             goal = harness.submit(pose(0.5))
             await until(lambda: slow)
-            text = await harness.services.stop()
+            text = await harness.commands.stop()
             assert goal.outcome.end is End.ABORTED
             assert goal.outcome.text == 'stopped by ~/stop; the arm stands'
             assert goal.outcome.text in text
@@ -150,7 +151,7 @@ def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
         async with cell(smoothing=RESAMPLE) as (harness, _):
             goal = harness.submit(pose(0.5))
             await until(lambda: slow)
-            harness.driver.motion_link._writer.transport.abort()
+            harness.driver.motion_link.transport.abort()
             assert 'the motion link was lost' in (await goal.end()).text
             assert 'the motion link was lost' in harness.gate
             assert nothing_sent(harness)
@@ -166,7 +167,7 @@ def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
         async with cell(smoothing=RESAMPLE) as (harness, _):
             first = harness.submit(pose(2.0), pose(-2.0), step=3.0)
             second = harness.submit(pose(0.1))
-            assert first.ticket.execution.state.value == 'stopping'
+            assert first.handle.execution.state.value == 'stopping'
             assert (await second.end()).end is End.SUCCEEDED
             assert first.outcome.text == 'replaced by a new goal; the arm stands'
             assert np.abs(harness.at - pose(0.1)).max() < 1e-6
@@ -198,7 +199,7 @@ def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another():
             outcome = await harness.submit(pose(0.2)).end()
             assert outcome.code is ErrorCode.INVALID_GOAL
             assert outcome.text == 'the smoother was ended by SIGKILL'
-            assert harness.driver.goals.unsmoothed == 1
+            assert harness.driver.goal_queue.unsmoothed == 1
             assert nothing_sent(harness)
             assert harness.gate is None
             assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
@@ -207,7 +208,7 @@ def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another():
 
 
 def test_a_plan_that_takes_too_long_is_given_up(slow, monkeypatch):
-    monkeypatch.setattr(smoothing_process, 'TIMEOUT', 0.05)
+    monkeypatch.setattr(smoothing_process, 'TIMEOUT_S', 0.05)
 
     async def scenario():
         async with cell(smoothing=RESAMPLE) as (harness, _):
@@ -255,9 +256,9 @@ def test_joint_states_go_on_while_a_long_plan_is_made():
             angles = 0.5 * np.sin(np.linspace(0.0, 60.0, 1500))
             goal = harness.submit(*(pose(angle) for angle in angles[1:]), step=0.02)
             samples = len(harness.events.samples)
-            await until(lambda: goal.ticket.execution.state.value != 'preparing')
+            await until(lambda: goal.handle.execution.state.value != 'preparing')
             assert len(harness.events.samples) - samples > 20
-            harness.driver.goals.cancel(goal.ticket)
+            harness.driver.goal_queue.cancel(goal.handle)
             assert (await goal.end()).end is End.CANCELED
 
     run(scenario())

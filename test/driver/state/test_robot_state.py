@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from epson_driver.driver.state.joint_mapping import joint_mapping
-from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW
+from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW_S
 from epson_driver.driver.state.robot_state import RobotState
 from epson_driver.simple_message import Status, TriState, joint_data
 
@@ -62,7 +62,7 @@ def test_velocity_of_an_accelerating_motion_lags_by_half_the_window():
     for sample in samples[20:]:
         true = acceleration * (sample.time - 50.0)
         lag = true - sample.velocities[0]
-        assert 0.0 < lag < acceleration * (VELOCITY_WINDOW / 2 + DT)
+        assert 0.0 < lag < acceleration * (VELOCITY_WINDOW_S / 2 + DT)
 
 
 def test_velocity_of_an_arm_that_stands_is_exactly_zero():
@@ -74,7 +74,7 @@ def test_velocity_of_an_arm_that_stands_is_exactly_zero():
 def test_velocity_is_zero_soon_after_the_arm_stopped():
     state = RobotState(1)
     for sample in feed(state, lambda t: min(t, 0.5), 1.0):
-        if sample.time > 50.0 + 0.5 + VELOCITY_WINDOW + DT:
+        if sample.time > 50.0 + 0.5 + VELOCITY_WINDOW_S + DT:
             assert sample.velocities[0] == 0.0
 
 
@@ -156,7 +156,7 @@ def test_inv6_clear_forgets_everything():
 def test_memory_is_bounded():
     state = RobotState(1)
     feed(state, lambda t: t, 60.0)
-    assert len(state._velocity.in_window()) <= VELOCITY_WINDOW / DT + 2
+    assert len(state._velocity.in_window()) <= VELOCITY_WINDOW_S / DT + 2
     assert len(state._clock._envelope) < 10
 
 

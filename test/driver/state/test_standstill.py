@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from epson_driver.driver.state.robot_state import RobotState
-from epson_driver.driver.state.standstill import REST_TIME, Standstill
+from epson_driver.driver.state.standstill import REST_TIME_S, Standstill
 from epson_driver.simple_message import Status, TriState, joint_data
 
 pytestmark = pytest.mark.invariant(5)
@@ -44,8 +44,8 @@ def test_inv5_what_was_measured_before_the_motion_began_is_no_standstill_after_i
         reached.append((sent, standstill.reached(sample.measured)))
         sent += 0.01
     first = next(time for time, stands in reached if stands)
-    assert first >= after + REST_TIME - 0.02
-    assert first < after + REST_TIME + 0.05
+    assert first >= after + REST_TIME_S - 0.02
+    assert first < after + REST_TIME_S + 0.05
 
 
 def test_inv5_what_comes_just_after_but_was_measured_before_does_not_count():

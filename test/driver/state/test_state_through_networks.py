@@ -14,7 +14,7 @@ import random
 import numpy as np
 import pytest
 
-from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW
+from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW_S
 from epson_driver.driver.state.plausibility import Margins
 from epson_driver.driver.state.robot_state import RobotState, StateRules
 from epson_driver.robots import load_robot_model
@@ -92,7 +92,7 @@ def received(motion, way, *, rate=200.0, seconds=6.0, pauses=(), profile=0.005, 
     return np.array(rows), state
 
 
-def errors(rows, motion, window=VELOCITY_WINDOW):
+def errors(rows, motion, window=VELOCITY_WINDOW_S):
     """Return how far each velocity is outside what the joint did in the window, rad/s."""
     found = []
     for sent, _, velocity, _ in rows:

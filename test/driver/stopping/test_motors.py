@@ -3,19 +3,19 @@
 """Motors and errors by the controller's own commands, against a Motoman."""
 
 import pytest
-from support.driver_harness import Harness, WaxController, frame, pose, simulated
+from support.driver_harness import Harness, ScriptedController, frame, pose, simulated
 from support.event_loop import run, until
 
-from epson_driver.driver import services
-from epson_driver.driver.delivery.deliveries import delivery_rules
+from epson_driver.driver import arm_commands
+from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
-from epson_driver.driver.services import ServiceError
 from epson_driver.driver.stopping.motors import (
     Action,
-    ByHand,
-    MotomanCommands,
-    RemoteEthernet,
-    motors,
+    MotomanMotors,
+    MotorsByHand,
+    RemoteEthernetMotors,
+    make_motors,
 )
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
@@ -48,8 +48,8 @@ def commands_in(controller):
     return commands
 
 
-async def refusal(coroutine):
-    with pytest.raises(ServiceError) as caught:
+async def rejection(coroutine):
+    with pytest.raises(CommandError) as caught:
         await coroutine
     return str(caught.value)
 
@@ -62,17 +62,17 @@ def reports(harness, **fields):
 @pytest.mark.parametrize(
     ('kind', 'port', 'way'),
     [
-        ('remote_ethernet', 5000, RemoteEthernet),
-        ('remote_ethernet', 0, ByHand),
-        ('motoman', 0, MotomanCommands),
-        ('motoman', 5000, MotomanCommands),
-        ('none', 5000, ByHand),
+        ('remote_ethernet', 5000, RemoteEthernetMotors),
+        ('remote_ethernet', 0, MotorsByHand),
+        ('motoman', 0, MotomanMotors),
+        ('motoman', 5000, MotomanMotors),
+        ('none', 5000, MotorsByHand),
     ],
 )
 def test_the_profile_and_the_remote_port_decide(kind, port, way):
-    made = motors(kind, '127.0.0.1', port, None)
+    made = make_motors(kind, '127.0.0.1', port, None)
     assert type(made) is way
-    assert bool(made.missing) == (way is ByHand)
+    assert bool(made.missing) == (way is MotorsByHand)
 
 
 def test_every_profile_says_how():
@@ -90,7 +90,7 @@ def test_enable_and_disable_switch_a_motomans_servos():
             commands = commands_in(controller)
             await harness.ready()
             assert controller.status().drives_powered == 0
-            assert await harness.services.enable() == 'the arm is enabled'
+            assert await harness.commands.enable() == 'the arm is enabled'
             assert controller.status().drives_powered == 1
             assert commands == [Command.START_SERVOS]
             outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
@@ -98,12 +98,12 @@ def test_enable_and_disable_switch_a_motomans_servos():
             assert commands == [Command.START_SERVOS, Command.START_TRAJ_MODE]
             goal = harness.submit(pose(1.0))
             await harness.until_moving()
-            assert await harness.services.disable() == 'the arm is disabled and the motors are off'
+            assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
             assert 'stopped by ~/disable; the arm stands' in goal.outcome.text
             assert commands[-2:] == [Command.STOP_MOTION, Command.STOP_SERVOS]
             await until(lambda: reports(harness, drives_powered=0))
             assert harness.gate == 'disabled by ~/disable'
-            await harness.services.enable()
+            await harness.commands.enable()
             outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
             assert outcome.end is End.SUCCEEDED, outcome
 
@@ -118,24 +118,24 @@ def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
         ):
             commands = commands_in(controller)
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             controller.apply(Event.ESTOP_PRESS)
             await until(lambda: reports(harness, e_stopped=1))
-            text = await refusal(harness.services.reset_error())
+            text = await rejection(harness.commands.reset_error())
             assert text == 'RESET_ALARM: FAILURE: reset the error at the controller'
             controller.apply(Event.ESTOP_RELEASE)
-            await harness.services.reset_error()
+            await harness.commands.reset_error()
             assert commands[1:] == [Command.RESET_ALARM] * 2
             await until(lambda: reports(harness, e_stopped=0, in_error=0))
             assert 'E-stop' in harness.gate
             assert controller.status().drives_powered == 0
-            await harness.services.enable()
+            await harness.commands.enable()
             assert harness.gate is None
 
     run(check())
 
 
-class WaxMotoman(WaxController):
+class ScriptedMotoman(ScriptedController):
     """It answers every command with one result, or not at all."""
 
     STATUS = (0, 0, 0, 0, 0, 2, 0)
@@ -161,14 +161,17 @@ class WaxMotoman(WaxController):
     [(None, 'no reply within 0.1 s'), (Result.ALARM, 'ALARM: the controller has an alarm')],
 )
 def test_a_motoman_that_does_not_obey_leaves_the_gate_closed(monkeypatch, result, words):
-    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.1)
+    monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.1)
 
     async def check():
-        async with WaxMotoman(result) as wax, Harness(wax.ports, **as_motoman()) as harness:
+        async with (
+            ScriptedMotoman(result) as scripted,
+            Harness(scripted.ports, **as_motoman()) as harness,
+        ):
             await harness.ready()
-            text = await refusal(harness.services.enable())
+            text = await rejection(harness.commands.enable())
             assert text == f'START_SERVOS: {words}: switch the motors on at the controller'
-            assert wax.received == [Command.START_SERVOS]
+            assert scripted.received == [Command.START_SERVOS]
             assert harness.gate is not None
 
     run(check())
@@ -176,9 +179,9 @@ def test_a_motoman_that_does_not_obey_leaves_the_gate_closed(monkeypatch, result
 
 def test_without_a_link_a_motoman_cannot_be_reset():
     async def check():
-        async with WaxMotoman(None) as wax:
-            harness = Harness(wax.ports, **as_motoman())
-            text = await refusal(harness.services.reset_error())
+        async with ScriptedMotoman(None) as scripted:
+            harness = Harness(scripted.ports, **as_motoman())
+            text = await rejection(harness.commands.reset_error())
             assert 'RESET_ALARM: motion link is disconnected: reset the error at' in text
 
     run(check())
@@ -191,13 +194,13 @@ def test_a_controller_without_commands_leaves_it_to_a_person():
             Harness(ports, motors='none') as harness,
         ):
             await harness.ready()
-            text = await refusal(harness.services.enable())
+            text = await rejection(harness.commands.enable())
             assert 'takes no such command' in text
             assert Action.MOTORS_ON.value.by_hand in text
             controller.apply(Event.MOTORS_ON)
             await until(lambda: reports(harness, drives_powered=1))
-            await harness.services.enable()
-            text = await harness.services.disable()
+            await harness.commands.enable()
+            text = await harness.commands.disable()
             assert text.endswith('takes no such command, so the motors were left as they are')
 
     run(check())

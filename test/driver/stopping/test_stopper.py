@@ -14,8 +14,8 @@ from support.driver_harness import (
     JOINTS,
     LIMITS,
     Harness,
+    ScriptedController,
     Submitted,
-    WaxController,
     answer,
     cell,
     frame,
@@ -23,21 +23,21 @@ from support.driver_harness import (
 )
 from support.event_loop import run, stand_still, until
 
-from epson_driver.driver.goal.execution import Settings
+from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.driver.services import ServiceError
 from epson_driver.motion import Trajectory
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.simple_message import ReplyCode
+from epson_driver.simple_message import JointPosition, JointTrajPt, ReplyCode, decode, reply
 
 pytestmark = pytest.mark.invariant(3, 4, 9)
 
 STOP = -4
 
 
-class MovableWax(WaxController):
+class MovableController(ScriptedController):
     """One whose joint 1 a test moves, at `speed` rad/s. Its STATUS knows nothing of motion."""
 
     STATUS = (1, 0, 0, 0, -1, 2, 1)
@@ -57,8 +57,8 @@ class MovableWax(WaxController):
             await asyncio.sleep(0.005)
 
 
-async def refusal(coroutine):
-    with pytest.raises(ServiceError) as caught:
+async def rejection(coroutine):
+    with pytest.raises(CommandError) as caught:
         await coroutine
     return str(caught.value)
 
@@ -71,17 +71,19 @@ def arm(harness):
 
 def refuses_stop(controller, stops, obeys_after=None):
     """Have a simulated controller refuse STOP and go on; after so many it obeys."""
-    program = controller.program
-    obey = program._stop
+    obey = controller.program.receive
 
-    def stop(sequence):
-        stops.append(sequence)
-        if obeys_after is not None and len(stops) > obeys_after:
-            obey(sequence)
+    def receive(received):
+        message = decode(received).message
+        stop = isinstance(message, JointTrajPt) and message.sequence == STOP
+        if stop:
+            stops.append(message.sequence)
+        if not stop or (obeys_after is not None and len(stops) > obeys_after):
+            obey(received)
         else:
-            program._answer(sequence, ReplyCode.FAILURE)
+            controller.send_reply(reply(JointPosition(message.sequence), ReplyCode.FAILURE))
 
-    program._stop = stop
+    controller.program.receive = receive
 
 
 @contextlib.asynccontextmanager
@@ -90,7 +92,7 @@ async def disobedient(obeys_after=None, **options):
     async with cell(enabled=False, **options) as (harness, controller):
         controller.apply(Event.MOTORS_ON)
         await until(lambda: harness.driver.robot.status.drives_powered == 1)
-        await harness.services.enable()
+        await harness.commands.enable()
         stops = []
         refuses_stop(controller, stops, obeys_after)
         goal = harness.submit(pose(1.5), step=15.0)
@@ -106,7 +108,7 @@ def test_inv3_inv9_a_stop_that_is_refused_is_no_success_and_the_motors_go_off(ca
 
     async def scenario():
         async with disobedient() as (harness, controller, goal, stops):
-            text = await refusal(harness.services.stop())
+            text = await rejection(harness.commands.stop())
             assert 'the controller refused STOP (FAILURE reply)' in text
             assert 'refused STOP' in goal.outcome.text
             assert 'refused STOP' in harness.gate
@@ -133,7 +135,7 @@ def test_inv3_a_refused_stop_is_sent_again_while_the_arm_moves_and_no_longer():
 
     async def scenario():
         async with disobedient(obeys_after=3, remote_port=0) as (harness, controller, _, stops):
-            text = await refusal(harness.services.stop())
+            text = await rejection(harness.commands.stop())
             assert 'the arm stands' in text or 'the arm still moves' in text
             await until(lambda: not controller.moving)
             assert 0.0 < harness.at[0] < 1.4
@@ -144,7 +146,7 @@ def test_inv3_a_refused_stop_is_sent_again_while_the_arm_moves_and_no_longer():
             assert len(stops) == count
             assert 'refused STOP' in harness.gate
             assert arm(harness).level == DiagnosticStatus.ERROR  # until somebody enables the arm
-            await harness.services.enable()
+            await harness.commands.enable()
             assert arm(harness).level == DiagnosticStatus.OK
             assert (await harness.submit(pose(0.1), start=harness.at).end()).end is End.SUCCEEDED
 
@@ -160,13 +162,13 @@ def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
         async with disobedient(**options) as (harness, controller, _, _stops):
             if remote:
                 try:
-                    text = await harness.services.disable()
+                    text = await harness.commands.disable()
                     assert not controller.moving
-                except ServiceError as error:
+                except CommandError as error:
                     text = str(error)
                 await until(lambda: controller.status().drives_powered == 0)
             else:
-                text = await refusal(harness.services.disable())
+                text = await rejection(harness.commands.disable())
                 assert controller.moving
                 assert 'the arm still moves' in text
             assert 'refused STOP' in text
@@ -178,7 +180,7 @@ def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
 
 
 @pytest.mark.parametrize('how', ['fault', 'empty trajectory', 'shut down'])
-def test_inv3_whatever_sends_the_stop_its_refusal_is_noticed(how):
+def test_inv3_whatever_sends_the_stop_its_rejection_is_noticed(how):
     """docs/invariants.md, 3."""
 
     async def scenario():
@@ -189,11 +191,11 @@ def test_inv3_whatever_sends_the_stop_its_refusal_is_noticed(how):
             stops,
         ):
             if how == 'fault':
-                harness.driver.goals.execution.fault('for the test')
+                harness.driver.goal_queue.execution.fault('for the test')
             elif how == 'shut down':
                 await harness.driver.shut_down()
             else:
-                await refusal(harness.services.stop())
+                await rejection(harness.commands.stop())
             await until(lambda: harness.driver.stopper.alarm)
             await until(lambda: not controller.moving)
             assert harness.at[0] < 1.4
@@ -207,18 +209,18 @@ def test_inv9_an_arm_that_moves_on_after_stop_was_taken_is_no_success():
     """docs/invariants.md, 9: it says yes and does nothing."""
 
     async def scenario():
-        async with MovableWax() as wax, Harness(wax.ports) as harness:
+        async with MovableController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             harness.submit(pose(0.5))
-            wax.speed = 0.2
+            scripted.speed = 0.2
             await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
-            text = await refusal(harness.services.stop())
+            text = await rejection(harness.commands.stop())
             assert 'the arm' in text
             assert 'moves' in text
             assert 'moves' in harness.gate
-            await until(lambda: wax.received.count(STOP) >= 3)
-            wax.speed = 0.0
+            await until(lambda: scripted.received.count(STOP) >= 3)
+            scripted.speed = 0.0
             await until(lambda: harness.driver.stopper.over)
 
     run(scenario())
@@ -228,16 +230,16 @@ def test_an_arm_that_somebody_jogs_is_left_alone():
     """Nothing of ours moves it: STOP is not repeated, and no goal is to blame."""
 
     async def scenario():
-        async with MovableWax() as wax, Harness(wax.ports) as harness:
+        async with MovableController() as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            wax.speed = 0.2
+            scripted.speed = 0.2
             await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
-            assert 'the arm still moves' in await refusal(harness.services.stop())
+            assert 'the arm still moves' in await rejection(harness.commands.stop())
             await asyncio.sleep(0.7)
-            assert wax.received == [STOP]
-            wax.speed = 0.0
+            assert scripted.received == [STOP]
+            scripted.speed = 0.0
             await until(lambda: harness.driver.stopper.over)
-            assert 'the controller acknowledged STOP' in await harness.services.stop()
+            assert 'the controller acknowledged STOP' in await harness.commands.stop()
 
     run(scenario())
 
@@ -246,11 +248,11 @@ def test_inv9_a_stop_that_no_joint_state_shows_is_no_success():
     """docs/invariants.md, 9."""
 
     async def scenario():
-        async with WaxController() as wax:
-            wax.shows_joints = False
-            async with Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted:
+            scripted.shows_joints = False
+            async with Harness(scripted.ports) as harness:
                 await until(lambda: harness.driver.motion_link.connected)
-                text = await refusal(harness.services.stop())
+                text = await rejection(harness.commands.stop())
                 assert 'no joint state shows whether the arm stands' in text
 
     run(scenario())
@@ -262,7 +264,7 @@ def test_a_stop_of_an_arm_that_stands_is_quick():
             times = []
             for _ in range(5):
                 before = asyncio.get_running_loop().time()
-                await harness.services.stop()
+                await harness.commands.stop()
                 times.append(asyncio.get_running_loop().time() - before)
             assert min(times) < 0.3, times  # REST_TIME and a STATUS: 0.05 and 0.055 s
 
@@ -279,7 +281,7 @@ def submitted_goal(harness, to, goal_time=0.0):
     )
     goal = Goal(trajectory, np.full(JOINTS, 0.01), goal_time=goal_time)
     submitted = Submitted(goal)
-    harness.driver.goals.submit(submitted.ticket)
+    harness.driver.goal_queue.submit(submitted.handle)
     return submitted
 
 
@@ -288,18 +290,21 @@ def test_inv5_after_a_goal_time_violation_the_next_goal_waits_until_stop_is_answ
     """docs/invariants.md, 3 and 5: the controller may still be busy with the first."""
 
     async def scenario():
-        async with MovableWax(lambda _: b'') as wax, Harness(wax.ports) as harness:
+        async with (
+            MovableController(lambda _: b'') as scripted,
+            Harness(scripted.ports) as harness,
+        ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             first = submitted_goal(harness, 0.3, goal_time=0.1)
             assert (await first.end()).code is ErrorCode.GOAL_TOLERANCE_VIOLATED
             second = submitted_goal(harness, -0.3)
-            await until(lambda: STOP in wax.received)
+            await until(lambda: STOP in scripted.received)
             await asyncio.sleep(0.2)
-            assert wax.received == [0, STOP]
+            assert scripted.received == [0, STOP]
             assert not second.outcomes
-            wax.motion.write(answer(2) + answer(1))  # the point is refused now, STOP is taken
-            await until(lambda: wax.received == [0, STOP, 0])
+            scripted.motion.write(answer(2) + answer(1))  # the point is refused now, STOP is taken
+            await until(lambda: scripted.received == [0, STOP, 0])
             assert harness.gate is None
 
     run(scenario())
@@ -309,16 +314,19 @@ def test_inv4_a_stop_that_is_never_answered_disables_the_arm_and_ends_the_goal_t
     """docs/invariants.md, 4: then the controller starts the motion that it had been given."""
 
     async def scenario():
-        async with MovableWax(lambda _: b'') as wax, Harness(wax.ports) as harness:
+        async with (
+            MovableController(lambda _: b'') as scripted,
+            Harness(scripted.ports) as harness,
+        ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             first = submitted_goal(harness, 0.3, goal_time=0.1)
             await first.end()
             second = submitted_goal(harness, -0.3)
             await second.end()
             assert 'no reply to STOP' in second.outcome.text
             assert 'no reply to STOP' in harness.gate
-            assert wax.received.count(0) == 1
+            assert scripted.received.count(0) == 1
             statistics = harness.driver.motion_link.statistics
             await until(lambda: statistics.connections == 2)  # no late reply answers anything
 
@@ -331,25 +339,25 @@ def test_inv4_enable_has_the_controller_drop_what_it_may_still_have():
     async def scenario():
         silent = [True]
         async with (
-            MovableWax(lambda _: b'' if silent[0] else answer(1)) as wax,
-            Harness(wax.ports) as harness,
+            MovableController(lambda _: b'' if silent[0] else answer(1)) as scripted,
+            Harness(scripted.ports) as harness,
         ):
             await harness.ready()
-            await harness.services.enable()
-            assert wax.received == []
+            await harness.commands.enable()
+            assert scripted.received == []
             await submitted_goal(harness, 0.3, goal_time=0.1).end()
             await until(lambda: harness.gate is not None)
             await until(lambda: harness.driver.motion_link.statistics.connections == 2)
             await until(lambda: harness.driver.motion_link.connected)
-            stops = wax.received.count(STOP)
-            assert 'no reply to STOP' in await refusal(harness.services.enable())
+            stops = scripted.received.count(STOP)
+            assert 'no reply to STOP' in await rejection(harness.commands.enable())
             assert harness.gate is not None
             silent[0] = False
             await until(
                 lambda: harness.driver.stopper.over and harness.driver.motion_link.connected
             )
-            await harness.services.enable()
-            assert wax.received.count(STOP) >= stops + 2
+            await harness.commands.enable()
+            assert scripted.received.count(STOP) >= stops + 2
 
     run(scenario())
 
@@ -361,22 +369,22 @@ def test_inv9_a_reply_that_may_be_a_points_confirms_no_standstill_but_the_state_
     """docs/invariants.md, 9: of two requests one is answered, without a number."""
 
     async def scenario():
-        settings = Settings(reply_timeout=30.0)
+        settings = GoalSettings(reply_timeout=30.0)
         async with (
-            MovableWax(lambda sequence: answer(1) if sequence == STOP else b'') as wax,
-            Harness(wax.ports, settings=settings) as harness,
+            MovableController(lambda sequence: answer(1) if sequence == STOP else b'') as scripted,
+            Harness(scripted.ports, settings=settings) as harness,
         ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             goal = submitted_goal(harness, 0.3)
-            await until(lambda: wax.received == [0])
-            wax.speed = 0.2
+            await until(lambda: scripted.received == [0])
+            scripted.speed = 0.2
             await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
-            harness.driver.goals.cancel(goal.ticket)
-            await until(lambda: wax.received[:2] == [0, STOP])
+            harness.driver.goal_queue.cancel(goal.handle)
+            await until(lambda: scripted.received[:2] == [0, STOP])
             await asyncio.sleep(0.3)
             assert not goal.outcomes  # the arm moves
-            wax.speed = 0.0
+            scripted.speed = 0.0
             await goal.end()
             assert goal.outcome.end is End.CANCELED
             assert 'a reply is missing' in goal.outcome.text
@@ -394,13 +402,39 @@ def test_a_process_that_was_not_scheduled_does_not_take_stop_for_unanswered():
         return answer(1, number)
 
     async def scenario():
-        async with WaxController(reply) as wax, Harness(wax.ports) as harness:
+        async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             harness.driver.stopper.stop()
             await until(lambda: harness.driver.stopper.over)
-            assert wax.received == [STOP]
+            assert scripted.received == [STOP]
             assert harness.driver.stopper.alarm is None
             assert harness.gate is None
+
+    run(scenario())
+
+
+@pytest.mark.invariant(9)
+def test_inv9_a_process_that_stood_still_has_not_waited_for_the_status_that_says_why():
+    """docs/invariants.md, 9: the motors are off, which is why STOP was refused: to be read yet."""
+
+    def reply_and_stand_still(number):
+        if number == STOP:
+            drives_powered, *others = scripted.STATUS
+            assert drives_powered
+            scripted.status = (0, *others)
+            asyncio.get_running_loop().call_later(0.002, stand_still, 30.0)
+        return answer(2, number)
+
+    scripted = ScriptedController(reply_and_stand_still)
+
+    async def scenario():
+        async with scripted, Harness(scripted.ports) as harness:
+            await harness.ready()
+            await harness.commands.enable()
+            harness.driver.stopper.stop()
+            await until(lambda: harness.driver.stopper.over)
+            assert harness.driver.stopper.alarm is None
+            assert harness.gate == 'the motors are off'
 
     run(scenario())

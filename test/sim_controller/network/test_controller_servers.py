@@ -12,7 +12,7 @@ import pytest
 from support.controller_harness import FAILURE, MODEL, PROFILE, STOP, SUCCESS, frame, point
 from support.event_loop import run, until
 
-from epson_driver.remote_ethernet.client import LOGINS, RemoteError, execute
+from epson_driver.remote_ethernet.client import MAX_LOGINS, RemoteError, execute
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event, Motors
@@ -497,7 +497,7 @@ def test_invariant_9_a_controller_that_hangs_up_before_the_login_is_tried_again(
         async def serve(reader, writer):
             nonlocal comes
             comes += 1
-            if comes < LOGINS:
+            if comes < MAX_LOGINS:
                 if how == 'reset':
                     writer.transport.abort()
                 writer.close()
@@ -511,10 +511,10 @@ def test_invariant_9_a_controller_that_hangs_up_before_the_login_is_tried_again(
         port = server.sockets[0].getsockname()[1]
         assert await execute(HOST, port, ['Reset'], 20) == ['0']
         assert asked == [b'$Login,\r\n', b'$Reset\r\n']
-        assert comes == LOGINS
+        assert comes == MAX_LOGINS
         with pytest.raises(ConnectionError, match=f'{HOST}:{port}: .*'):
             await execute(HOST, port, ['Reset', 'Stop'], 20)
-        assert comes == LOGINS + 1  # a command is never given twice
+        assert comes == MAX_LOGINS + 1  # a command is never given twice
         server.close()
 
     run(main())

@@ -7,41 +7,63 @@ from itertools import product
 
 import numpy as np
 import pytest
-from support.execution_harness import CYCLE, DT, LINE, Harness
+from support.goal_execution_harness import CYCLE, DT, LINE, Harness
 
-from epson_driver.driver.goal.execution import CAUSE_TIME, SETTLE_TIME, Settings
-from epson_driver.driver.goal.goal_states import FINAL, TRANSITIONS, Event, State
+from epson_driver.driver.goal.goal_execution import SETTLE_TIME_S
+from epson_driver.driver.goal.goal_settings import CAUSE_TIMEOUT_S, GoalSettings
+from epson_driver.driver.goal.goal_states import (
+    AFTERMATH,
+    FINAL_STATES,
+    TRANSITIONS,
+    GoalEvent,
+    GoalState,
+)
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.driver.state.standstill import DOUBTFUL_REST, REST_TIME
+from epson_driver.driver.state.standstill import REST_TIME_S, UNCONFIRMED_REST_TIME_S
 from epson_driver.simple_message import TriState
 
 pytestmark = pytest.mark.invariant(5)
 
 TABLE = """
-preparing  prepared     streaming
-preparing  cancel       canceling
-preparing  stop         stopping
-preparing  fault        aborted
-streaming  last reply   settling
-streaming  refusal      refused
-streaming  cancel       canceling
-streaming  stop         stopping
-streaming  fault        aborted
-settling   at the goal  succeeded
-settling   refusal      refused
-settling   cancel       canceling
-settling   stop         stopping
-settling   fault        aborted
-refused    fault        aborted
-canceling  at rest      canceled
-canceling  fault        aborted
-stopping   cancel       canceling
-stopping   at rest      aborted
-stopping   fault        aborted
+preparing             prepared          streaming
+preparing             cancel            canceling
+preparing             stop              stopping
+preparing             fault             aborted
+streaming             last reply        settling
+streaming             rejection         rejected
+streaming             rejection midway  rejected midway
+streaming             cancel            canceling
+streaming             stop              stopping
+streaming             no reply          aborted
+streaming             fault             aborted
+settling              at the goal       succeeded
+settling              rejection midway  rejected midway
+settling              cancel            canceling
+settling              stop              stopping
+settling              no reply          aborted
+settling              fault             aborted
+rejected              fault             aborted
+rejected midway       fault             aborted
+canceling             STOP confirmed    canceling, confirmed
+canceling             at rest           canceled
+canceling             no reply          aborted
+canceling             fault             aborted
+canceling, confirmed  at rest           canceled
+canceling, confirmed  no reply          aborted
+canceling, confirmed  fault             aborted
+stopping              STOP confirmed    stopping, confirmed
+stopping              cancel            canceling
+stopping              at rest           aborted
+stopping              no reply          aborted
+stopping              fault             aborted
+stopping, confirmed   cancel            canceling, confirmed
+stopping, confirmed   at rest           aborted
+stopping, confirmed   no reply          aborted
+stopping, confirmed   fault             aborted
 """
 
 ROWS = {
-    (State(line[:11].strip()), Event(line[11:24].strip())): State(line[24:])
+    (GoalState(line[:22].strip()), GoalEvent(line[22:40].strip())): GoalState(line[40:])
     for line in TABLE.strip().split('\n')
 }
 
@@ -51,10 +73,23 @@ def test_the_table_is_the_one_that_was_agreed():
 
 
 def test_final_states_have_no_way_out_and_all_others_end_by_a_fault():
-    assert {state.value for state in FINAL} == {'succeeded', 'canceled', 'aborted'}
-    assert not {pair for pair in product(FINAL, Event) if pair in TRANSITIONS}
-    for state in set(State) - FINAL:
-        assert TRANSITIONS[state, Event.FAULT] is State.ABORTED
+    assert {state.value for state in FINAL_STATES} == {'succeeded', 'canceled', 'aborted'}
+    assert not {pair for pair in product(FINAL_STATES, GoalEvent) if pair in TRANSITIONS}
+    for state in set(GoalState) - FINAL_STATES:
+        assert TRANSITIONS[state, GoalEvent.FAULT] is GoalState.ABORTED
+
+
+def test_what_is_known_afterwards_is_said_of_every_change_that_ends_a_goal_but_faults():
+    ends = {pair for pair, state in TRANSITIONS.items() if state in FINAL_STATES}
+    assert set(AFTERMATH) <= ends
+    faults = {pair for pair in ends if pair[1] is GoalEvent.FAULT}
+    assert ends - set(AFTERMATH) == faults - {(GoalState.REJECTED_MIDWAY, GoalEvent.FAULT)}
+    for (state, event), known in AFTERMATH.items():
+        assert known.at_rest == (event in (GoalEvent.AT_REST, GoalEvent.AT_GOAL))
+        assert known.unanswered <= known.broken_off
+        confirmed = state in (GoalState.CANCELING_CONFIRMED, GoalState.STOPPING_CONFIRMED)
+        if event is GoalEvent.AT_REST:
+            assert known.broken_off is not confirmed
 
 
 # --- success ----------------------------------------------------------------------------------
@@ -73,7 +108,7 @@ def test_points_go_one_at_a_time_and_the_goal_succeeds_when_the_arm_stands_there
     assert harness.outcome.code is ErrorCode.SUCCESSFUL
     assert 'at the goal' in harness.outcome.text
     assert harness.execution.ended
-    assert harness.execution.at_rest
+    assert harness.execution.aftermath.at_rest
     assert harness.stops == 0
 
 
@@ -100,7 +135,7 @@ def test_success_needs_a_status_that_is_newer_than_the_last_reply():
     assert harness.state == 'settling'
     harness.now += DT
     harness.status(in_motion=TriState.FALSE)
-    harness.see(REST_TIME + 2 * DT, status=False)
+    harness.see(REST_TIME_S + 2 * DT, status=False)
     assert harness.outcome.end is End.SUCCEEDED
 
 
@@ -124,7 +159,7 @@ def test_where_in_motion_is_unknown_the_measured_standstill_decides(status):
         harness.move_to(point)
         harness.answer()
     assert harness.state == 'settling'
-    harness.see(REST_TIME - 2 * DT, status=status)
+    harness.see(REST_TIME_S - 2 * DT, status=status)
     assert harness.state == 'settling'
     harness.see(0.15, status=status)
     assert harness.outcome.end is End.SUCCEEDED
@@ -201,7 +236,7 @@ def test_a_path_that_ends_where_it_began_and_never_happened_fails():
     harness = Harness(CYCLE, step=0.1)
     for _ in CYCLE:
         harness.answer()
-    harness.see(SETTLE_TIME + 0.2)
+    harness.see(SETTLE_TIME_S + 0.2)
     assert harness.outcome.end is End.ABORTED
     assert harness.outcome.code is ErrorCode.GOAL_TOLERANCE_VIOLATED
     assert 'did not move' in harness.outcome.text
@@ -230,7 +265,7 @@ def test_an_arm_that_rests_beside_the_goal_names_joint_distance_and_tolerance():
     harness.go_and_answer()
     harness.move_to((1.005, 0.475))
     harness.answer()
-    harness.see(SETTLE_TIME - 0.1)
+    harness.see(SETTLE_TIME_S - 0.1)
     assert not harness.outcomes
     harness.see(0.4)
     assert harness.outcome.end is End.ABORTED
@@ -257,24 +292,24 @@ def test_a_failure_reply_sends_stop_and_ends_the_goal_with_the_controllers_error
     assert f'point {index} of 3' in harness.outcome.text
     assert 'FAILURE' in harness.outcome.text
     assert '4001' in harness.outcome.text
-    assert not harness.execution.at_rest
+    assert not harness.execution.aftermath.at_rest
     harness.see(1.0)
     assert harness.sequences == [*range(index + 1), -4]
 
 
-def test_a_status_from_before_the_refusal_says_nothing_about_it():
+def test_a_status_from_before_the_rejection_says_nothing_about_it():
     harness = Harness()
     harness.status(error_code=1234)
     harness.refuse()
-    harness.see(CAUSE_TIME / 2, status=False)
+    harness.see(CAUSE_TIMEOUT_S / 2, status=False)
     assert not harness.outcomes
-    harness.see(CAUSE_TIME, status=False)
+    harness.see(CAUSE_TIMEOUT_S, status=False)
     assert harness.outcome.end is End.ABORTED
     assert '1234' not in harness.outcome.text
     assert 'FAILURE' in harness.outcome.text
 
 
-def test_while_the_arm_brakes_after_a_refusal_the_reason_may_be_yet_to_come():
+def test_while_the_arm_brakes_after_a_rejection_the_reason_may_be_yet_to_come():
     harness = Harness(in_motion=TriState.TRUE)
     harness.go_and_answer()
     harness.refuse()
@@ -289,7 +324,7 @@ def test_while_the_arm_brakes_after_a_refusal_the_reason_may_be_yet_to_come():
 
 
 @pytest.mark.parametrize(('acknowledged', 'broken'), [(0, False), (1, True)])
-def test_a_refusal_after_points_that_were_taken_breaks_the_goal_off(acknowledged, broken):
+def test_a_rejection_after_points_that_were_taken_breaks_the_goal_off(acknowledged, broken):
     harness = Harness()
     for _ in range(acknowledged):
         harness.go_and_answer()
@@ -297,26 +332,26 @@ def test_a_refusal_after_points_that_were_taken_breaks_the_goal_off(acknowledged
     harness.pass_time(0.03)
     harness.status(error_code=4001)
     assert harness.outcome.end is End.ABORTED
-    assert harness.execution.broken_off is broken
-    assert not harness.execution.unanswered
+    assert harness.execution.aftermath.broken_off is broken
+    assert not harness.execution.aftermath.unanswered
 
 
 def test_a_missing_reply_breaks_the_goal_off():
     harness = Harness()
-    harness.see(Settings().reply_timeout + 2.0)
+    harness.see(GoalSettings().reply_timeout + 2.0)
     assert 'no reply' in harness.outcome.text
-    assert harness.execution.broken_off
-    assert harness.execution.unanswered
+    assert harness.execution.aftermath.broken_off
+    assert harness.execution.aftermath.unanswered
 
 
 def test_a_stop_that_is_not_answered_breaks_the_goal_off():
     harness = Harness()
     harness.go_and_answer()
     harness.execution.cancel(harness.now)
-    harness.see(Settings().reply_timeout + 0.1)
+    harness.see(GoalSettings().reply_timeout + 0.1)
     assert 'standstill' in harness.outcome.text
-    assert harness.execution.broken_off
-    assert harness.execution.unanswered
+    assert harness.execution.aftermath.broken_off
+    assert harness.execution.aftermath.unanswered
 
 
 def test_a_goal_that_was_canceled_in_time_does_not_break_off():
@@ -325,10 +360,10 @@ def test_a_goal_that_was_canceled_in_time_does_not_break_off():
     harness.answer()
     harness.see(0.2)
     assert harness.outcome.end is End.CANCELED
-    assert not harness.execution.broken_off
+    assert not harness.execution.aftermath.broken_off
 
 
-def test_a_refusal_ends_the_goal_within_a_tenth_of_a_second():
+def test_a_rejection_ends_the_goal_within_a_tenth_of_a_second():
     harness = Harness()
     harness.refuse()
     before = harness.now
@@ -338,14 +373,14 @@ def test_a_refusal_ends_the_goal_within_a_tenth_of_a_second():
     assert harness.now - before <= 0.1
 
 
-def test_nothing_changes_a_refusal():
+def test_nothing_changes_a_rejection():
     harness = Harness()
     harness.refuse()
     harness.execution.cancel(harness.now)
     harness.execution.stop('replaced', harness.now)
     harness.execution.on_unsolicited_failure(harness.now)
     harness.answer(message=0)
-    assert harness.state == 'refused'
+    assert harness.state == 'rejected'
     harness.execution.fault('the E-stop is pressed')
     assert 'FAILURE' in harness.outcome.text
     assert 'the E-stop is pressed' in harness.outcome.text
@@ -386,7 +421,7 @@ def test_a_reply_to_a_point_that_is_not_on_its_way_changes_nothing():
 
 # --- patience ---------------------------------------------------------------------------------
 
-PATIENT = Settings(reply_timeout=2.0)
+PATIENT = GoalSettings(reply_timeout=2.0)
 
 
 def test_a_reply_that_does_not_come_ends_the_goal():
@@ -476,12 +511,12 @@ def test_cancel_sends_stop_at_once_and_ends_when_the_arm_stands():
     harness.answer()
     harness.in_motion = TriState.TRUE
     harness.see(0.3, moving=0.3)
-    assert harness.state == 'canceling'
+    assert harness.state == 'canceling, confirmed'
     harness.in_motion = TriState.FALSE
     harness.see(0.3)
     assert harness.outcome.end is End.CANCELED
     assert harness.outcome.code is ErrorCode.SUCCESSFUL
-    assert harness.execution.at_rest
+    assert harness.execution.aftermath.at_rest
     assert harness.sequences == [0, 1, -4]
 
 
@@ -544,7 +579,7 @@ def test_a_stop_that_is_refused_is_a_fault():
     harness.refuse()
     assert harness.outcome.end is End.ABORTED
     assert 'refused STOP' in harness.outcome.text
-    assert not harness.execution.at_rest
+    assert not harness.execution.aftermath.at_rest
 
 
 def test_a_stop_that_is_not_answered_ends_the_goal():
@@ -555,7 +590,7 @@ def test_a_stop_that_is_not_answered_ends_the_goal():
     harness.see(0.3)
     assert harness.outcome.end is End.ABORTED
     assert 'standstill' in harness.outcome.text
-    assert not harness.execution.at_rest
+    assert not harness.execution.aftermath.at_rest
 
 
 def test_replies_after_cancel_send_no_more_points():
@@ -615,7 +650,7 @@ def test_a_lost_link_at_stop(how):
         harness.refuse()
         harness.see(0.2)
     assert harness.outcome.end is End.ABORTED
-    assert not harness.execution.at_rest
+    assert not harness.execution.aftermath.at_rest
 
 
 def test_the_target_is_the_point_on_its_way():
@@ -640,7 +675,9 @@ def test_a_state_without_joints_decides_nothing():
 
 
 def test_nothing_is_sent_before_the_goal_is_prepared_and_that_may_take_its_time():
-    harness = Harness(start=False, goal_time=1.0, settings=Settings(reply_timeout=1.0), step=0.1)
+    harness = Harness(
+        start=False, goal_time=1.0, settings=GoalSettings(reply_timeout=1.0), step=0.1
+    )
     harness.see(10.0)
     assert harness.state == 'preparing'
     assert harness.execution.target == 0
@@ -675,7 +712,7 @@ def test_inv5_a_goal_that_is_stopped_before_it_is_prepared_ends_at_rest(how, end
     harness.answer()
     harness.see(0.3)
     assert harness.outcome.end is end
-    assert harness.execution.at_rest
+    assert harness.execution.aftermath.at_rest
     assert harness.sequences == [-4]
 
 
@@ -732,13 +769,13 @@ def test_inv9_a_reply_to_a_point_may_be_the_one_to_stop_and_the_state_decides():
     harness.answer(message=1)  # the point's, or STOP's in its place
     harness.see(1.0, moving=0.1)
     assert not harness.outcomes
-    harness.see(DOUBTFUL_REST - 0.2)
+    harness.see(UNCONFIRMED_REST_TIME_S - 0.2)
     assert not harness.outcomes
     harness.see(0.5)
     assert harness.outcome.end is End.CANCELED
     assert 'a reply is missing' in harness.outcome.text
-    assert harness.execution.broken_off
-    assert harness.execution.unanswered
+    assert harness.execution.aftermath.broken_off
+    assert harness.execution.aftermath.unanswered
 
 
 def test_a_reply_to_a_point_does_not_delay_a_stop_that_is_answered():
@@ -751,4 +788,4 @@ def test_a_reply_to_a_point_does_not_delay_a_stop_that_is_answered():
     harness.see(0.2)
     assert harness.outcome.end is End.CANCELED
     assert harness.outcome.text == 'canceled; the arm stands'
-    assert not harness.execution.broken_off
+    assert not harness.execution.aftermath.broken_off

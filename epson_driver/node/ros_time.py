@@ -3,36 +3,37 @@
 """ROS times of moments of the event loop's clock, also of past ones."""
 
 from collections.abc import Callable
-from typing import Any
 
+from builtin_interfaces.msg import Time as TimeMessage
+from rclpy.clock import Clock
 from rclpy.time import Time
 
-SURE = 100_000
+MAX_READING_NS = 100_000
 """Both clocks were read at once if it took less than this, ns; else it was interrupted."""
 
-SET = 1_000_000
+MIN_JUMP_NS = 1_000_000
 """ROS's clock was set, or stopped, if it is off by more than this, ns; else it only drifts."""
 
-SHARE = 256
+DRIFT_FILTER_DIVISOR = 256
 """Of a drift, one part in so many is followed at a time: reading clocks takes its time, too."""
 
-NEVER_AT_ONCE = 1_000
+MIN_SPACING_NS = 1_000
 """Between two stamps, ns: tf ignores what has the same one again."""
 
-STEP = 100_000_000
+MIN_STEP_BACK_NS = 100_000_000
 """If ROS's clock is set back by more than this, ns, stamps go back as well."""
 
 
-class Stamps:
+class RosTimeStamps:
     """Makes stamps that increase, from times of `monotonic`, s. `clock`: an rclpy clock."""
 
-    def __init__(self, clock: Any, monotonic: Callable[[], float]) -> None:
+    def __init__(self, clock: Clock, monotonic: Callable[[], float]) -> None:
         self._clock = clock
         self._monotonic = monotonic
         self._ahead: int | None = None
         self._last = 0
 
-    def of(self, moment: float) -> Any:
+    def stamp(self, moment: float) -> TimeMessage:
         """Return the builtin_interfaces/Time of that moment."""
         before = self._monotonic()
         ros = self._clock.now().nanoseconds
@@ -40,12 +41,12 @@ class Stamps:
         ahead = ros - _nanoseconds(before)
         if self._ahead is None:
             self._ahead = ahead
-        elif after - before < SURE * 1e-9:
+        elif after - before < MAX_READING_NS * 1e-9:
             drift = ahead - self._ahead
-            self._ahead += drift if abs(drift) > SET else drift // SHARE
+            self._ahead += drift if abs(drift) > MIN_JUMP_NS else drift // DRIFT_FILTER_DIVISOR
         stamp = max(_nanoseconds(moment) + self._ahead, 0)
-        if stamp < self._last + NEVER_AT_ONCE and stamp > self._last - STEP:
-            stamp = self._last + NEVER_AT_ONCE
+        if stamp < self._last + MIN_SPACING_NS and stamp > self._last - MIN_STEP_BACK_NS:
+            stamp = self._last + MIN_SPACING_NS
         self._last = stamp
         return Time(nanoseconds=stamp).to_msg()
 

@@ -4,10 +4,11 @@
 
 import numpy as np
 
-from epson_driver.driver.delivery.points import STOP
-from epson_driver.driver.goal.execution import Execution, Settings
+from epson_driver.driver.delivery.trajectory_points import STOP
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_states import FINAL
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal_states import FINAL_STATES
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.state.robot_state import RobotState
 from epson_driver.motion import Trajectory
@@ -53,17 +54,17 @@ class Harness:
             for sequence, point in enumerate(points)
         ]
         self.scaling = SpeedScaling()
-        self.execution = Execution(
-            self.goal, settings or Settings(), self._send, self._on_end, self.now, self.scaling
+        self.execution = GoalExecution(
+            self.goal, settings or GoalSettings(), self._send, self._on_end, self.now, self.scaling
         )
-        self._wire = wire
+        self.wire = wire
         self.see(0.1)
         if start:
             self.start()
 
     def start(self, trajectory=None):
         """The motion is prepared, as it was planned or otherwise."""
-        self.execution.start(trajectory or self.goal.trajectory, self._wire, self.now)
+        self.execution.start(trajectory or self.goal.trajectory, self.wire, self.now)
 
     def _send(self, message, on_reply):
         if self.broken:
@@ -72,7 +73,7 @@ class Harness:
         self._posted.append(on_reply)
 
     def _on_end(self, outcome):
-        assert self.execution.state in FINAL
+        assert self.execution.state in FINAL_STATES
         self.outcomes.append(outcome)
 
     @property

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples
-from support.execution_harness import CYCLE, LINE, Harness
+from support.goal_execution_harness import CYCLE, LINE, Harness
 
-from epson_driver.driver.delivery.points import STOP
-from epson_driver.driver.goal.execution import Settings
-from epson_driver.driver.goal.goal_states import FINAL
+from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal_states import FINAL_STATES
 from epson_driver.driver.outcome import End
 from epson_driver.simple_message import TriState
 
@@ -76,17 +76,17 @@ def apply(harness, what, value):
 @given(st.sampled_from((LINE, CYCLE)), st.booleans(), HAPPENINGS)
 def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, start, happenings):
     """docs/invariants.md, 5."""
-    harness = Harness(path, settings=Settings(reply_timeout=3.0), goal_time=20.0, start=start)
+    harness = Harness(path, settings=GoalSettings(reply_timeout=3.0), goal_time=20.0, start=start)
     for what, value in happenings:
         before = harness.execution.state
         sent = len(harness.sent)
         apply(harness, what, value)
-        if before in FINAL:
+        if before in FINAL_STATES:
             assert harness.execution.state is before
         if harness.state == 'preparing':
             assert not harness.sent
             assert len(harness.sent) == sent
-        assert len(harness.outcomes) == (harness.execution.state in FINAL)
+        assert len(harness.outcomes) == (harness.execution.state in FINAL_STATES)
     assert harness.execution.ended == bool(harness.outcomes)
     if harness.outcomes:
         assert harness.outcome.end.value == harness.state
@@ -102,7 +102,7 @@ def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, start, 
 @given(HAPPENINGS)
 def test_inv5_success_is_never_reported_beside_the_goal(happenings):
     """docs/invariants.md, 5."""
-    harness = Harness(settings=Settings(reply_timeout=3.0))
+    harness = Harness(settings=GoalSettings(reply_timeout=3.0))
     for what, value in happenings:
         apply(harness, what, value)
         if harness.outcomes:
@@ -116,7 +116,7 @@ def test_inv5_every_goal_ends_while_states_come():
     """docs/invariants.md, 5: whatever the controller leaves out, patience runs out."""
     for replies in range(len(LINE) + 1):
         for how in (None, 'cancel', 'stop'):
-            harness = Harness(settings=Settings(reply_timeout=3.0))
+            harness = Harness(settings=GoalSettings(reply_timeout=3.0))
             for _ in range(replies):
                 harness.answer()
             if how is not None:

@@ -5,34 +5,34 @@
 import numpy as np
 import pytest
 
-from epson_driver.node.pace import Pace
+from epson_driver.node.throttle import Throttle
 
 
 @pytest.mark.parametrize('period', [0.004, 0.0055, 0.007, 0.013, 0.05])
 @pytest.mark.parametrize('rate', [5.0, 20.0])
 def test_the_mean_rate_is_the_one_that_was_set(period, rate):
-    pace = Pace()
+    throttle = Throttle()
     times = 1000.0 + np.arange(0.0, 20.0, period)
-    passed = [time for time in times if pace.due(float(time), rate)]
+    passed = [time for time in times if throttle.passes(float(time), rate)]
     assert len(passed) == pytest.approx(20.0 * rate, abs=2)
     assert np.diff(passed).max() < 1.0 / rate + period + 1e-9
 
 
 def test_slower_samples_all_pass():
-    pace = Pace()
-    assert all(pace.due(1000.0 + index * 0.1, 20.0) for index in range(50))
+    throttle = Throttle()
+    assert all(throttle.passes(1000.0 + index * 0.1, 20.0) for index in range(50))
 
 
 def test_after_a_silence_there_is_no_burst():
-    pace = Pace()
-    assert pace.due(1000.0, 20.0)
-    assert pace.due(1010.0, 20.0)
-    assert not pace.due(1010.01, 20.0)
+    throttle = Throttle()
+    assert throttle.passes(1000.0, 20.0)
+    assert throttle.passes(1010.0, 20.0)
+    assert not throttle.passes(1010.01, 20.0)
 
 
 def test_another_rate_holds_from_the_next_sample_on():
-    pace = Pace()
-    assert pace.due(1000.0, 20.0)
-    assert pace.due(1000.06, 1.0)
-    assert not pace.due(1000.9, 1.0)
-    assert pace.due(1001.1, 1.0)
+    throttle = Throttle()
+    assert throttle.passes(1000.0, 20.0)
+    assert throttle.passes(1000.06, 1.0)
+    assert not throttle.passes(1000.9, 1.0)
+    assert throttle.passes(1001.1, 1.0)

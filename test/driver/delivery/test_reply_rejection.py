@@ -4,7 +4,7 @@
 
 import pytest
 
-from epson_driver.driver.delivery.refusal import RESULTS, SUBCODES, refusal
+from epson_driver.driver.delivery.reply_rejection import RESULTS, SUBCODES, reply_rejection
 from epson_driver.simple_message import JointPosition, MotionReply, Opaque, ReplyCode, reply
 from epson_driver.simple_message.motoman import Invalid, NotReady, Result
 
@@ -33,7 +33,7 @@ OK, NO = ReplyCode.SUCCESS, ReplyCode.FAILURE
     ],
 )
 def test_a_reply_in_words(packet, text):
-    assert refusal(packet) == text
+    assert reply_rejection(packet) == text
 
 
 def test_every_number_has_words():

@@ -4,15 +4,16 @@
 
 import numpy as np
 import pytest
-from support.execution_harness import CYCLE, DT, LINE, Harness
+from support.goal_execution_harness import CYCLE, DT, LINE, Harness
 
-from epson_driver.driver.goal.execution import SETTLE_TIME, Settings
-from epson_driver.driver.goal.speed_scaling import RAMP
+from epson_driver.driver.goal.goal_execution import SETTLE_TIME_S
+from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.speed_scaling import RAMP_PER_S
 from epson_driver.driver.goal.tolerances import Tolerances
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.simple_message import TriState
 
-PATIENT = Settings(reply_timeout=2.0)
+PATIENT = GoalSettings(reply_timeout=2.0)
 INF = np.inf
 
 
@@ -64,7 +65,7 @@ def test_a_joint_beside_the_path_stops_the_arm_and_the_text_says_which():
     assert 'on the way to point 1' in harness.outcome.text
     assert 'joint_2: the position error is 0.09' in harness.outcome.text
     assert 'the tolerance is 0.05 rad' in harness.outcome.text
-    assert harness.execution.at_rest
+    assert harness.execution.aftermath.at_rest
     assert harness.stops == 1
 
 
@@ -208,7 +209,7 @@ def test_after_a_pause_the_usual_patience_holds():
     pause(harness)
     stand(harness, 10.0)
     status(harness, TriState.TRUE)
-    stand(harness, SETTLE_TIME - 0.1)
+    stand(harness, SETTLE_TIME_S - 0.1)
     assert not harness.outcomes
     stand(harness, 0.3)
     assert harness.outcome.code is ErrorCode.GOAL_TOLERANCE_VIOLATED
@@ -284,7 +285,7 @@ def test_at_0_no_point_is_sent_and_at_more_it_goes_on():
     harness.scaling.set(1.0, harness.now)
     stand(harness, DT)
     assert harness.sequences == [0, 1, 2]
-    assert harness.sent[-1].duration == pytest.approx(1.0 + 0.5 / RAMP, rel=0.02)
+    assert harness.sent[-1].duration == pytest.approx(1.0 + 0.5 / RAMP_PER_S, rel=0.02)
     harness.go_and_answer()
     harness.see(1.5)
     assert harness.outcome.end is End.SUCCEEDED
@@ -339,3 +340,80 @@ def test_a_process_that_was_not_scheduled_has_not_waited_for_a_reply():
     assert harness.sequences[-1] == 2
     stand(harness, 4.0)
     assert 'no reply' in harness.outcome.text
+
+
+def stall(harness, seconds, *, along=on_plan, status=None):
+    """The process stands still; the states of that time are read at its end, one after the other.
+
+    `along` returns where the arm is, `status` the fields of the STATUS after every tenth.
+    """
+    measured = []
+    for _ in range(round(seconds / DT)):
+        harness.now += DT
+        measured.append(along(harness))
+    for count, position in enumerate(measured):
+        harness.joints(position)
+        if status is not None and count % 11 == 10:
+            harness.status(**status)
+
+
+@pytest.mark.invariant(9)
+def test_states_that_waited_for_the_process_are_held_against_the_plan_of_their_time():
+    """docs/invariants.md, 9: the arm was on its path while nobody looked."""
+    harness = Harness(path_tolerance=tolerance((0.03, 0.03)))
+    harness.answer()
+    follow(harness, 0.4)
+    began = harness.now - harness.execution.desired[0]
+
+    def on_its_path(harness):
+        return np.array([0.5, 0.25]) * (harness.now - began)
+
+    stall(harness, 0.4, along=on_its_path)
+    assert not harness.outcomes
+    assert harness.state == 'streaming'
+    assert harness.stops == 0
+
+
+@pytest.mark.invariant(9)
+def test_an_arm_that_arrived_while_the_process_stood_still_is_not_late():
+    """docs/invariants.md, 9."""
+    harness = Harness(goal_time=0.5)
+    harness.answer()
+    follow(harness, 1.0)
+    harness.answer()
+    harness.answer()
+    began = harness.now - 1.0
+
+    def on_its_path(harness):
+        return np.minimum(np.array([0.5, 0.25]) * (harness.now - began), LINE[-1])
+
+    follow(harness, 0.5)
+    stall(harness, 1.5, along=on_its_path, status={'in_motion': TriState.FALSE})
+    harness.see(0.2)
+    assert harness.outcome.end is End.SUCCEEDED, harness.outcome.text
+
+
+@pytest.mark.invariant(9)
+def test_the_status_that_says_why_may_wait_for_the_process():
+    """docs/invariants.md, 9: it came in time, and is read after joints that came with it."""
+    harness = Harness()
+    harness.refuse()
+    stand(harness, DT)
+    stall(harness, 0.4, along=lambda harness: harness.at, status={'error_code': 4001})
+    assert 'controller error 4001' in harness.outcome.text
+
+
+@pytest.mark.invariant(9)
+def test_a_process_that_stood_still_has_not_waited_for_the_arm_to_begin():
+    """docs/invariants.md, 9: as after a download, in whose dead time the arm stands."""
+    harness = Harness(start=False)
+    harness.execution.start(harness.goal.trajectory, harness.wire, harness.now, begin_within=3.0)
+    for _ in LINE:
+        harness.answer()
+    assert harness.state == 'settling'
+    stand(harness, 2.9)
+    stall(harness, 6.0, along=lambda harness: harness.at, status={})
+    harness.see(0.3)
+    assert not harness.outcomes
+    harness.see(SETTLE_TIME_S)
+    assert 'the arm stands' in harness.outcome.text

@@ -11,29 +11,31 @@ from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from typing import Any
 
 
-class PartError(RuntimeError):
-    """A part ended by itself; the text says which."""
+class TaskEndedError(RuntimeError):
+    """A task ended that should run on; the text says which."""
 
 
-def report(what: str, error: BaseException) -> None:
+def report_error(what: str, error: BaseException) -> None:
     """Tell the running loop's exception handler that something failed."""
     loop = asyncio.get_running_loop()
     loop.call_exception_handler({'message': what, 'exception': error})
 
 
-def report_failure(task: 'asyncio.Task[Any]') -> None:
-    """Report what a task raised, as soon as it is done: `task.add_done_callback(report_failure)`.
+def report_task_error(task: 'asyncio.Task[Any]') -> None:
+    """Report what a task raised: `task.add_done_callback(report_task_error)`.
 
     Without it asyncio says so when the task is thrown away, if ever.
     """
     if not task.cancelled() and (error := task.exception()) is not None:
-        report(f'{task.get_coro().__qualname__} failed', error)  # type: ignore[union-attr]
+        report_error(f'{task.get_coro().__qualname__} failed', error)  # type: ignore[union-attr]
 
 
-Part = Callable[[], Coroutine[Any, Any, None]]
+TaskFunction = Callable[[], Coroutine[Any, Any, None]]
 
 
-async def run_together(parts: Mapping[str, Part], stop: Callable[[], Awaitable[None]]) -> None:
+async def run_task_group(
+    parts: Mapping[str, TaskFunction], stop: Callable[[], Awaitable[None]]
+) -> None:
     """Run parts, by their names, until all have returned, one fails, or this is cancelled.
 
     When one fails, or is cancelled by anything but this, that is reported, `stop` is awaited while
@@ -41,20 +43,20 @@ async def run_together(parts: Mapping[str, Part], stop: Callable[[], Awaitable[N
     """
     ending = False
 
-    async def run(name: str, part: Part) -> None:
+    async def run(name: str, part: TaskFunction) -> None:
         try:
             await part()
         except asyncio.CancelledError as error:
             if ending:
                 raise
-            raise PartError(f'{name} was cancelled') from error
+            raise TaskEndedError(f'{name} was cancelled') from error
 
     tasks = {asyncio.create_task(run(name, part)): name for name, part in parts.items()}
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_EXCEPTION)
         for task in done:
             if (error := task.exception()) is not None:
-                report(f'{tasks[task]} failed', error)
+                report_error(f'{tasks[task]} failed', error)
                 await stop()
                 raise error
     finally:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which delivery suits a controller."""
+"""Chooses and makes the delivery that suits a controller and the parameters."""
 
 from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
 from epson_driver.driver.delivery.download import Download
@@ -34,19 +34,20 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         interface='download' if interface == 'download' else 'streaming',
         point_message='joint_traj_pt_full' if full else 'joint_traj_pt',
         motoman=motoman,
+        velocity_unit=profile.program.velocity_unit,
         buffer=download.buffer,
         dead_time=download.dead_time,
     )
 
 
-def delivery(
+def make_delivery(
     rules: DeliveryRules, link: Link, limits: JointLimits, mapping: JointMapping
 ) -> Delivery:
     """Return the delivery over a motion link for joints within the limits."""
     if rules.interface == 'download':
-        return Download(link, limits, mapping, rules.buffer, rules.dead_time)
+        return Download(link, limits, mapping, rules.buffer, rules.dead_time, rules.velocity_unit)
     if rules.motoman:
         return MotomanDelivery(link, limits, mapping)
     if rules.point_message == 'joint_traj_pt_full':
         return FullStreaming(link, limits, mapping)
-    return Streaming(link, limits, mapping)
+    return Streaming(link, limits, mapping, rules.velocity_unit)

@@ -12,22 +12,24 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from epson_driver.driver.goal.execution import Execution, Settings
-from epson_driver.driver.goal.goal import Goal, check_start
-from epson_driver.driver.goal.goal_states import State
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_checks import check_start
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal_states import AT_REST, GoalState
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
-from epson_driver.driver.outcome import End, ErrorCode, GoalRefusedError, Outcome
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
-from epson_driver.driver.tasks.changes import Changes
-from epson_driver.driver.tasks.parts import report_failure
+from epson_driver.driver.tasks.notification import Notification
+from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.motion import JointLimits, Trajectory
 
 REPLACED = 'replaced by a newer goal before it could start'
 
-FRESH_WITHIN = 0.2
+FRESH_POSE_TIMEOUT_S = 0.2
 """How long a goal waits for joints if those that are there are too old, s: when the machine was
 busy, they are about to come, or wait in the socket."""
 
@@ -39,18 +41,18 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
-class Ticket:
-    """A goal handed in: `on_end` is given its outcome, once; `on_feedback` every sample."""
+class GoalHandle:
+    """A goal in the queue. `on_end` gets its outcome, once, `on_feedback` each sample."""
 
     goal: Goal
     on_end: Callable[[Outcome], None]
-    on_feedback: Callable[[Execution, JointSample], None]
-    execution: Execution | None = None
+    on_feedback: Callable[[GoalExecution, JointSample], None]
+    execution: GoalExecution | None = None
     outcome: Outcome | None = None
     preparation: asyncio.Task[None] | None = None
 
 
-class Goals:
+class GoalQueue:
     """Executes one goal after the other. `run` until cancelled; the rest is called meanwhile.
 
     `on_broken_off` is called with the outcome of a goal after which the arm must be enabled again,
@@ -64,8 +66,8 @@ class Goals:
         robot: RobotState,
         gate: ArmGate,
         stopper: Stopper,
-        settings: Settings,
-        changes: Changes,
+        settings: GoalSettings,
+        changed: Notification,
         on_broken_off: Callable[[Outcome, bool], None],
         smoother: SmoothingProcess | None = None,
     ) -> None:
@@ -79,21 +81,21 @@ class Goals:
         self._stopper = stopper
         self._settings = settings
         stopper.stopped_velocity = settings.stopped_velocity
-        self._changes = changes
+        self._changed = changed
         self._on_broken_off = on_broken_off
-        self._smoother = smoother
-        self._running: Ticket | None = None
-        self._next: Ticket | None = None
-        self._unread: Ticket | None = None
+        self.smoother = smoother
+        self._running: GoalHandle | None = None
+        self._next: GoalHandle | None = None
+        self._unread: GoalHandle | None = None
         self._preparations: set[asyncio.Task[None]] = set()
 
     @property
-    def settings(self) -> Settings:
-        """Tolerances and patience of executions."""
+    def settings(self) -> GoalSettings:
+        """Tolerances and patience of goal executions."""
         return self._settings
 
     @settings.setter
-    def settings(self, settings: Settings) -> None:
+    def settings(self, settings: GoalSettings) -> None:
         self._settings = settings
         self._stopper.stopped_velocity = settings.stopped_velocity
         if self.execution is not None:
@@ -105,22 +107,28 @@ class Goals:
         return self._running is not None
 
     @property
-    def execution(self) -> Execution | None:
-        """How the running goal gets on."""
+    def idle(self) -> bool:
+        """True while no goal runs, waits or is being prepared."""
+        waiting = (self._running, self._next, self._unread)
+        return not self._preparations and all(handle is None for handle in waiting)
+
+    @property
+    def execution(self) -> GoalExecution | None:
+        """The execution of the running goal; None if no goal runs."""
         return None if self._running is None else self._running.execution
 
     def make_ready(self) -> None:
-        """Start what takes its time to start."""
-        if self._smoother is not None:
-            self._smoother.make_ready()
+        """Start the process that smooths, so that the first goal need not wait for it."""
+        if self.smoother is not None:
+            self.smoother.make_ready()
 
     async def close(self) -> None:
-        """End what prepares goals; no goal may run any more."""
+        """End the tasks and the process that prepare goals; no goal may run any more."""
         await asyncio.gather(*self._preparations, return_exceptions=True)
-        if self._smoother is not None:
-            await self._smoother.close()
+        if self.smoother is not None:
+            await self.smoother.close()
 
-    def submit(self, ticket: Ticket) -> None:
+    def submit(self, handle: GoalHandle) -> None:
         """Execute a checked goal; a running one is stopped first and ends as aborted.
 
         If the pose is too old, it waits for a moment for a newer one: the loop may not have been
@@ -129,109 +137,109 @@ class Goals:
         if self._gate.reason is None and self._robot.stale(_now()):
             if self._unread is not None:
                 self._end_unstarted(self._unread, REPLACED)
-            self._unread = ticket
+            self._unread = handle
             asyncio.get_running_loop().call_later(
-                FRESH_WITHIN, self._wait_no_longer, ticket, READING_TURNS
+                FRESH_POSE_TIMEOUT_S, self._wait_no_longer, handle, READING_TURNS
             )
         else:
-            self._submit(ticket)
+            self._submit(handle)
 
-    def _wait_no_longer(self, ticket: Ticket, turns: int) -> None:
+    def _wait_no_longer(self, handle: GoalHandle, turns: int) -> None:
         """Submit a goal that still waits for a fresh pose, after so many turns of the loop."""
-        if ticket is not self._unread:
+        if handle is not self._unread:
             return
         if turns:
-            asyncio.get_running_loop().call_soon(self._wait_no_longer, ticket, turns - 1)
+            asyncio.get_running_loop().call_soon(self._wait_no_longer, handle, turns - 1)
             return
         self._unread = None
-        self._submit(ticket)
+        self._submit(handle)
 
-    def _submit(self, ticket: Ticket) -> None:
+    def _submit(self, handle: GoalHandle) -> None:
         try:
             self._check_ready()
-        except GoalRefusedError as refusal:
-            ticket.on_end(refusal.outcome)
+        except GoalRejectedError as rejection:
+            handle.on_end(rejection.outcome)
             return
         if self._running is None and self._stopper.over:
-            self._start(ticket)
+            self._start(handle)
             return
         if self._running is None:
             try:
                 self._standing_sample()
-            except GoalRefusedError as refusal:
-                ticket.on_end(refusal.outcome)
+            except GoalRejectedError as rejection:
+                handle.on_end(rejection.outcome)
                 return
         if self._next is not None:
             self._end_unstarted(self._next, REPLACED)
-        self._next = ticket
+        self._next = handle
         if self.execution is not None:
             self.execution.stop('replaced by a new goal', _now())
 
-    def cancel(self, ticket: Ticket) -> None:
+    def cancel(self, handle: GoalHandle) -> None:
         """Stop the goal's motion; it ends as canceled when the arm stands."""
-        if ticket in (self._next, self._unread):
-            self._end_unstarted(ticket, 'canceled before it could start', End.CANCELED)
-        elif ticket is self._running and ticket.execution is not None:
-            ticket.execution.cancel(_now())
+        if handle in (self._next, self._unread):
+            self._end_unstarted(handle, 'canceled before it could start', End.CANCELED)
+        elif handle is self._running and handle.execution is not None:
+            handle.execution.cancel(_now())
 
     def end_waiting(self, why: str) -> None:
-        """End what waits to be started."""
-        for ticket in (self._unread, self._next):
-            if ticket is not None:
-                self._end_unstarted(ticket, why)
+        """End the goals that wait to be started."""
+        for handle in (self._unread, self._next):
+            if handle is not None:
+                self._end_unstarted(handle, why)
 
-    def _end_unstarted(self, ticket: Ticket, why: str, end: End = End.ABORTED) -> None:
-        if ticket is self._next:
+    def _end_unstarted(self, handle: GoalHandle, why: str, end: End = End.ABORTED) -> None:
+        if handle is self._next:
             self._next = None
         else:
             self._unread = None
         code = ErrorCode.SUCCESSFUL if end is End.CANCELED else ErrorCode.INVALID_GOAL
-        ticket.on_end(Outcome(end, code, why))
+        handle.on_end(Outcome(end, code, why))
 
     def on_rest(self) -> None:
-        """A stop is over: what waits for it may start."""
+        """Start the goal that waits, as a stop is over."""
         if self._running is None and self._next is not None:
             following, self._next = self._next, None
             self._start(following)
 
     def fault(self, why: str) -> None:
-        """End at once what runs or waits: something forbids motion."""
+        """End the running and the waiting goals at once: something forbids motion."""
         self.end_waiting(why)
         if (execution := self.execution) is not None:
             execution.fault(f'{why} ({execution.where})')
 
     def withdraw(self) -> None:
-        """The controller took back an answer."""
+        """Tell the running goal that the controller withdrew an acknowledgement."""
         if self.execution is not None:
             self.execution.on_unsolicited_failure(_now())
 
     async def stop(self, why: str, timeout: float) -> Outcome | None:
         """Stop the running goal, if any. Returns its outcome; None if there is none in time."""
-        ticket = self._running
-        if ticket is None or ticket.execution is None:
+        handle = self._running
+        if handle is None or handle.execution is None:
             return None
-        ticket.execution.stop(why, _now())
+        handle.execution.stop(why, _now())
         try:
             async with asyncio.timeout(timeout):
-                while ticket.outcome is None:
-                    await self._changes.next()
+                while handle.outcome is None:
+                    await self._changed.wait()
         except TimeoutError:
             return None
-        return ticket.outcome
+        return handle.outcome
 
     def on_joints(self, sample: JointSample, now: float) -> None:
-        """Take joints that came."""
+        """Tell the goals that new joints came."""
         if self._unread is not None and not self._robot.stale(now):
             fresh, self._unread = self._unread, None
             self._submit(fresh)
-        ticket = self._running
-        if ticket is not None and ticket.execution is not None:
-            ticket.execution.on_state(self._robot, now)
-            if not ticket.execution.ended:
-                ticket.on_feedback(ticket.execution, sample)
+        handle = self._running
+        if handle is not None and handle.execution is not None:
+            handle.execution.on_state(self._robot, now)
+            if not handle.execution.ended:
+                handle.on_feedback(handle.execution, sample)
 
     def on_status(self, now: float) -> None:
-        """Take a status that came and forbids nothing."""
+        """Tell the goals that a status came, which does not forbid motion."""
         execution = self.execution
         if execution is None:
             return
@@ -243,16 +251,16 @@ class Goals:
             _log.info('the controller goes on: so does the goal, %s', execution.where)
 
     def _check_ready(self) -> JointSample:
-        """Return where the arm is. Raises GoalRefusedError unless it may move now."""
+        """Return where the arm is. Raises GoalRejectedError unless it may move now."""
         if self._gate.reason is not None:
-            raise GoalRefusedError(
+            raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 f'the arm is not enabled ({self._gate.reason}): call ~/enable',
             )
         if (why := self._robot.why_not_ready(_now())) is not None:
-            raise GoalRefusedError(ErrorCode.INVALID_GOAL, why)
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
         if self._robot.paused and not self._stopper.resumes:
-            raise GoalRefusedError(
+            raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 'the controller is paused (it says that motion is not possible): continue there',
             )
@@ -261,78 +269,80 @@ class Goals:
         return sample
 
     def _standing_sample(self) -> JointSample:
-        """Return where the arm stands. Raises GoalRefusedError if it may not move or moves now.
+        """Return where the arm stands. Raises GoalRejectedError if it may not move or moves now.
 
         Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
         """
         sample = self._check_ready()
         why = self._robot.why_not_standing(self._settings.stopped_velocity)
         if why is not None:
-            raise GoalRefusedError(
+            raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL, f'the arm moves ({why}): wait until it stands'
             )
         return sample
 
-    def _start(self, ticket: Ticket) -> None:
-        trajectory = ticket.goal.trajectory
+    def _start(self, handle: GoalHandle) -> None:
+        trajectory = handle.goal.trajectory
         try:
             sample = self._sample_at_start(trajectory)
-        except GoalRefusedError as refusal:
-            ticket.on_end(refusal.outcome)
+        except GoalRejectedError as rejection:
+            handle.on_end(rejection.outcome)
             return
-        self._running = ticket
-        execution = ticket.execution = Execution(
-            ticket.goal,
+        self._running = handle
+        execution = handle.execution = GoalExecution(
+            handle.goal,
             self._settings,
             self._stopper.post,
-            lambda outcome: self._on_end(ticket, outcome),
+            lambda outcome: self._on_end(handle, outcome),
             _now(),
             self.scaling,
         )
-        if self._smoother is None:
+        if self.smoother is None:
             self._execute(execution, trajectory, sample)
             return
-        ticket.preparation = asyncio.create_task(self._prepare(self._smoother, execution, sample))
-        self._preparations.add(ticket.preparation)
-        ticket.preparation.add_done_callback(self._preparations.discard)
-        ticket.preparation.add_done_callback(report_failure)
+        handle.preparation = asyncio.create_task(self._prepare(self.smoother, execution, sample))
+        self._preparations.add(handle.preparation)
+        handle.preparation.add_done_callback(self._preparations.discard)
+        handle.preparation.add_done_callback(report_task_error)
 
     def _sample_at_start(self, trajectory: Trajectory) -> JointSample:
-        """Return where the arm stands. Raises GoalRefusedError unless it can begin there now."""
+        """Return where the arm stands. Raises GoalRejectedError unless it can begin there now."""
         sample = self._standing_sample()
         check_start(trajectory, sample.positions, self._limits, self.start_tolerance)
         return sample
 
     async def _prepare(
-        self, smoother: SmoothingProcess, execution: Execution, sample: JointSample
+        self, smoother: SmoothingProcess, execution: GoalExecution, sample: JointSample
     ) -> None:
         """Have a goal's motion planned, then execute it, unless the goal was stopped meanwhile.
 
         The arm must stand then where the motion begins, as when the goal came.
         """
         planned: Trajectory | None = None
-        refusal: GoalRefusedError | None = None
+        rejection: GoalRejectedError | None = None
         try:
             planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
-            if execution.state is State.PREPARING:
+            if execution.state is GoalState.PREPARING:
                 sample = self._sample_at_start(planned)
         except SmoothingError as error:
             self.unsmoothed += 1
-            refusal = GoalRefusedError(ErrorCode.INVALID_GOAL, str(error))
-        except GoalRefusedError as error:
-            refusal = error
-        if execution.state is not State.PREPARING:
+            rejection = GoalRejectedError(ErrorCode.INVALID_GOAL, str(error))
+        except GoalRejectedError as error:
+            rejection = error
+        if execution.state is not GoalState.PREPARING:
             return
-        if refusal is not None:
-            execution.fault(str(refusal), refusal.code)
+        if rejection is not None:
+            execution.fault(str(rejection), rejection.code)
         elif planned is not None:
             self._execute(execution, planned, sample)
 
-    def _execute(self, execution: Execution, trajectory: Trajectory, sample: JointSample) -> None:
+    def _execute(
+        self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample
+    ) -> None:
         try:
             prepared = self._stopper.prepare(trajectory, sample.positions)
-        except GoalRefusedError as refusal:
-            execution.fault(str(refusal), refusal.code)
+        except GoalRejectedError as rejection:
+            execution.fault(str(rejection), rejection.code)
             return
         execution.start(
             prepared.trajectory,
@@ -342,17 +352,17 @@ class Goals:
             prepared.delay,
         )
 
-    def _on_end(self, ticket: Ticket, outcome: Outcome) -> None:
+    def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
         self._running = None
-        ticket.outcome = outcome
-        execution = ticket.execution
-        if execution is not None and execution.broken_off:
-            self._on_broken_off(outcome, execution.unanswered)
-        if ticket.preparation is not None:
-            ticket.preparation.cancel()
-        self._changes.tell()
-        ticket.on_end(outcome)
-        if execution is not None and not execution.at_rest:
+        handle.outcome = outcome
+        aftermath = AT_REST if handle.execution is None else handle.execution.aftermath
+        if aftermath.broken_off:
+            self._on_broken_off(outcome, aftermath.unanswered)
+        if handle.preparation is not None:
+            handle.preparation.cancel()
+        self._changed.notify_all()
+        handle.on_end(outcome)
+        if not aftermath.at_rest:
             self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:
             self._stopper.goal_reached()

@@ -9,19 +9,23 @@ from typing import Any
 
 from epson_msgs.msg import IoPoint, IoRange, IoStates
 from epson_msgs.srv import ReadIo, WriteIo
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from epson_driver.driver.io.io_driver import IoAnswer, IoDriver, IoUnavailableError
-from epson_driver.node.serving import EndedError, Serving
+from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.simple_message import IoAddress, IoSetting
 
 
 class IoInterface:
     """Publishes what the driver knows of the I/O, and serves requests. Made in its event loop."""
 
-    def __init__(self, node: Any, io: IoDriver, serving: Serving, callback_group: Any) -> None:
+    def __init__(
+        self, node: Node, io: IoDriver, bridge: LoopBridge, callback_group: CallbackGroup
+    ) -> None:
         self._io = io
-        self._serving = serving
+        self._bridge = bridge
         self._clock = node.get_clock()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._states = node.create_publisher(IoStates, '~/io_states', latched)
@@ -30,7 +34,7 @@ class IoInterface:
             (ReadIo, '~/read_io', self._read),
             (WriteIo, '~/write_io', self._write),
         ):
-            serving.create_service(kind, name, serve, callback_group)
+            bridge.create_service(kind, name, serve, callback_group)
 
     def _publish(self) -> None:
         message = IoStates(valid=bool(self._io.states), message=self._io.reason)
@@ -41,11 +45,13 @@ class IoInterface:
         ]
         self._states.publish(message)
 
-    async def _read(self, request: ReadIo.Request, response: Any) -> Any:
+    async def _read(self, request: ReadIo.Request, response: ReadIo.Response) -> ReadIo.Response:
         addresses = [IoAddress(point.type, point.index) for point in request.points]
         return await self._serve(partial(self._io.read, addresses), request.points, response)
 
-    async def _write(self, request: WriteIo.Request, response: Any) -> Any:
+    async def _write(
+        self, request: WriteIo.Request, response: WriteIo.Response
+    ) -> WriteIo.Response:
         settings = [IoSetting(point.type, point.index, point.value) for point in request.points]
         return await self._serve(partial(self._io.write, settings), request.points, response)
 
@@ -53,11 +59,11 @@ class IoInterface:
         self,
         answering: Callable[[], Coroutine[Any, Any, list[IoAnswer]]],
         asked: Sequence[IoPoint],
-        response: Any,
-    ) -> Any:
+        response: ReadIo.Response | WriteIo.Response,
+    ) -> ReadIo.Response | WriteIo.Response:
         try:
-            answers = await self._serving.in_loop(answering)
-        except (IoUnavailableError, EndedError) as error:
+            answers = await self._bridge.in_loop(answering)
+        except (IoUnavailableError, DriverEndedError) as error:
             response.success = False
             response.message = str(error)
             response.points = [

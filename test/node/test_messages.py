@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
 from industrial_msgs.msg import RobotMode, TriState
-from support.execution_harness import LINE, NAMES, Harness
+from support.goal_execution_harness import LINE, NAMES, Harness
 
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
 from epson_driver.driver.state.robot_state import JointSample, RobotState
@@ -112,16 +112,17 @@ def test_feedback_is_where_it_should_go_where_it_is_and_the_difference():
     feedback = messages.feedback(execution, sample, STAMP)
     state = messages.controller_state(execution, sample, STAMP)
     elapsed = harness.now - execution.started
+    planned = harness.robot.sample.measured - execution.started
     for message, desired, actual in (
         (feedback, feedback.desired, feedback.actual),
         (state, state.reference, state.feedback),
     ):
         assert tuple(message.joint_names) == NAMES
         assert message.header.stamp == STAMP
-        on_plan = np.array(LINE[1]) * elapsed  # the first segment takes 1 s
+        on_plan = np.array(LINE[1]) * planned  # the first segment takes 1 s
         np.testing.assert_allclose(desired.positions, on_plan)
         np.testing.assert_allclose(desired.velocities, LINE[1])
-        assert in_s(desired.time_from_start) == pytest.approx(elapsed, abs=1e-6)
+        assert in_s(desired.time_from_start) == pytest.approx(planned, abs=1e-6)
         assert list(actual.positions) == [0.4, -0.1]
         assert list(actual.velocities) == [1.5, -2.5]
         assert in_s(actual.time_from_start) == pytest.approx(elapsed, abs=1e-6)

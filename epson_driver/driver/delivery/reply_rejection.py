@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a reply says no, and why, in words."""
+"""Whether a reply rejects its request, and why, in words."""
 
 from epson_driver.simple_message import MotionReply, Packet, ReplyCode
 from epson_driver.simple_message.motoman import Invalid, NotReady, Result
@@ -45,13 +45,13 @@ SUBCODES: dict[int, str] = {
     NotReady.PFL_ACTIVE: 'the power and force limitation is active',
     NotReady.INC_MOVE_ERROR: 'the incremental motion failed',
 }
-"""What its subcode means (MotoROS 1.9)."""
+"""What the subcode of a MOTION_REPLY means (MotoROS 1.9)."""
 
 
-def refusal(packet: Packet) -> str | None:
-    """Return what a reply says against its request, or None if it says yes.
+def reply_rejection(packet: Packet) -> str | None:
+    """Return why a reply rejects its request, as a clause; None if it accepts it.
 
-    Motoman's header always says yes; the result in its body counts.
+    The header of Motoman's replies always says SUCCESS; the result in the body counts.
     """
     message = packet.message
     if packet.reply_code is not ReplyCode.SUCCESS:

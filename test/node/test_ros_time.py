@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stamps of moments that have passed: right, and increasing (invariants 6 and 8)."""
+"""RosTimeStamps of moments that have passed: right, and increasing (invariants 6 and 8)."""
 
 from types import SimpleNamespace
 
 import pytest
 
-from epson_driver.node.stamps import Stamps
+from epson_driver.node.ros_time import RosTimeStamps
 
 pytestmark = pytest.mark.invariant(6, 8)
 
@@ -36,7 +36,7 @@ def clocks():
 
 @pytest.fixture
 def stamps(clocks):
-    return Stamps(clocks, clocks.monotonic)
+    return RosTimeStamps(clocks, clocks.monotonic)
 
 
 def since(clocks, stamp, moment):
@@ -46,17 +46,17 @@ def since(clocks, stamp, moment):
 
 def test_inv6_a_moment_of_long_ago_has_the_stamp_of_long_ago(clocks, stamps):
     """docs/invariants.md, 6."""
-    assert since(clocks, stamps.of(clocks.time - 3.0), clocks.time - 3.0) == pytest.approx(
+    assert since(clocks, stamps.stamp(clocks.time - 3.0), clocks.time - 3.0) == pytest.approx(
         0.0, abs=1e-5
     )
 
 
 def test_an_interruption_between_the_clocks_moves_no_stamp(clocks, stamps):
-    stamps.of(clocks.time)
+    stamps.stamp(clocks.time)
     for count in range(100):
         clocks.reading_takes = 0.05 if count % 3 else 2e-6
         moment = clocks.time
-        assert abs(since(clocks, stamps.of(moment), moment)) < 1e-5
+        assert abs(since(clocks, stamps.stamp(moment), moment)) < 1e-5
 
 
 def test_a_drift_is_followed(clocks, stamps):
@@ -64,21 +64,21 @@ def test_a_drift_is_followed(clocks, stamps):
         clocks.time += 0.005
         clocks.ahead += 500  # ns: 100 ppm
         moment = clocks.time
-        off = since(clocks, stamps.of(moment), moment)
+        off = since(clocks, stamps.stamp(moment), moment)
     assert abs(off) < 2e-4
 
 
 @pytest.mark.parametrize('seconds', [3600, -3600])
 def test_a_clock_that_is_set_is_followed_at_once(clocks, stamps, seconds):
-    stamps.of(clocks.time)
+    stamps.stamp(clocks.time)
     clocks.ahead += seconds * 10**9
     clocks.time += 0.005
-    assert abs(since(clocks, stamps.of(clocks.time), clocks.time)) < 1e-4
+    assert abs(since(clocks, stamps.stamp(clocks.time), clocks.time)) < 1e-4
 
 
 def test_stamps_increase(clocks, stamps):
     last = -1
     for moment in (10.0, 10.0, 10.0, 9.99, 10.000001, 10.02, 10.02):
-        stamp = stamps.of(5000.0 + moment)
+        stamp = stamps.stamp(5000.0 + moment)
         assert stamp.sec * 10**9 + stamp.nanosec > last
         last = stamp.sec * 10**9 + stamp.nanosec

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From ROS into the driver's loop and back: whatever happens there, each request has its answer.
+"""Between rclpy's thread and the driver's event loop: each request of ROS has its answer.
 
 rclpy's executor ends with the first exception of a callback, and asyncio only logs one; so every
 way in passes here. What fails in a way that nobody foresaw is answered with `success: false` and a
@@ -17,12 +17,16 @@ from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.callback_groups import CallbackGroup
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.service import Service
 from rclpy.task import Future
 
-from epson_driver.driver.tasks.parts import report
+from epson_driver.driver.tasks.task_group import report_error
 
-REQUESTS = QoSProfile(
+REQUEST_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1000,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -34,40 +38,44 @@ rclpy's own parameter services. Not KEEP_ALL: that has no bound, and a client th
 its answers could then block the thread that gives them, and ~/stop with it."""
 
 T = TypeVar('T')
-Serve = Callable[[Any, Any], Awaitable[Any]]
+ServiceCallback = Callable[[Any, Any], Awaitable[Any]]
+"""Takes a request and an empty response, both of the service's type; returns the response."""
 
 
-class EndedError(RuntimeError):
+class DriverEndedError(RuntimeError):
     """The driver has ended, or ends: nothing reaches it any more."""
 
     def __init__(self) -> None:
         super().__init__('the driver has ended')
 
 
-class Serving:
-    """Serves one node. Make it in the driver's event loop; `context` is the node's in there.
+class LoopBridge:
+    """Hands the requests of one node over. Make it in the driver's event loop.
 
-    `fault` is called in the loop, with a sentence, when a request failed unforeseen.
+    `context`: the node's in that loop. `fault` is called in the loop, with a sentence, when a
+    request failed unforeseen.
     """
 
-    def __init__(self, node: Any, context: Context, fault: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, context: Context, fault: Callable[[str], None]) -> None:
         self._node = node
         self._context = context
         self._fault = fault
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
-        self._promised: set[Future] = set()
+        self._futures: set[Future] = set()
         self._ended = False
         for service in node.services:  # rclpy's own
             service.callback = _answering(service, node.get_logger())
 
-    def create_service(self, kind: Any, name: str, serve: Serve, callback_group: Any) -> None:
+    def create_service(
+        self, kind: Any, name: str, serve: ServiceCallback, callback_group: CallbackGroup
+    ) -> None:
         """Offer a service whose response has `success` and `message`."""
 
         async def answer(request: Any, response: Any) -> Any:
             try:
                 return await serve(request, response)
-            except EndedError as error:
+            except DriverEndedError as error:
                 return kind.Response(message=str(error))
             except GeneratorExit:
                 raise
@@ -75,7 +83,7 @@ class Serving:
                 return kind.Response(message=self.failed(name, error))
 
         self._node.create_service(
-            kind, name, answer, qos_profile=REQUESTS, callback_group=callback_group
+            kind, name, answer, qos_profile=REQUEST_QOS, callback_group=callback_group
         )
 
     def failed(self, what: str, error: BaseException) -> str:
@@ -85,30 +93,30 @@ class Serving:
         self._node.get_logger().error(f'{why}; the arm is stopped and disabled\n{trace}')
         try:
             self.to_loop(self._fault, why)
-        except EndedError:
+        except DriverEndedError:
             return f'{why}; the driver has ended'
         return f'{why}; the arm is stopped and disabled; the log has more'
 
     def to_loop(self, function: Callable[..., object], *arguments: object) -> None:
         """Call a function in the loop's thread, soon, and in this node's context.
 
-        Raises EndedError. An exception of the function goes to the loop's exception handler.
+        Raises DriverEndedError. An exception of the function goes to the loop's exception handler.
         """
         try:
             self._loop.call_soon_threadsafe(_call, function, arguments, context=self._context)
         except RuntimeError as error:  # the loop is closed
-            raise EndedError from error
+            raise DriverEndedError from error
 
     async def in_loop(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Run a coroutine in the driver's loop and wait for it in rclpy's executor.
 
-        Raises what it raises, and EndedError.
+        Raises what it raises, and DriverEndedError.
         """
-        done = self.promise()
+        done = self.create_future()
 
         def finish(task: 'asyncio.Task[T]') -> None:
-            error = EndedError() if task.cancelled() else task.exception()
-            self.keep(done, error if error is not None else (task.result(),))
+            error = DriverEndedError() if task.cancelled() else task.exception()
+            self.resolve(done, error if error is not None else (task.result(),))
 
         async def run() -> T:
             return await work()
@@ -117,42 +125,42 @@ class Serving:
             self._loop.create_task(run()).add_done_callback(finish)
 
         self.to_loop(begin)
-        (value,) = await self.kept(done)
+        (value,) = await self.wait_for(done)
         answer: T = value
         return answer
 
-    def promise(self) -> Future:
-        """Return what `kept` waits for. Raises EndedError."""
+    def create_future(self) -> Future:
+        """Return a future of rclpy for `wait_for` and `resolve`. Raises DriverEndedError."""
         future = Future()
         with self._lock:
             if self._ended:
-                raise EndedError
-            self._promised.add(future)
+                raise DriverEndedError
+            self._futures.add(future)
         return future
 
-    def keep(self, future: Future, value: object) -> None:
-        """Give a promise its value, or an exception to raise. Once; later ones are ignored."""
+    def resolve(self, future: Future, value: object) -> None:
+        """Give a future its value, or an exception to raise. Once; later ones are ignored."""
         with self._lock:
-            if future not in self._promised:
+            if future not in self._futures:
                 return
-            self._promised.remove(future)
+            self._futures.remove(future)
         future.set_result(value)
         self._node.executor.wake()
 
-    async def kept(self, future: Future) -> Any:
-        """Wait for a promise in rclpy's executor."""
+    async def wait_for(self, future: Future) -> Any:
+        """Wait for a future in rclpy's executor; return its value, or raise its exception."""
         value = await future
         if isinstance(value, BaseException):
             raise value
         return value
 
     def end(self) -> None:
-        """Let nothing wait any more: the loop has ended."""
+        """Give every future that still waits DriverEndedError: the loop has ended."""
         with self._lock:
             self._ended = True
-            left = list(self._promised)
+            left = list(self._futures)
         for future in left:
-            self.keep(future, EndedError())
+            self.resolve(future, DriverEndedError())
 
 
 def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:
@@ -160,10 +168,10 @@ def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> Non
     try:
         function(*arguments)
     except Exception as error:  # noqa: BLE001 - it is reported
-        report(f'{getattr(function, "__qualname__", function)} failed', error)
+        report_error(f'{getattr(function, "__qualname__", function)} failed', error)
 
 
-def _answering(service: Any, logger: Any) -> Callable[..., Any]:
+def _answering(service: Service, logger: RcutilsLogger) -> Callable[..., Any]:
     """Return the callback of one of rclpy's services, which answers also when it raises.
 
     set_parameters raises for a type that there is not: ValueError, and anybody may send one. No

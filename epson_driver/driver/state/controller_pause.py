@@ -5,7 +5,7 @@
 from epson_driver.simple_message import Status, TriState
 
 
-class PauseWatch:
+class PauseDetector:
     """Reads it from STATUS: motion was possible and now is not, without an error.
 
     A controller that has never said that motion is possible does not tell, and is never paused.
@@ -13,13 +13,13 @@ class PauseWatch:
 
     def __init__(self) -> None:
         self.interrupted = False
-        """The controller lets nothing move; the arm may still brake."""
+        """Whether the controller denies motion; the arm may still brake."""
         self.paused = False
-        """And it stands."""
+        """Whether the controller denies motion and the arm stands."""
         self._was_possible = False
 
     def see(self, status: Status) -> None:
-        """Take a status."""
+        """Take the next status."""
         self._was_possible |= status.motion_possible == TriState.TRUE
         self.interrupted = (
             self._was_possible

@@ -1,11 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A trajectory as the points that go over the wire."""
+"""Makes the messages of a trajectory: one point each."""
 
 import numpy as np
 
 from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import (
     JointTrajPt,
     JointTrajPtFull,
@@ -14,55 +15,73 @@ from epson_driver.simple_message import (
     joint_data,
 )
 
-FIRST_VELOCITY = 0.1
+FIRST_POINT_VELOCITY_FRACTION = 0.1
 """Fraction of the maximum speed for a first point that has no time: ROS-Industrial's default."""
 
-SHORTEST_DURATION = 1e-3
-"""Controllers may refuse a duration of 0, s."""
+MIN_DURATION_S = 1e-3
+"""The shortest duration that is sent, s: controllers may refuse 0."""
 
-AT_START = 1e-4
+START_MARGIN_RAD = 1e-4
 """A plan that begins closer than this to where the arm stands begins there, rad."""
 
-INSIDE = 1e-6
+LIMIT_MARGIN_RAD = 1e-6
 """Where joints are counted in another way than the limits, rounding needs this margin, rad."""
 
-CARRIED = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
+FULL_POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
 """What a JOINT_TRAJ_PT_FULL says: Motoman wants these three. Its interpolation makes its own
 accelerations."""
 
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
 
+MIN_VELOCITY = 1e-3
+"""The smallest velocity that is sent, a fraction or rad/s: controllers may refuse 0."""
+
+
 def trajectory_points(
-    trajectory: Trajectory, start: Array, limits: JointLimits, mapping: JointMapping | None = None
+    trajectory: Trajectory,
+    start: Array,
+    limits: JointLimits,
+    mapping: JointMapping | None = None,
+    velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
 ) -> list[JointTrajPt]:
     """Return the messages that stream a checked trajectory from `start` (shape (n,), rad).
 
-    `velocity` is the largest fraction of a joint's limit that the plan uses in the segment, from
-    its mean speed and the velocities at both ends: the arm is never asked to be faster than
-    planned. `duration` is the segment's own time. A first point that has no time is where the arm
-    is, or nearly so: it goes there at FIRST_VELOCITY, in the time which that takes.
+    `velocity` is the largest that the plan uses in the segment, from its mean speed and the
+    velocities at both ends: the arm is never asked to be faster than planned. It is a fraction of
+    a joint's limit or the speed of the fastest joint, as `velocity_unit` says. `duration` is the
+    segment's own time. A first point that has no time is where the arm is, or nearly so: it goes
+    there at FIRST_POINT_VELOCITY_FRACTION, in the time which that takes.
+
+    Both fields are always filled: a controller that uses one which its profile calls unused is
+    not asked to be faster than planned either.
     """
     mapping = mapping or unmapped(len(start))
     steps = mapping.velocities_to_controller(
         np.diff(trajectory.positions, axis=0, prepend=start[None, :])
     )
     durations = np.diff(trajectory.times, prepend=0.0)
-    timed = np.maximum(durations, SHORTEST_DURATION)
+    timed = np.maximum(durations, MIN_DURATION_S)
     speeds = np.abs(steps) / timed[:, None]
     if trajectory.velocities is not None:
         ends = np.abs(mapping.velocities_to_controller(trajectory.velocities))
         speeds = np.maximum(speeds, ends)
         speeds[1:] = np.maximum(speeds[1:], ends[:-1])
-    fractions = np.max(speeds / limits.velocity, axis=1)
     if durations[0] == 0.0:
-        fractions[0] = FIRST_VELOCITY
         way = float(np.max(np.abs(steps[0]) / limits.velocity))
-        timed[0] = max(way / FIRST_VELOCITY, SHORTEST_DURATION)
-    fractions = np.clip(fractions, 1e-3, 1.0)
+        timed[0] = max(way / FIRST_POINT_VELOCITY_FRACTION, MIN_DURATION_S)
+    if velocity_unit is VelocityUnit.FRACTION:
+        velocities, largest = np.max(speeds / limits.velocity, axis=1), 1.0
+        if durations[0] == 0.0:
+            velocities[0] = FIRST_POINT_VELOCITY_FRACTION
+    else:
+        velocities, largest = np.max(speeds, axis=1), float(limits.velocity.max())
+        if durations[0] == 0.0:
+            velocities[0] = float(np.max(np.abs(steps[0]))) / timed[0]
+    velocities = np.clip(velocities, MIN_VELOCITY, largest)
     rows = zip(
         _to_wire(trajectory.positions, limits, mapping).tolist(),
-        fractions.tolist(),
+        velocities.tolist(),
         timed.tolist(),
         strict=True,
     )
@@ -92,7 +111,12 @@ def full_points(
     )
     return [
         JointTrajPtFull(
-            0, sequence, CARRIED, time, joint_data(positions), joint_data(point_velocities)
+            0,
+            sequence,
+            FULL_POINT_FIELDS,
+            time,
+            joint_data(positions),
+            joint_data(point_velocities),
         )
         for sequence, (time, positions, point_velocities) in enumerate(rows)
     ]
@@ -101,13 +125,13 @@ def full_points(
 def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> Trajectory:
     """Return the trajectory with a first point at 0 s where the arm stands (shape (n,), rad).
 
-    One that begins within AT_START of it begins there; one that begins at 0 s further away begins
-    later, by the time that the way takes at FIRST_VELOCITY.
+    One that begins within START_MARGIN_RAD of it begins there. One that begins at 0 s further away
+    begins later, by the time that the way takes at FIRST_POINT_VELOCITY_FRACTION.
     """
     positions, times = trajectory.positions, trajectory.times
     if times[0] == 0.0:
         offset = np.abs(positions[0] - start)
-        if offset.max() <= AT_START:
+        if offset.max() <= START_MARGIN_RAD:
             exact = positions.copy()
             exact[0] = start
             return Trajectory(
@@ -117,7 +141,7 @@ def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> 
                 trajectory.velocities,
                 trajectory.accelerations,
             )
-        times = times + float(np.max(offset / limits.velocity)) / FIRST_VELOCITY
+        times = times + float(np.max(offset / limits.velocity)) / FIRST_POINT_VELOCITY_FRACTION
     rest = np.zeros((1, len(start)))
     velocities, accelerations = (
         None if values is None else np.vstack([rest, values])
@@ -154,7 +178,9 @@ def _to_wire(positions: Array, limits: JointLimits, mapping: JointMapping) -> Ar
     """Return positions as the controller counts them, float32 numbers within the limits."""
     if mapping.identity:
         return to_float32_inside(positions, limits)
-    inside = np.clip(positions, limits.position_min + INSIDE, limits.position_max - INSIDE)
+    inside = np.clip(
+        positions, limits.position_min + LIMIT_MARGIN_RAD, limits.position_max - LIMIT_MARGIN_RAD
+    )
     counted = mapping.positions_to_controller(inside)
     return counted.astype(np.float32).astype(np.float64)
 

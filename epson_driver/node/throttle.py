@@ -1,16 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which of many samples are passed on, so that they come at a set rate."""
+"""Thins out samples to a set rate."""
 
 
-class Pace:
+class Throttle:
     """Lets `rate` samples a second through, or all if there are fewer. Times are monotonic, s."""
 
     def __init__(self) -> None:
         self._next = 0.0
 
-    def due(self, time: float, rate: float) -> bool:
-        """Return whether the sample of this time is one: the first in each period, 1/Hz.
+    def passes(self, time: float, rate: float) -> bool:
+        """Return whether to pass on the sample of this time: the first one in each 1/`rate` s.
 
         Periods follow each other whenever the samples come, so that the mean rate is right.
         """

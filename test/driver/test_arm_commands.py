@@ -6,12 +6,12 @@ import asyncio
 import socket
 
 import pytest
-from support.driver_harness import Harness, WaxController, answer, cell, pose, simulated
+from support.driver_harness import Harness, ScriptedController, answer, cell, pose, simulated
 from support.event_loop import run, until
 
-from epson_driver.driver import services
+from epson_driver.driver import arm_commands
+from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.outcome import End
-from epson_driver.driver.services import ServiceError
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import Ports
@@ -23,8 +23,8 @@ def free_port():
         return server.getsockname()[1]
 
 
-async def refusal(coroutine):
-    with pytest.raises(ServiceError) as caught:
+async def rejection(coroutine):
+    with pytest.raises(CommandError) as caught:
         await coroutine
     return str(caught.value)
 
@@ -37,7 +37,7 @@ def test_enable_switches_the_motors_on_and_opens_the_gate():
         async with cell(enabled=False) as (harness, controller):
             assert controller.status().drives_powered == 0
             assert 'motors are off' in harness.gate or 'not enabled' in harness.gate
-            text = await harness.services.enable()
+            text = await harness.commands.enable()
             assert text == 'the arm is enabled'
             assert controller.status().drives_powered == 1
             assert harness.gate is None
@@ -50,7 +50,7 @@ def test_enable_when_the_motors_are_on_already_needs_no_remote_port():
         async with cell(enabled=False, remote_port=0) as (harness, controller):
             controller.apply(Event.MOTORS_ON)
             await until(lambda: harness.driver.robot.status.drives_powered == 1)
-            await harness.services.enable()
+            await harness.commands.enable()
             assert harness.gate is None
 
     run(scenario())
@@ -60,7 +60,7 @@ def test_enable_without_a_controller_names_the_link():
     async def scenario():
         port = free_port()
         async with Harness(Ports(port, port, 0, port)) as harness:
-            text = await refusal(harness.services.enable())
+            text = await rejection(harness.commands.enable())
             assert f'the state link to 127.0.0.1:{port} is ' in text
             assert 'start the controller' in text
 
@@ -75,7 +75,7 @@ def test_enable_without_a_motion_link_names_it():
             Harness(ports._replace(motion=port)) as harness,
         ):
             await until(lambda: harness.driver.robot.status is not None)
-            text = await refusal(harness.services.enable())
+            text = await rejection(harness.commands.enable())
             assert f'the motion link to 127.0.0.1:{port}' in text
 
     run(scenario())
@@ -86,12 +86,12 @@ def test_enable_with_the_estop_pressed_or_latched():
         async with cell(enabled=False) as (harness, controller):
             controller.apply(Event.ESTOP_PRESS)
             await until(lambda: harness.driver.robot.status.e_stopped == 1)
-            assert 'E-stop is pressed or not reset' in await refusal(harness.services.enable())
+            assert 'E-stop is pressed or not reset' in await rejection(harness.commands.enable())
             controller.apply(Event.ESTOP_RELEASE)
-            assert '~/reset_error' in await refusal(harness.services.enable())
+            assert '~/reset_error' in await rejection(harness.commands.enable())
             assert harness.gate is not None
-            await harness.services.reset_error()  # and the status shows it
-            await harness.services.enable()
+            await harness.commands.reset_error()  # and the status shows it
+            await harness.commands.enable()
             assert harness.gate is None
 
     run(scenario())
@@ -102,7 +102,7 @@ def test_enable_goes_by_the_next_status_not_by_the_last():
         async with cell() as (harness, controller):
             assert harness.driver.robot.status.drives_powered == 1
             controller.apply(Event.MOTORS_OFF)  # the driver does not know it yet
-            await harness.services.enable()
+            await harness.commands.enable()
             assert controller.status().drives_powered == 1
             assert harness.gate is None
             assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
@@ -116,13 +116,13 @@ def test_enable_in_error_names_the_number_and_reset_clears_it():
             harness.driver.motion_link.post(JointTrajPt(0, (9.0,) * 10), lambda *_: None)
             await until(lambda: harness.driver.robot.status.in_error == 1)
             assert '4001' in harness.gate
-            text = await refusal(harness.services.enable())
+            text = await rejection(harness.commands.enable())
             assert 'in error 4001' in text
             assert '~/reset_error' in text
-            assert 'call ~/enable' in await harness.services.reset_error()
+            assert 'call ~/enable' in await harness.commands.reset_error()
             assert harness.driver.robot.status.in_error == 0
             assert harness.gate is not None  # a reset alone moves nothing
-            await harness.services.enable()
+            await harness.commands.enable()
 
     run(scenario())
 
@@ -130,7 +130,7 @@ def test_enable_in_error_names_the_number_and_reset_clears_it():
 def test_enable_with_the_motors_off_and_no_remote_port_says_what_to_do():
     async def scenario():
         async with cell(enabled=False, remote_port=0) as (harness, controller):
-            text = await refusal(harness.services.enable())
+            text = await rejection(harness.commands.enable())
             assert 'remote_port is 0' in text
             assert 'switch the motors on at the controller' in text
             assert controller.status().drives_powered == 0
@@ -143,7 +143,7 @@ def test_enable_with_a_remote_port_where_nobody_listens():
     async def scenario():
         port = free_port()
         async with cell(enabled=False, remote_port=port) as (harness, _):
-            text = await refusal(harness.services.enable())
+            text = await rejection(harness.commands.enable())
             assert f'remote port 127.0.0.1:{port}' in text
             assert 'switch the motors on at the controller' in text
 
@@ -151,13 +151,13 @@ def test_enable_with_a_remote_port_where_nobody_listens():
 
 
 def test_enable_with_a_remote_port_that_does_not_answer(monkeypatch):
-    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.1)
+    monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.1)
 
     async def scenario():
         with socket.create_server(('127.0.0.1', 0)) as deaf:
             port = deaf.getsockname()[1]
             async with cell(enabled=False, remote_port=port) as (harness, _):
-                text = await refusal(harness.services.enable())
+                text = await rejection(harness.commands.enable())
                 assert f'remote port 127.0.0.1:{port}: no answer: switch the motors on' in text
 
     run(scenario())
@@ -167,7 +167,7 @@ def test_enable_that_the_remote_port_refuses():
     async def scenario():
         async with cell(enabled=False) as (harness, controller):
             controller.apply(Event.PAUSE)
-            text = await refusal(harness.services.enable())
+            text = await rejection(harness.commands.enable())
             assert 'SetMotorsOn' in text
             assert 'error 20' in text
             assert harness.gate is not None
@@ -176,15 +176,15 @@ def test_enable_that_the_remote_port_refuses():
 
 
 def test_enable_without_any_status(monkeypatch):
-    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.1)
+    monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.1)
 
     async def scenario():
-        async with WaxController() as wax:
-            wax.shows_status = False
-            async with Harness(wax.ports) as harness:
+        async with ScriptedController() as scripted:
+            scripted.shows_status = False
+            async with Harness(scripted.ports) as harness:
                 await until(lambda: harness.driver.robot.sample is not None)
                 await until(lambda: harness.driver.motion_link.connected)
-                assert 'no STATUS' in await refusal(harness.services.enable())
+                assert 'no STATUS' in await rejection(harness.commands.enable())
                 assert harness.gate is not None
 
     run(scenario())
@@ -193,7 +193,7 @@ def test_enable_without_any_status(monkeypatch):
 def test_enable_twice_is_no_error():
     async def scenario():
         async with cell() as (harness, _):
-            await harness.services.enable()
+            await harness.commands.enable()
             assert harness.gate is None
 
     run(scenario())
@@ -205,7 +205,7 @@ def test_enable_twice_is_no_error():
 def test_stop_without_a_goal_is_acknowledged_by_the_controller():
     async def scenario():
         async with cell() as (harness, _):
-            text = await harness.services.stop()
+            text = await harness.commands.stop()
             assert text == 'no goal was running; the controller acknowledged STOP'
             assert harness.gate is None
 
@@ -220,7 +220,7 @@ def test_inv3_stop_ends_the_goal_when_the_arm_stands_and_the_next_one_works():
         async with cell() as (harness, _):
             goal = harness.submit(pose(1.0))
             await harness.until_moving()
-            text = await harness.services.stop()
+            text = await harness.commands.stop()
             assert 'stopped by ~/stop; the arm stands' in text
             assert goal.outcome.end is End.ABORTED
             assert goal.outcome.text in text
@@ -236,7 +236,7 @@ def test_stop_without_a_link():
     async def scenario():
         port = free_port()
         async with Harness(Ports(port, port, 0, 0)) as harness:
-            assert 'STOP could not be sent' in await refusal(harness.services.stop())
+            assert 'STOP could not be sent' in await rejection(harness.commands.stop())
 
     run(scenario())
 
@@ -245,26 +245,32 @@ def test_stop_without_a_link():
     ('reply', 'text'), [(b'', 'no reply to STOP'), (answer(2), 'refused STOP')]
 )
 def test_stop_that_the_controller_does_not_obey(monkeypatch, reply, text):
-    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.1)
+    monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.1)
 
     async def scenario():
-        async with WaxController(lambda _: reply) as wax, Harness(wax.ports) as harness:
+        async with (
+            ScriptedController(lambda _: reply) as scripted,
+            Harness(scripted.ports) as harness,
+        ):
             await harness.ready()
-            assert text in await refusal(harness.services.stop())
-            assert wax.received == [-4]
+            assert text in await rejection(harness.commands.stop())
+            assert scripted.received == [-4]
 
     run(scenario())
 
 
 def test_stop_that_finds_no_standstill(monkeypatch):
-    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.2)
+    monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.2)
 
     async def scenario():
-        async with WaxController(lambda _: b'') as wax, Harness(wax.ports) as harness:
+        async with (
+            ScriptedController(lambda _: b'') as scripted,
+            Harness(scripted.ports) as harness,
+        ):
             await harness.ready()
-            await harness.services.enable()
+            await harness.commands.enable()
             harness.submit(pose(0.5))
-            assert 'no standstill' in await refusal(harness.services.stop())
+            assert 'no standstill' in await rejection(harness.commands.stop())
 
     run(scenario())
 
@@ -275,11 +281,11 @@ def test_stop_ends_a_goal_that_waits_too():
             first = harness.submit(pose(1.0))
             await harness.until_moving()
             second = harness.submit(pose(0.2))
-            await harness.services.stop()
+            await harness.commands.stop()
             assert 'stopped by ~/stop before it could start' in second.outcome.text
             assert first.outcome.end is End.ABORTED
             assert await harness.rests()
-            assert not harness.driver.goals.busy
+            assert not harness.driver.goal_queue.busy
 
     run(scenario())
 
@@ -292,7 +298,7 @@ def test_disable_stops_the_arm_then_switches_the_motors_off():
         async with cell() as (harness, controller):
             goal = harness.submit(pose(1.0))
             await harness.until_moving()
-            text = await harness.services.disable()
+            text = await harness.commands.disable()
             assert 'motors are off' in text
             assert goal.outcome.text == 'stopped by ~/disable; the arm stands'
             await until(lambda: controller.status().drives_powered == 0)
@@ -300,7 +306,7 @@ def test_disable_stops_the_arm_then_switches_the_motors_off():
             refused = harness.submit(pose(0.5))
             assert 'disabled by ~/disable' in refused.outcome.text
             await until(lambda: harness.driver.robot.status.drives_powered == 0)
-            await harness.services.enable()
+            await harness.commands.enable()
             assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
 
     run(scenario())
@@ -311,7 +317,7 @@ def test_disable_accepts_no_goal_while_the_arm_stops():
         async with cell() as (harness, _):
             harness.submit(pose(1.0))
             await harness.until_moving()
-            disabling = asyncio.create_task(harness.services.disable())
+            disabling = asyncio.create_task(harness.commands.disable())
             await asyncio.sleep(0)
             assert 'not enabled' in harness.submit(pose(0.5)).outcome.text
             await disabling
@@ -324,8 +330,8 @@ def test_disable_without_a_remote_port_says_that_the_motors_stay():
         async with cell(enabled=False, remote_port=0) as (harness, controller):
             controller.apply(Event.MOTORS_ON)
             await until(lambda: harness.driver.robot.status.drives_powered == 1)
-            await harness.services.enable()
-            assert 'motors were left as they are' in await harness.services.disable()
+            await harness.commands.enable()
+            assert 'motors were left as they are' in await harness.commands.disable()
             assert harness.gate == 'disabled by ~/disable'
             assert controller.status().drives_powered == 1
 
@@ -337,8 +343,8 @@ def test_disable_closes_the_gate_even_if_the_motors_cannot_be_switched():
         async with cell(enabled=False, remote_port=free_port()) as (harness, controller):
             controller.apply(Event.MOTORS_ON)
             await until(lambda: harness.driver.robot.status.drives_powered == 1)
-            await harness.services.enable()
-            text = await refusal(harness.services.disable())
+            await harness.commands.enable()
+            text = await rejection(harness.commands.disable())
             assert 'switch the motors off at the controller' in text
             assert harness.gate == 'disabled by ~/disable'
 
@@ -348,20 +354,20 @@ def test_disable_closes_the_gate_even_if_the_motors_cannot_be_switched():
 def test_reset_error_without_a_remote_port():
     async def scenario():
         async with cell(enabled=False, remote_port=0) as (harness, _):
-            text = await refusal(harness.services.reset_error())
+            text = await rejection(harness.commands.reset_error())
             assert 'reset the error at the controller' in text
 
     run(scenario())
 
 
 def test_a_reset_that_no_status_shows_is_no_success(monkeypatch):
-    monkeypatch.setattr(services, 'ANSWER_TIMEOUT', 0.3)
+    monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.3)
 
     async def scenario():
         async with cell() as (harness, controller):
             controller.faults.start(parse('cut port=state for=5'))
             await until(lambda: harness.driver.robot.status is None)
-            text = await refusal(harness.services.reset_error())
+            text = await rejection(harness.commands.reset_error())
             assert 'took the reset, but no STATUS shows' in text
 
     run(scenario())
@@ -371,7 +377,7 @@ def test_reset_error_while_the_estop_is_pressed_is_refused():
     async def scenario():
         async with cell(enabled=False) as (harness, controller):
             controller.apply(Event.ESTOP_PRESS)
-            text = await refusal(harness.services.reset_error())
+            text = await rejection(harness.commands.reset_error())
             assert 'Reset' in text
             assert 'error 20' in text
 

@@ -10,16 +10,16 @@ from epson_driver.driver.stopping.arm_gate import Enabling, GateError, what_forb
 from epson_driver.driver.stopping.motors import Action, MotorsError
 from epson_driver.simple_message import Status, TriState
 
-ANSWER_TIMEOUT = 2.0
+ANSWER_TIMEOUT_S = 2.0
 """How long a service waits for the controller, s."""
 
 
-class ServiceError(RuntimeError):
+class CommandError(RuntimeError):
     """A service could not do what was asked; the text says why and what to do."""
 
 
-class Services:
-    """Each public method is a service: it returns a sentence, or raises ServiceError."""
+class ArmCommands:
+    """Each public method is a service: it returns a sentence, or raises CommandError."""
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
@@ -29,25 +29,27 @@ class Services:
     async def stop(self) -> str:
         """Stop the arm; a running goal ends as aborted. Returns a sentence when it stands.
 
-        Raises ServiceError unless the controller acknowledged STOP and the state shows that the
+        Raises CommandError unless the controller acknowledged STOP and the state shows that the
         arm stands; the arm gate is closed then.
         """
-        goals, stopper = self._driver.goals, self._driver.stopper
+        goals, stopper = self._driver.goal_queue, self._driver.stopper
         goals.end_waiting('stopped by ~/stop before it could start')
-        ends = _now() + ANSWER_TIMEOUT
+        ends = _now() + ANSWER_TIMEOUT_S
         said = 'no goal was running; the controller acknowledged STOP'
         if goals.busy:
-            outcome = await goals.stop('stopped by ~/stop', ANSWER_TIMEOUT)
+            outcome = await goals.stop('stopped by ~/stop', ANSWER_TIMEOUT_S)
             if outcome is not None:
                 said = f'the running goal ended: {outcome.text}'
         else:
             stopper.stop()
         if stopper.unsent or not await stopper.wait(ends - _now()):
             stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
-            within = '' if stopper.unsent else f'no standstill seen within {ANSWER_TIMEOUT:g} s: '
-            raise ServiceError(f'{within}{stopper.doubt}; {stopper.stands}')
+            within = (
+                '' if stopper.unsent else f'no standstill seen within {ANSWER_TIMEOUT_S:g} s: '
+            )
+            raise CommandError(f'{within}{stopper.doubt}; {stopper.stands}')
         if stopper.failed or stopper.doubt is not None:
-            raise ServiceError(f'{stopper.doubt or stopper.alarm}; {stopper.stands} now')
+            raise CommandError(f'{stopper.doubt or stopper.alarm}; {stopper.stands} now')
         return said
 
     async def enable(self) -> str:
@@ -56,13 +58,13 @@ class Services:
         What counts is the next STATUS, not the last one: motors may have gone off since. Whatever
         closes the gate while this is under way, or would have closed it, ends it.
 
-        Raises ServiceError that says what is in the way and what to do about it.
+        Raises CommandError that says what is in the way and what to do about it.
         """
         self._check_links()
         if self._disabling:
-            raise ServiceError('~/disable is under way: call ~/enable when it has answered')
+            raise CommandError('~/disable is under way: call ~/enable when it has answered')
         gate = self._driver.gate
-        with gate.enabling(motors_on=self._driver.goals.busy) as enabling:
+        with gate.enabling(motors_on=self._driver.goal_queue.busy) as enabling:
             work = asyncio.create_task(self._enable(enabling))
             enabling.on_cancel = work.cancel
             try:
@@ -75,7 +77,7 @@ class Services:
                 return said
             status = self._driver.robot.status
             in_the_way = None if status is None else self._in_the_way(status)
-            raise ServiceError(
+            raise CommandError(
                 in_the_way
                 or f'{enabling.canceled} while ~/enable was under way: the arm stays disabled; '
                 'call ~/enable again'
@@ -84,50 +86,50 @@ class Services:
     async def _enable(self, enabling: Enabling) -> str:
         driver = self._driver
         async with self._one_enables:
-            enabling.motors_on = driver.goals.busy
+            enabling.motors_on = driver.goal_queue.busy
             asked = _now()
             status = await self._wait_for_status(
                 lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'
             )
             if (why := self._in_the_way(status)) is not None:
-                raise ServiceError(why)
+                raise CommandError(why)
             if status.drives_powered == TriState.FALSE:
                 await self._act(Action.MOTORS_ON)
                 await self._wait_for_status(
                     lambda status: status.drives_powered == TriState.TRUE, 'the motors stay off'
                 )
             await self._clear_motion()
-            if (why := await driver.why_not_ready(ANSWER_TIMEOUT)) is not None:
-                raise ServiceError(f'nobody knows where the arm is: {why}')
+            if (why := await driver.why_not_ready(ANSWER_TIMEOUT_S)) is not None:
+                raise CommandError(f'nobody knows where the arm is: {why}')
             self._check_links()
             newest = driver.robot.status
             if newest is None:
-                raise ServiceError('the controller sends no STATUS')
+                raise CommandError('the controller sends no STATUS')
             if (why := what_forbids_motion(newest, driver.robot.errors)) is not None:
-                raise ServiceError(why)
+                raise CommandError(why)
             if driver.gate.reason is not None:
                 driver.robot.enabled()
                 driver.stopper.enabled()
                 try:
                     driver.gate.open(enabling)
                 except GateError as error:
-                    raise ServiceError(str(error)) from error
+                    raise CommandError(str(error)) from error
             return 'the arm is enabled'
 
     async def _clear_motion(self) -> None:
         """Have the controller drop what it may still have of ours, and see the arm stand."""
         driver = self._driver
         stopper = driver.stopper
-        if driver.goals.busy or (stopper.over and not stopper.ours):
+        if driver.goal_queue.busy or (stopper.over and not stopper.ours):
             return
         stopper.stop()
-        if not await stopper.wait(ANSWER_TIMEOUT) or not stopper.answered:
-            raise ServiceError(f'after the last motion {stopper.doubt}; {stopper.stands}')
+        if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered:
+            raise CommandError(f'after the last motion {stopper.doubt}; {stopper.stands}')
 
     async def disable(self) -> str:
         """Close the arm gate, stop, and switch the motors off where the driver can.
 
-        Raises ServiceError unless the state shows that the arm stands and, where the driver can
+        Raises CommandError unless the state shows that the arm stands and, where the driver can
         switch them and STATUS tells, that the motors are off. The gate is closed in any case.
         """
         driver = self._driver
@@ -148,18 +150,18 @@ class Services:
         if said:
             text += f'; {said}'
         if not motors or not driver.stopper.over:
-            raise ServiceError(text)
+            raise CommandError(text)
         return text
 
     async def _bring_to_rest(self) -> str:
         """Return what is not as it should be, or ''."""
-        goals, stopper = self._driver.goals, self._driver.stopper
+        goals, stopper = self._driver.goal_queue, self._driver.stopper
         if goals.busy:
-            await goals.stop('stopped by ~/disable', ANSWER_TIMEOUT)
+            await goals.stop('stopped by ~/disable', ANSWER_TIMEOUT_S)
         else:
             stopper.stop()
         goals.fault('disabled by ~/disable')
-        if await stopper.wait(ANSWER_TIMEOUT):
+        if await stopper.wait(ANSWER_TIMEOUT_S):
             return '' if stopper.doubt is None else f'{stopper.doubt}, but {stopper.stands}'
         stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
         return f'{stopper.doubt}: {stopper.stands}'
@@ -168,7 +170,7 @@ class Services:
         """Return whether nothing speaks against the motors being off, and what to say of them."""
         driver = self._driver
         try:
-            await driver.motors.act(Action.MOTORS_OFF, ANSWER_TIMEOUT)
+            await driver.motors.act(Action.MOTORS_OFF, ANSWER_TIMEOUT_S)
         except MotorsError as error:
             return False, f'; {error}'
         asked = _now()
@@ -179,7 +181,7 @@ class Services:
                 ),
                 'the controller took that the motors be off, but no STATUS shows it',
             )
-        except ServiceError as error:
+        except CommandError as error:
             return False, f', but {error}'
         if status.drives_powered != TriState.FALSE:
             return True, '; the controller took that the motors be off, STATUS does not tell'
@@ -193,7 +195,7 @@ class Services:
     async def reset_error(self) -> str:
         """Reset the controller's error. The arm stays disabled.
 
-        Raises ServiceError if it cannot be done, or if no STATUS shows that it was.
+        Raises CommandError if it cannot be done, or if no STATUS shows that it was.
         """
         await self._act(Action.RESET)
         await self._wait_for_status(
@@ -221,7 +223,7 @@ class Services:
     def _check_links(self) -> None:
         for link in (self._driver.state_link, self._driver.motion_link):
             if not link.connected:
-                raise ServiceError(
+                raise CommandError(
                     f'the {link.name} link to {link.host}:{link.port} is {link.state.value}: '
                     'start the controller, or check robot_ip and the ports'
                 )
@@ -229,17 +231,17 @@ class Services:
     async def _act(self, action: Action) -> None:
         """Have the controller do something; where that is not possible, say what a person can."""
         try:
-            await self._driver.motors.act(action, ANSWER_TIMEOUT)
+            await self._driver.motors.act(action, ANSWER_TIMEOUT_S)
         except MotorsError as error:
-            raise ServiceError(str(error)) from error
+            raise CommandError(str(error)) from error
 
     async def _wait_for_status(self, good: Callable[[Status], bool], otherwise: str) -> Status:
         try:
-            async with asyncio.timeout(ANSWER_TIMEOUT):
+            async with asyncio.timeout(ANSWER_TIMEOUT_S):
                 while self._driver.robot.status is None or not good(self._driver.robot.status):
-                    await self._driver.changes.next()
+                    await self._driver.changed.wait()
         except TimeoutError as error:
-            raise ServiceError(f'{otherwise} (waited {ANSWER_TIMEOUT:g} s)') from error
+            raise CommandError(f'{otherwise} (waited {ANSWER_TIMEOUT_S:g} s)') from error
         return self._driver.robot.status
 
 

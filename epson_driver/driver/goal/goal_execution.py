@@ -1,0 +1,429 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One goal on its way through the controller, from the first point to its one outcome.
+
+The rules, and what may follow what, are in goal_states.py.
+
+The object has no clock and no I/O: it is told what happened and when, and it sends through the
+callable it was given.
+"""
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from epson_driver.driver.delivery.reply_rejection import reply_rejection
+from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.driver.goal.arrival import Arrival
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal_states import (
+    AFTERMATH,
+    BRAKING_STATES,
+    FINAL_STATES,
+    REJECTED_STATES,
+    RUNNING_STATES,
+    TRANSITIONS,
+    UNCONFIRMED_STATES,
+    UNKNOWN,
+    GoalEvent,
+    GoalState,
+)
+from epson_driver.driver.goal.point_schedule import PointSchedule
+from epson_driver.driver.goal.speed_scaling import SpeedScaling
+from epson_driver.driver.outcome import End, ErrorCode, Outcome
+from epson_driver.driver.state.controller_pause import PauseDetector
+from epson_driver.driver.state.robot_state import JointSample, RobotState
+from epson_driver.driver.state.standstill import UNCONFIRMED_REST_TIME_S, Standstill
+from epson_driver.link.replies import sequence_of
+from epson_driver.motion import Array, Trajectory
+from epson_driver.simple_message import Message, MotionReply, Packet, TriState
+
+SETTLE_TIME_S = 1.0
+"""How long an arm may stand beside the goal after the last reply before that is a failure, s."""
+
+MAX_COUNTED_GAP_S = 0.5
+"""Time from one state to the next that counts as waiting, s: what is longer is this process not
+scheduled, or a controller that is silent, which the driver sees by itself (link/silence.py)."""
+
+Send = Callable[[Message, Callable[[Packet, float], None]], object]
+"""send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
+Raises ConnectionError if there is no link."""
+
+
+class GoalExecution:
+    """Streams a goal's points and decides its outcome; `on_end` is called with it exactly once.
+
+    Times (`now`) are monotonic, s.
+    """
+
+    def __init__(
+        self,
+        goal: Goal,
+        settings: GoalSettings,
+        send: Send,
+        on_end: Callable[[Outcome], None],
+        now: float,
+        scaling: SpeedScaling | None = None,
+    ) -> None:
+        self.goal = goal
+        self.settings = settings
+        self.state = GoalState.PREPARING
+        self.aftermath = UNKNOWN
+        """What is known of the arm when the goal has ended."""
+        self.started = now
+        self.point = 0
+        """How many points were taken: the index of the one that is on its way."""
+        self._send = send
+        self._on_end = on_end
+        self._scaling = scaling or SpeedScaling()
+        self._schedule: PointSchedule | None = None
+        self._arrival = Arrival(goal)
+        self._standstill = Standstill(now)
+        self._pause = PauseDetector()
+        self._begins_by = 0.0
+        self._looked = now
+        self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
+        self._rejection = ''
+        self._rejected_at = 0.0
+        self._cause_waited = 0.0
+
+    @property
+    def paused(self) -> bool:
+        """True while the controller is paused: the goal waits for it."""
+        return self._pause.paused
+
+    @property
+    def desired(self) -> tuple[float, Array, Array] | None:
+        """Where the plan is: its time in s, positions and velocities, shape (n,), rad and rad/s.
+
+        None before the goal is prepared. Velocities are 0 while the plan waits and at its end.
+        """
+        if self._schedule is None:
+            return None
+        clock = self._schedule.clock
+        return min(clock.time, self.goal.trajectory.duration), *clock.desired()
+
+    def speed(self, now: float) -> float:
+        """Return the share of the planned speed that the goal runs at: 0 while it is paused."""
+        return 0.0 if self.paused else self._scaling.factor(now)
+
+    @property
+    def target(self) -> int:
+        """Index of the trajectory's point that the arm is on its way to."""
+        return 0 if self._schedule is None else min(self.point, len(self._schedule) - 1)
+
+    @property
+    def where(self) -> str:
+        """How far the goal has come, as a clause."""
+        preparing = self.state is GoalState.PREPARING
+        return 'before its first point' if preparing else f'on the way to point {self.target}'
+
+    @property
+    def ended(self) -> bool:
+        """True once the outcome is known."""
+        return self.state in FINAL_STATES
+
+    def start(
+        self,
+        trajectory: Trajectory,
+        points: list[Message],
+        now: float,
+        at: Array | None = None,
+        begin_within: float = 0.0,
+    ) -> None:
+        """Send the first point of a prepared trajectory; nothing if the goal was stopped before.
+
+        `trajectory` is what is executed: the goal's own, or what was made of it. `at`: shape
+        (n,), rad, where the arm stands, if that is not the first point. `begin_within`: how long
+        from now on the controller lets the arm stand before it moves, s; the plan begins then.
+        """
+        if self.state is not GoalState.PREPARING:
+            return
+        self.goal = replace(self.goal, trajectory=trajectory)
+        self._arrival = Arrival(self.goal)
+        self._begins_by = now + begin_within
+        self.started = self._standstill.alive = now
+        start = trajectory.positions[0] if at is None else at
+        self._schedule = PointSchedule(trajectory, points, start, self._scaling, self._begins_by)
+        self._step(GoalEvent.PREPARED)
+        self._send_point(now)
+
+    def on_reply(self, index: int, packet: Packet, now: float) -> None:
+        """Take the controller's reply to point `index`."""
+        if self.state in UNCONFIRMED_STATES:
+            self._doubt_reply(packet, now)
+        if self.state is not GoalState.STREAMING or index != self.point:
+            return
+        self._standstill.alive = now
+        if (no := reply_rejection(packet)) is not None:
+            self._reject(f'the controller refused {self._name(index)} ({no})', now)
+            return
+        self.point += 1
+        if self._schedule is not None and self.point < len(self._schedule):
+            self._send_point(now)
+        else:
+            self._standstill.expect(max(now, self._begins_by))
+            self._step(GoalEvent.LAST_REPLY)
+
+    def on_unsolicited_failure(self, now: float) -> None:
+        """Take a negative reply to something that the controller had acknowledged before."""
+        if self.state in RUNNING_STATES:
+            where = self._name(self.target)
+            self._reject(f'the controller withdrew an acknowledgement before {where}', now)
+
+    def on_state(self, robot: RobotState, now: float) -> None:
+        """Look at the robot state, after new joints or a new status came."""
+        sample = robot.sample
+        if self.ended or sample is None:
+            return
+        looked, self._looked = self._looked, now
+        self._forgive(now, now - looked)
+        self._keep_time(robot, sample, now)
+        distance = self._arrival.see(sample.positions)
+        self._standstill.see(sample, robot, self._stopped(), now)
+        if self.state in REJECTED_STATES:
+            self._look_for_cause(robot, now - max(looked, self._rejected_at))
+            return
+        if self._standstill.reached(sample.measured):
+            if self.state is GoalState.SETTLING:
+                self._judge(distance, now)
+            elif self.state in BRAKING_STATES:
+                self._rest()
+        self._check_path(sample, now)
+        self._check_patience(now)
+
+    def cancel(self, now: float) -> None:
+        """Stop because the goal was canceled: it ends as canceled when the arm stands."""
+        outcome = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled; the arm stands')
+        self._stop(GoalEvent.CANCEL, outcome, now)
+
+    def stop(self, why: str, now: float) -> None:
+        """Stop for another reason: the goal ends as aborted when the arm stands."""
+        outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, f'{why}; the arm stands')
+        self._stop(GoalEvent.STOP, outcome, now)
+
+    def fault(self, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED) -> None:
+        """End now, as something forbids motion; send STOP if anything was sent."""
+        if not self.ended:
+            self._end_at_once(GoalEvent.FAULT, why, code)
+
+    def _end_at_once(
+        self, event: GoalEvent, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED
+    ) -> None:
+        needs_stop = self.state is not GoalState.PREPARING and self.state not in REJECTED_STATES
+        text = f'{self._rejection}: {why}' if self._rejection else why
+        self._step(event)
+        if needs_stop:
+            self._send_stop()
+        self._on_end(Outcome(End.ABORTED, code, text))
+
+    def _reject(self, why: str, now: float) -> None:
+        """Stop, as the controller rejected a point, and wait for the STATUS that says why."""
+        self._rejection, self._rejected_at = why, now
+        self._cause_waited = 0.0
+        self._step(GoalEvent.REJECTION_MIDWAY if self.point > 0 else GoalEvent.REJECTION)
+        self._send_stop()
+
+    def _look_for_cause(self, robot: RobotState, gap: float) -> None:
+        """End a rejected goal with what the first status after the rejection says, if it comes.
+
+        Of the time since the last look, `gap`, s, only a part of the patience counts: a status
+        that came while this process was not scheduled is read before the next look.
+        """
+        status = robot.status
+        told = status is not None and robot.status_time > self._rejected_at
+        patience = self.settings.cause_timeout
+        self._cause_waited += min(gap, patience / 2)
+        if told and status and not status.error_code and robot.in_motion == TriState.TRUE:
+            # It brakes: what makes it do so may only show when it stands, as motors off do.
+            told = self._cause_waited > self.settings.reply_timeout
+            patience = self.settings.reply_timeout
+        if status is not None and told:
+            error = status.error_code
+            text = robot.errors.phrase(error)
+            self.fault(f'controller error {text}' if error else 'it reports no error')
+        elif self._cause_waited > patience:
+            self.fault('no status came that says why')
+
+    def _send_stop(self) -> None:
+        with contextlib.suppress(ConnectionError):  # without a link the controller stops itself
+            self._send(STOP, lambda _packet, _now: None)
+
+    def _stop(self, event: GoalEvent, outcome: Outcome, now: float) -> None:
+        if (self.state, event) not in TRANSITIONS:
+            return
+        self._when_at_rest = outcome
+        already = self.state in BRAKING_STATES
+        self._step(event)
+        if already:
+            return
+        self._standstill.alive = now
+        self._standstill.expect(None)
+        try:
+            self._send(STOP, self._on_stop_reply)
+        except ConnectionError as error:
+            self.fault(f'STOP could not be sent: {error}')
+
+    def _doubt_reply(self, packet: Packet, now: float) -> None:
+        """Take an answer to a point that may be the one to STOP, after which it came.
+
+        If the point's own never comes, STOP's takes its place; then the state decides.
+        """
+        message = packet.message
+        if not isinstance(message, MotionReply) and not sequence_of(message):
+            self._standstill.expect(now, UNCONFIRMED_REST_TIME_S)
+
+    def _on_stop_reply(self, packet: Packet, now: float) -> None:
+        if (no := reply_rejection(packet)) is None:
+            if (self.state, GoalEvent.STOP_CONFIRMED) in TRANSITIONS:
+                self._step(GoalEvent.STOP_CONFIRMED)
+            self._standstill.expect(now)
+        else:
+            self.fault(f'the controller refused STOP ({no})')
+
+    def _rest(self) -> None:
+        """End the goal: the arm stands after STOP."""
+        outcome = self._when_at_rest
+        if self.state in UNCONFIRMED_STATES:
+            outcome = replace(outcome, text=f'{outcome.text}, but a reply is missing')
+        self._step(GoalEvent.AT_REST)
+        self._on_end(outcome)
+
+    def _stopped(self) -> Array:
+        """Return the velocities below which the joints count as standing, rad/s, shape (n,)."""
+        stopped = np.full(len(self.goal.trajectory.joint_names), self.settings.stopped_velocity)
+        if self.goal.goal_velocity is not None:
+            stopped = np.minimum(stopped, self.goal.goal_velocity)
+        return stopped
+
+    def _judge(self, distance: Array, now: float) -> None:
+        """Decide whether an arm that stands, with all points acknowledged, is at the goal."""
+        if self.paused:  # it may have a rest of the way to go
+            return
+        if self._plan_time < self.goal.trajectory.duration:
+            return  # what is planned may be yet to come, however short a way
+        if self._arrival.reached(distance):
+            text = f'at the goal after {now - self.started:.2f} s'
+            self._step(GoalEvent.AT_GOAL)
+            self._on_end(Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
+        elif now - max(self._standstill.alive, self._begins_by) > SETTLE_TIME_S:
+            self.fault(self._arrival.shortfall(distance), ErrorCode.GOAL_TOLERANCE_VIOLATED)
+
+    def _check_patience(self, now: float) -> None:
+        if self.ended:
+            return
+        waited = now - self._standstill.alive
+        timeout = self.settings.reply_timeout
+        late = self._plan_time - self.goal.trajectory.duration
+        if self.state in RUNNING_STATES and 0.0 < self.goal.goal_time < late:
+            self.fault(
+                f'not at the goal after {self._plan_time:.3g} s: the plan takes '
+                f'{self.goal.trajectory.duration:.3g} s, and the goal_time tolerance is '
+                f'{self.goal.goal_time:g} s',
+                ErrorCode.GOAL_TOLERANCE_VIOLATED,
+            )
+        elif self._schedule is not None and self.state is GoalState.STREAMING:
+            if waited > timeout + self._schedule.duration:
+                self._end_at_once(
+                    GoalEvent.NO_REPLY,
+                    f'no reply to {self._name(self.point)}: the arm has not moved for '
+                    f'{waited:.3g} s',
+                )
+        elif (
+            self.state is not GoalState.PREPARING and min(waited, now - self._begins_by) > timeout
+        ):
+            self._end_at_once(
+                GoalEvent.NO_REPLY,
+                f'the controller did not confirm the standstill within {waited:.3g} s',
+            )
+
+    @property
+    def _plan_time(self) -> float:
+        """Where the plan is, s; 0 before it is prepared."""
+        return 0.0 if self._schedule is None else self._schedule.clock.time
+
+    def _forgive(self, now: float, gap: float) -> None:
+        """Leave the time in which nobody looked out of the patience: a reply may be there.
+
+        `gap`: s since somebody looked.
+        """
+        unseen = gap - MAX_COUNTED_GAP_S
+        if unseen > 0.0:
+            self._standstill.alive += unseen
+            if self._begins_by < now:
+                self._begins_by = min(self._begins_by + unseen, now)
+
+    def _keep_time(self, robot: RobotState, sample: JointSample, now: float) -> None:
+        """Let the clock go on, see whether the controller is paused, and send what was held.
+
+        The plan is where it was when the joints were measured: they may have waited since, in the
+        network or for this process.
+        """
+        moves = self.state in RUNNING_STATES
+        clock = None if self._schedule is None else self._schedule.clock
+        if clock is not None:
+            clock.advance(sample.measured, running=moves and not self._pause.interrupted)
+        if robot.status is not None:
+            self._pause.see(robot.status)
+        if clock is None:
+            return
+        if clock.held and self.state is GoalState.STREAMING:
+            self._send_point(now)
+        if moves and (self.paused or clock.held):
+            self._standstill.alive = now
+
+    def _check_path(self, sample: JointSample, now: float) -> None:
+        """Hold new joints against where the plan was when they were measured."""
+        tolerance = self.goal.path_tolerance
+        if (
+            tolerance is None
+            or self._schedule is None
+            or self.state not in RUNNING_STATES
+            or self._pause.interrupted
+            or sample.time != now
+            or self._plan_time >= self.goal.trajectory.duration
+        ):
+            return
+        positions, velocities = self._schedule.clock.desired()
+        violation = tolerance.violation(
+            self.goal.trajectory.joint_names,
+            positions - sample.positions,
+            velocities - sample.velocities,
+            self.goal.unit,
+        )
+        if violation is None:
+            return
+        self._rejection = (
+            f'path tolerance violated {self.where}, {self._plan_time:.3g} s: {violation}'
+        )
+        outcome = Outcome(
+            End.ABORTED,
+            ErrorCode.PATH_TOLERANCE_VIOLATED,
+            f'{self._rejection}; the arm was stopped and stands',
+        )
+        self._stop(GoalEvent.STOP, outcome, now)
+
+    def _send_point(self, now: float) -> None:
+        """Send the next point at the speed of the moment, or hold it back while that is 0."""
+        index = self.point
+        message = None if self._schedule is None else self._schedule.message(index, now)
+        if message is None:
+            return
+
+        def on_reply(packet: Packet, now: float) -> None:
+            self.on_reply(index, packet, now)
+
+        try:
+            self._send(message, on_reply)
+        except ConnectionError as error:
+            self.fault(f'{self._name(index)} could not be sent: {error}')
+
+    def _step(self, event: GoalEvent) -> None:
+        self.aftermath = AFTERMATH.get((self.state, event), UNKNOWN)
+        self.state = TRANSITIONS[self.state, event]
+
+    def _name(self, index: int) -> str:
+        return f'point {index} of {0 if self._schedule is None else len(self._schedule)}'

@@ -1,0 +1,91 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""From the request of a goal, as it comes from ROS, to a checked goal for the driver."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from control_msgs.action import FollowJointTrajectory
+from rclpy.clock import Clock
+
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_checks import check_limits, untimed
+from epson_driver.driver.goal.tolerances import Tolerances
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.motion import JointLimits
+from epson_driver.node.trajectory_messages import (
+    duration_in_s,
+    tolerances_from_messages,
+    trajectory_from_message,
+)
+
+MAX_START_AHEAD_S = 1.0
+"""A trajectory stamped further ahead is rejected: it would move when nobody expects it, s."""
+
+
+class GoalRequests:
+    """Checks requests against the joint limits and the parameters that hold at that moment.
+
+    `parameters`: the node's values by name, which may change. `clock`: the node's.
+    """
+
+    def __init__(self, limits: JointLimits, parameters: Mapping[str, Any], clock: Clock) -> None:
+        self._limits = limits
+        self._parameters = parameters
+        self._clock = clock
+
+    def checked_goal(self, request: FollowJointTrajectory.Goal) -> Goal:
+        """Return the goal of a request. Raises GoalRejectedError."""
+        values = self._parameters
+        if request.multi_dof_trajectory.points:
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL, 'multi_dof_trajectory has points: not supported'
+            )
+        trajectory = trajectory_from_message(request.trajectory, self._limits.names)
+        if values['timing'] == 'time_optimal':
+            trajectory = untimed(trajectory, self._limits)
+        check_limits(
+            trajectory,
+            self._limits,
+            may_end_moving=values['allow_nonzero_velocity_at_trajectory_end'],
+        )
+        self._check_stamp(request.trajectory.header.stamp, trajectory.duration)
+        path = self._tolerances(request, 'path_tolerance', 'trajectory')
+        goal = self._tolerances(request, 'goal_tolerance', 'goal')
+        goal_time = duration_in_s(request.goal_time_tolerance)
+        return Goal(
+            trajectory,
+            goal.position,
+            max(goal_time, 0.0) if goal_time != 0.0 else values['constraints.goal_time'],
+            goal_velocity=goal.velocity,
+            path_tolerance=path if path.checked else None,
+            units=self._limits.units,
+        )
+
+    def _tolerances(
+        self, request: FollowJointTrajectory.Goal, field: str, default: str
+    ) -> Tolerances:
+        """Return a field's tolerances over the parameters `constraints.<joint>.<default>`."""
+        names = self._limits.names
+        defaults = [self._parameters[f'constraints.{name}.{default}'] for name in names]
+        return tolerances_from_messages(getattr(request, field), field, names, np.array(defaults))
+
+    def _check_stamp(self, stamp: Time, duration: float) -> None:
+        """Raise GoalRejectedError for a trajectory that has ended, or begins much later."""
+        start = duration_in_s(stamp)
+        if start == 0.0:
+            return
+        ahead = start - self._clock.now().nanoseconds * 1e-9
+        if ahead + duration < 0.0:
+            raise GoalRejectedError(
+                ErrorCode.OLD_HEADER_TIMESTAMP,
+                f'header.stamp: the trajectory ended {-ahead - duration:.3g} s ago',
+            )
+        if ahead > MAX_START_AHEAD_S:
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL,
+                f'header.stamp is {ahead:.3g} s in the future: a start later than in '
+                f'{MAX_START_AHEAD_S:g} s is not supported',
+            )

@@ -1,0 +1,197 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Goals from ROS: the action `~/follow_joint_trajectory` and the two topics of trajectories.
+
+Each request becomes a checked goal (goal_requests.py), which is handed to the driver's goal queue;
+feedback and the outcome come back from there.
+"""
+
+import asyncio
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from trajectory_msgs.msg import JointTrajectory
+
+from epson_driver.driver.arm_commands import ArmCommands, CommandError
+from epson_driver.driver.driver import Driver
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_queue import GoalHandle
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.driver.tasks.task_group import report_task_error
+from epson_driver.node import messages
+from epson_driver.node.goal_requests import GoalRequests
+from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, LoopBridge
+from epson_driver.node.point_streams import PointStreams
+from epson_driver.node.throttle import Throttle
+
+RESULT_TIMEOUT_S = 60
+"""How long a goal and its result are kept for whoever asks late, s: rclpy's own 15 minutes would
+keep all points of all goals of that time."""
+
+TRAJECTORY_TOPICS = ('~/joint_trajectory', 'joint_path_command')
+
+
+class GoalServer:
+    """Serves goals over a driver. Make it in the driver's event loop.
+
+    `parameters`: the node's values by name, which may change.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        driver: Driver,
+        commands: ArmCommands,
+        bridge: LoopBridge,
+        parameters: Mapping[str, Any],
+        callback_group: CallbackGroup,
+    ) -> None:
+        self._logger = node.get_logger()
+        self._clock = node.get_clock()
+        self._loop = asyncio.get_running_loop()
+        self._queue = driver.goal_queue
+        self._commands = commands
+        self._bridge = bridge
+        self._parameters = parameters
+        self.requests = GoalRequests(driver.configuration.limits, parameters, self._clock)
+        self._handles: dict[bytes, GoalHandle] = {}
+        self._feedback_throttle = Throttle()
+        self._point_streams = PointStreams()
+        self._controller_state = node.create_publisher(
+            JointTrajectoryControllerState, '~/controller_state', 10
+        )
+        for topic in TRAJECTORY_TOPICS:
+            node.create_subscription(
+                JointTrajectory, topic, self._on_trajectory, 10, callback_group=callback_group
+            )
+        self.action_server = ActionServer(
+            node,
+            FollowJointTrajectory,
+            '~/follow_joint_trajectory',
+            self._execute,
+            goal_callback=lambda goal: GoalResponse.ACCEPT,  # a rejected one needs a result
+            cancel_callback=self._cancel,
+            callback_group=callback_group,
+            goal_service_qos_profile=REQUEST_QOS,
+            result_service_qos_profile=REQUEST_QOS,
+            cancel_service_qos_profile=REQUEST_QOS,
+            result_timeout=RESULT_TIMEOUT_S,
+        )
+
+    @property
+    def busy(self) -> bool:
+        """True while a goal of the action has not got its result."""
+        return bool(self._handles)
+
+    # --- from ROS: these run in the executor's thread ---------------------------------------
+
+    async def _execute(self, ros_handle: ServerGoalHandle) -> FollowJointTrajectory.Result:
+        """Hand a goal to the driver and wait for its outcome."""
+        key = bytes(ros_handle.goal_id.uuid)
+        try:
+            outcome = await self._outcome(key, ros_handle)
+        except GoalRejectedError as rejection:
+            outcome = rejection.outcome
+        except DriverEndedError as error:
+            outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, str(error))
+        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
+            text = self._bridge.failed('~/follow_joint_trajectory', error)
+            outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text)
+        self._log_outcome(outcome)
+        if outcome.end is End.SUCCEEDED:
+            ros_handle.succeed()
+        elif outcome.end is End.CANCELED and ros_handle.status == GoalStatus.STATUS_CANCELING:
+            ros_handle.canceled()
+        else:
+            ros_handle.abort()
+        self._handles.pop(key, None)
+        return messages.result(outcome)
+
+    async def _outcome(self, key: bytes, ros_handle: ServerGoalHandle) -> Outcome:
+        """Return how a goal ended. Raises GoalRejectedError, DriverEndedError."""
+        goal = self.requests.checked_goal(ros_handle.request)
+        done = self._bridge.create_future()
+        handle = GoalHandle(
+            goal, partial(self._bridge.resolve, done), partial(self._on_feedback, ros_handle)
+        )
+        self._handles[key] = handle
+        self._bridge.to_loop(self._queue.submit, handle)
+        if ros_handle.is_cancel_requested:
+            self._bridge.to_loop(self._queue.cancel, handle)
+        outcome: Outcome = await self._bridge.wait_for(done)
+        return outcome
+
+    def _cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
+        try:
+            handle = self._handles.get(bytes(ros_handle.goal_id.uuid))
+            if handle is not None:
+                self._bridge.to_loop(self._queue.cancel, handle)
+        except DriverEndedError:
+            return CancelResponse.REJECT
+        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
+            self._bridge.failed('canceling a goal', error)
+            return CancelResponse.REJECT
+        return CancelResponse.ACCEPT
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        """Execute a trajectory without an action client; one without points stops the arm."""
+        try:
+            self.take_trajectory(message)
+        except GoalRejectedError as rejection:
+            self._log_outcome(rejection.outcome)
+        except DriverEndedError as error:
+            self._logger.warning(f'a trajectory was dropped: {error}')
+        except Exception as error:  # noqa: BLE001 - it is logged, and stops the arm
+            self._bridge.failed('taking a trajectory', error)
+
+    def take_trajectory(self, message: JointTrajectory) -> None:
+        """Submit a trajectory of a topic. Raises GoalRejectedError, DriverEndedError."""
+        if not message.points:
+            self._bridge.to_loop(self._begin_stop)
+            return
+        if what := self._point_streams.noticed(len(message.points), self._loop.time()):
+            self._logger.warning(what)
+        goal = self.requests.checked_goal(FollowJointTrajectory.Goal(trajectory=message))
+        handle = GoalHandle(goal, self._log_outcome, partial(self._on_feedback, None))
+        self._bridge.to_loop(self._queue.submit, handle)
+
+    # --- from the driver: these run in the loop's thread ------------------------------------
+
+    def _on_feedback(
+        self, ros_handle: ServerGoalHandle | None, execution: GoalExecution, sample: JointSample
+    ) -> None:
+        """Publish action feedback and `~/controller_state` at `action_monitor_rate`."""
+        if not self._feedback_throttle.passes(
+            sample.time, self._parameters['action_monitor_rate']
+        ):
+            return
+        stamp = self._clock.now().to_msg()
+        self._controller_state.publish(messages.controller_state(execution, sample, stamp))
+        if ros_handle is not None:
+            ros_handle.publish_feedback(messages.feedback(execution, sample, stamp))
+
+    def _begin_stop(self) -> None:
+        task = self._loop.create_task(self._stop_for_topic())
+        task.add_done_callback(report_task_error)
+
+    async def _stop_for_topic(self) -> None:
+        try:
+            self._logger.info(f'empty trajectory: {await self._commands.stop()}')
+        except CommandError as error:
+            self._logger.error(f'empty trajectory: {error}')
+
+    def _log_outcome(self, outcome: Outcome) -> None:
+        text = f'goal {outcome.end.value}: {outcome.text}'
+        if outcome.end is End.SUCCEEDED:  # a line each: rclpy allows a line one severity
+            self._logger.info(text)
+        else:
+            self._logger.warning(text)

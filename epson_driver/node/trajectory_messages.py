@@ -1,0 +1,115 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories, tolerances and durations, read from ROS messages."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.msg import JointTolerance
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from epson_driver.driver.goal.tolerances import Tolerances
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.motion import Array, Trajectory
+
+
+def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> Trajectory:
+    """Return a message as a Trajectory in the order of `joint_names`.
+
+    Raises GoalRejectedError: INVALID_JOINTS unless the names are the same set, INVALID_GOAL if
+    there are no points, a point has no positions, or an array has the wrong length.
+    """
+    names = tuple(message.joint_names)
+    if len(set(names)) != len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise GoalRejectedError(
+            ErrorCode.INVALID_JOINTS, f'joint_names has {", ".join(twice)} twice'
+        )
+    missing = [name for name in joint_names if name not in names]
+    unknown = [name for name in names if name not in joint_names]
+    if missing or unknown:
+        raise GoalRejectedError(
+            ErrorCode.INVALID_JOINTS,
+            '; '.join(
+                [f'joint_names lacks {", ".join(missing)}'] * bool(missing)
+                + [f'unknown joints in joint_names: {", ".join(map(repr, unknown))}']
+                * bool(unknown)
+            ),
+        )
+    if not message.points:
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'the trajectory has no points')
+    trajectory = Trajectory(
+        names,
+        np.array([duration_in_s(point.time_from_start) for point in message.points]),
+        _table(message.points, 'positions', names),
+        _optional_table(message.points, 'velocities', names),
+        _optional_table(message.points, 'accelerations', names),
+    )
+    return trajectory.in_order(tuple(joint_names))
+
+
+def _optional_table(
+    points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]
+) -> Array | None:
+    """Return None if no point has the quantity; one point that has it obliges the others."""
+    if not any(len(getattr(point, quantity)) for point in points):
+        return None
+    return _table(points, quantity, names)
+
+
+def _table(points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]) -> Array:
+    """Return a quantity of all points, shape (points, n)."""
+    for index, point in enumerate(points):
+        count = len(getattr(point, quantity))
+        if count != len(names):
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL,
+                f'point {index}: {count} {quantity} for {len(names)} joints',
+            )
+    return np.array([getattr(point, quantity) for point in points], dtype=float)
+
+
+def tolerances_from_messages(
+    messages: Iterable[JointTolerance], field: str, joint_names: Sequence[str], defaults: Array
+) -> Tolerances:
+    """Return the tolerances of a goal's JointTolerance[], the goal's `field`.
+
+    0 takes the default, a negative number switches the check off, as joint_trajectory_controller
+    has it. `defaults` (shape (n,), rad; 0: not checked) hold for positions; velocities have none.
+    Raises GoalRejectedError for a joint that is not there, a number that is not finite, and a
+    limit of the acceleration.
+    """
+    values = {
+        'position': np.where(defaults > 0.0, defaults, np.inf),
+        'velocity': np.full(len(joint_names), np.inf),
+    }
+    for message in messages:
+        if message.name not in joint_names:
+            raise GoalRejectedError(
+                ErrorCode.INVALID_JOINTS, f'{field} names the unknown joint {message.name!r}'
+            )
+        for quantity in ('position', 'velocity', 'acceleration'):
+            value = getattr(message, quantity)
+            if not np.isfinite(value):
+                raise GoalRejectedError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{field}, {message.name}: {quantity} = {value} is not finite',
+                )
+            if quantity in values:
+                if value != 0.0:
+                    index = joint_names.index(message.name)
+                    values[quantity][index] = value if value > 0.0 else np.inf
+            elif value > 0.0:
+                raise GoalRejectedError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{field}, {message.name}: {quantity} = {value:g} cannot be checked: the '
+                    f'controller reports no accelerations; leave it at 0',
+                )
+    return Tolerances(values['position'], values['velocity'])
+
+
+def duration_in_s(message: Duration | Time) -> float:
+    """Return a builtin_interfaces Duration or Time in s."""
+    seconds: float = message.sec + message.nanosec * 1e-9
+    return seconds

@@ -1,0 +1,124 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories read from ROS messages: names, shapes, numbers, and what a wrong one is told."""
+
+from itertools import permutations
+from types import SimpleNamespace
+
+import pytest
+from builtin_interfaces.msg import Duration
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
+from epson_driver.node.trajectory_messages import duration_in_s, trajectory_from_message
+
+NAMES = ('a', 'b', 'c')
+
+
+def point(time, positions, velocities=(), accelerations=()):
+    sec, fraction = divmod(time, 1.0)
+    return JointTrajectoryPoint(
+        positions=[float(value) for value in positions],
+        velocities=[float(value) for value in velocities],
+        accelerations=[float(value) for value in accelerations],
+        time_from_start=Duration(sec=int(sec), nanosec=round(fraction * 1e9)),
+    )
+
+
+def message(*points, names=NAMES):
+    return JointTrajectory(joint_names=list(names), points=list(points))
+
+
+def good(count=3):
+    return [point(index, (0.1 * index, 0.2 * index, 0.3 * index)) for index in range(count)]
+
+
+def rejection(call, code=ErrorCode.INVALID_GOAL):
+    with pytest.raises(GoalRejectedError) as caught:
+        call()
+    assert caught.value.code is code
+    assert caught.value.outcome.end is End.ABORTED
+    assert caught.value.outcome.code is code
+    assert caught.value.outcome.text == str(caught.value)
+    return str(caught.value)
+
+
+def from_message(*args, **kwargs):
+    return lambda: trajectory_from_message(message(*args, **kwargs), NAMES)
+
+
+@pytest.mark.parametrize('names', list(permutations(NAMES)), ids=''.join)
+def test_names_may_come_in_any_order(names):
+    values = dict(zip(NAMES, (0.1, 0.2, 0.3), strict=True))
+    ordered = [values[name] for name in names]
+    trajectory = trajectory_from_message(
+        message(point(0.0, ordered, ordered, ordered), names=names), NAMES
+    )
+    assert trajectory.joint_names == NAMES
+    assert trajectory.positions.tolist() == [[0.1, 0.2, 0.3]]
+    assert trajectory.velocities.tolist() == [[0.1, 0.2, 0.3]]
+    assert trajectory.accelerations.tolist() == [[0.1, 0.2, 0.3]]
+
+
+def test_numbers_arrive_unchanged():
+    values = (1 / 3, -2 / 7, 0.1 + 0.2)
+    trajectory = from_message(point(0.0, (0, 0, 0)), point(1.234567891, values))()
+    assert trajectory.positions[1].tolist() == list(values)
+    assert trajectory.times.tolist() == pytest.approx([0.0, 1.234567891], abs=1e-12)
+    assert trajectory.velocities is None
+    assert trajectory.accelerations is None
+
+
+@pytest.mark.parametrize(
+    ('names', 'words'),
+    [
+        (('a', 'b', 'b'), ['b twice']),
+        (('a', 'b'), ['lacks c']),
+        (('b',), ['lacks a, c']),
+        ((), ['lacks a, b, c']),
+        (('a', 'b', 'c', 'd'), ["unknown joints in joint_names: 'd'"]),
+        (('a', 'b', 'C'), ['lacks c', "'C'"]),
+        (('a', 'b', ''), ['lacks c', "''"]),
+    ],
+)
+def test_wrong_names_are_in_the_text(names, words):
+    at = [0.0] * len(names)
+    text = rejection(from_message(point(0.0, at), names=names), ErrorCode.INVALID_JOINTS)
+    assert all(word in text for word in words)
+
+
+def test_a_trajectory_without_points():
+    assert 'no points' in rejection(from_message())
+
+
+@pytest.mark.parametrize(
+    ('points', 'text'),
+    [
+        ([point(0, (1, 2))], 'point 0: 2 positions for 3 joints'),
+        ([point(0, (1, 2, 3, 4))], 'point 0: 4 positions for 3 joints'),
+        ([point(0, ())], 'point 0: 0 positions for 3 joints'),
+        ([*good(2), point(2, ())], 'point 2: 0 positions for 3 joints'),
+        ([*good(1), point(1, (0, 0, 0), (0, 0))], 'point 0: 0 velocities for 3 joints'),
+        (
+            [point(0, (0, 0, 0), (0, 0, 0)), point(1, (0, 0, 0), (0,))],
+            'point 1: 1 velocities for 3 joints',
+        ),
+        ([point(0, (0, 0, 0), (), (0, 0))], 'point 0: 2 accelerations for 3 joints'),
+    ],
+)
+def test_arrays_of_the_wrong_length(points, text):
+    assert text in rejection(from_message(*points))
+
+
+def test_durations():
+    assert duration_in_s(Duration(sec=2, nanosec=500_000_000)) == 2.5
+    assert duration_in_s(SimpleNamespace(sec=0, nanosec=1)) == 1e-9
+    assert duration_in_s(Duration(sec=-1, nanosec=0)) == -1.0
+
+
+def test_the_codes_are_those_of_the_action():
+    from control_msgs.action import FollowJointTrajectory
+
+    result = FollowJointTrajectory.Result
+    for code in ErrorCode:
+        assert getattr(result, code.name) == code
