@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plans as a motion planner makes them: a blended polyline and a time law without a jerk limit.
+"""Plans as a motion planner makes them: a blended polyline and a timing without a jerk limit.
 
-The time law is the fastest one within velocity and acceleration limits (what TOTG and TOPP-RA
+The timing is the fastest one within velocity and acceleration limits (what TOTG and TOPP-RA
 return), from forward and backward passes over the path; so it starts and ends at rest and its
 acceleration jumps.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from epson_driver.motion import Array
 
 GRID = 4000
-"""Intervals of the path over which a time law is integrated."""
+"""Intervals of the path over which a timing is integrated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ def blended(vias: Array, blend: float) -> Array:
     return np.stack([np.interp(at, lengths, column) for column in points.T], axis=1)
 
 
-def time_law(path: Array, velocity: Array, acceleration: Array) -> TimedPath:
+def fastest_timing(path: Array, velocity: Array, acceleration: Array) -> TimedPath:
     """Return the fastest timing of a dense path (m, n) from rest to rest within two limits (n,).
 
     x = ṡ² over the path's index s: each joint's acceleration is q′·x′/2 + q″·x.

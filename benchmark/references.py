@@ -62,7 +62,7 @@ def compute(positions: Array, limits: JointLimits) -> ReferenceTimes:
         ptp=round(ptp.duration, 6),
         ptp_stops=ptp.stops,
         toppra=round(jerk_free_time(path, limits), 6),
-        opt=round(optimum.law.duration, 6),
+        opt=round(optimum.profile.duration, 6),
         opt_velocity=round(optimum.velocity, 5),
         opt_acceleration=round(optimum.acceleration, 5),
         opt_jerk=round(optimum.jerk, 5),

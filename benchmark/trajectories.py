@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.limit_sets import FACTORS, VELOCITY
-from benchmark.plans import TimedPath, blended, random_vias, time_law
+from benchmark.plans import TimedPath, blended, fastest_timing, random_vias
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import Array
 
@@ -64,11 +64,11 @@ def _named(name: str, kind: str, make: Callable[[], tuple[Array, Array]]) -> Ben
 
 def _timed(seed: int, vias: int, speed: float, blend: float = BLEND) -> TimedPath:
     rng = np.random.default_rng(seed)
-    return _law(blended(random_vias(rng, vias, LOW, HIGH), blend), speed)
+    return _timing_of(blended(random_vias(rng, vias, LOW, HIGH), blend), speed)
 
 
-def _law(path: Array, speed: float) -> TimedPath:
-    return time_law(path, speed * VELOCITY, speed * FACTORS['full'].acceleration * VELOCITY)
+def _timing_of(path: Array, speed: float) -> TimedPath:
+    return fastest_timing(path, speed * VELOCITY, speed * FACTORS['full'].acceleration * VELOCITY)
 
 
 def _every(path: TimedPath, step: float) -> tuple[Array, Array]:
@@ -86,7 +86,7 @@ def _points(path: TimedPath, count: int) -> tuple[Array, Array]:
 def _reversal() -> tuple[Array, Array]:
     rng = np.random.default_rng(61)
     there = blended(random_vias(rng, 3, LOW, HIGH), BLEND)
-    half = _law(there, 0.6)
+    half = _timing_of(there, 0.6)
     positions, durations = _points(half, 30)
     return (
         np.concatenate([positions, positions[-2::-1]]),

@@ -25,10 +25,12 @@ POSITION_ROUNDING = 1e-12
 class JointStop:
     """A stop as a function of the time since it began. `duration` is in s, `end` in rad."""
 
-    def __init__(self, courses: list[RuckigTrajectory]) -> None:
-        self.courses = courses
-        self.duration: float = max(course.duration for course in courses)
-        self.end: Array = np.array([course.at_time(course.duration)[0][0] for course in courses])
+    def __init__(self, trajectories: list[RuckigTrajectory]) -> None:
+        self.trajectories = trajectories
+        self.duration: float = max(trajectory.duration for trajectory in trajectories)
+        self.end: Array = np.array(
+            [trajectory.at_time(trajectory.duration)[0][0] for trajectory in trajectories]
+        )
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
@@ -36,7 +38,10 @@ class JointStop:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
         states = np.array(
-            [course.at_time(min(max(time, 0.0), course.duration)) for course in self.courses]
+            [
+                trajectory.at_time(min(max(time, 0.0), trajectory.duration))
+                for trajectory in self.trajectories
+            ]
         )
         return states[:, 0, 0], states[:, 1, 0], states[:, 2, 0]
 
@@ -44,7 +49,7 @@ class JointStop:
 def stop_joints(
     limits: JointLimits, position: Array, velocity: Array, acceleration: Array
 ) -> JointStop:
-    """Return the stop of joints that move on a course within the limits; shapes (n,)."""
+    """Return the stop of joints that move within the limits; shapes (n,)."""
     states = zip(position, velocity, acceleration, strict=True)
     return JointStop([_stop(limits, joint, state) for joint, state in enumerate(states)])
 
@@ -61,10 +66,10 @@ def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) ->
     )
     inp.target_velocity = [0.0]
     inp.control_interface = ControlInterface.Velocity
-    course = solve(inp)
-    if _within(course, low, high):
-        return course
-    end = course.at_time(course.duration)[0][0]
+    trajectory = solve(inp)
+    if _within(trajectory, low, high):
+        return trajectory
+    end = trajectory.at_time(trajectory.duration)[0][0]
     limit, inward = (high, -1.0) if end > high or state[1] > 0.0 else (low, 1.0)
     inp.control_interface = ControlInterface.Position
     for attempt in range(ATTEMPTS):
@@ -75,9 +80,9 @@ def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) ->
         back = solve(inp)
         if _within(back, low, high):
             return back
-    return course
+    return trajectory
 
 
-def _within(course: RuckigTrajectory, low: float, high: float) -> bool:
-    (extrema,) = course.position_extrema
+def _within(trajectory: RuckigTrajectory, low: float, high: float) -> bool:
+    (extrema,) = trajectory.position_extrema
     return bool(extrema.min >= low and extrema.max <= high)

@@ -20,7 +20,7 @@ SHORTEST_MOVE = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """A course as pieces of constant jerk, each until the next begins; the last one is the rest.
+    """A move as pieces of constant jerk, each until the next begins; the last one is the rest.
 
     Arrays of shape (8,): when each begins (s), and the way, its derivatives and the jerk then.
     """
@@ -48,22 +48,22 @@ class LineMotion:
         limits: JointLimits,
         origin: Array,
         direction: Array,
-        course: RuckigTrajectory | None,
+        trajectory: RuckigTrajectory | None,
         end: Array,
     ) -> None:
         self._limits = limits
         self.origin = origin
         self.direction = direction
         self.end = end
-        self._course = course
-        self.duration: float = 0.0 if course is None else course.duration
+        self._trajectory = trajectory
+        self.duration: float = 0.0 if trajectory is None else trajectory.duration
 
     @property
     def braking(self) -> float:
         """When the deceleration of a move from rest to rest begins, s."""
-        if self._course is None:
+        if self._trajectory is None:
             return 0.0
-        times = self._course.profiles[0][0].t
+        times = self._trajectory.profiles[0][0].t
         cruise = 3
         # Speeding up and slowing down are mirror images.
         return float(sum(times[: cruise + 1])) if times[cruise] > 0.0 else self.duration / 2.0
@@ -71,9 +71,9 @@ class LineMotion:
     @property
     def pieces(self) -> Pieces:
         """The way along the line as pieces of constant jerk. Raises ValueError for no move."""
-        if self._course is None:
+        if self._trajectory is None:
             raise ValueError('a move of no length has no pieces')
-        profile = self._course.profiles[0][0]
+        profile = self._trajectory.profiles[0][0]
         times = np.concatenate([[0.0], np.cumsum(profile.t)])
         velocities, accelerations = np.array(profile.v), np.array(profile.a)
         velocities[-1] = accelerations[-1] = 0.0
@@ -82,26 +82,26 @@ class LineMotion:
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
-        if self._course is None or time >= self.duration:
+        if self._trajectory is None or time >= self.duration:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
-        (s,), (v,), (a,) = self._course.at_time(max(time, 0.0))
+        (s,), (v,), (a,) = self._trajectory.at_time(max(time, 0.0))
         direction = self.direction
         return self.origin + s * direction, v * direction, a * direction
 
     def stop(self, time: float) -> 'LineMotion':
         """Return the fastest stop along the line from this motion's state at `time`."""
-        if self._course is None or time >= self.duration:
+        if self._trajectory is None or time >= self.duration:
             return LineMotion(self._limits, self.end, self.direction, None, self.end)
-        state = self._course.at_time(max(time, 0.0))
+        state = self._trajectory.at_time(max(time, 0.0))
         inp = _bounds_along(self.direction, self._limits, 1.0, 1.0)
         inp.control_interface = ControlInterface.Velocity
         inp.current_position, inp.current_velocity, inp.current_acceleration = state
         inp.target_velocity = [0.0]
-        course = solve(inp)
-        (s,), _, _ = course.at_time(course.duration)
+        trajectory = solve(inp)
+        (s,), _, _ = trajectory.at_time(trajectory.duration)
         end = self.origin + s * self.direction
-        return LineMotion(self._limits, self.origin, self.direction, course, end)
+        return LineMotion(self._limits, self.origin, self.direction, trajectory, end)
 
 
 def go(
@@ -188,9 +188,9 @@ def _bounds_along(
 
 
 def solve(inp: InputParameter) -> RuckigTrajectory:
-    """Return the fastest course of one joint. Raises RuntimeError if there is none."""
-    course = RuckigTrajectory(1)
-    result = Ruckig(1).calculate(inp, course)
+    """Return the fastest trajectory of one joint. Raises RuntimeError if there is none."""
+    trajectory = RuckigTrajectory(1)
+    result = Ruckig(1).calculate(inp, trajectory)
     if result not in (Result.Working, Result.Finished):
         raise RuntimeError(f'ruckig: {result} for {inp}')
-    return course
+    return trajectory

@@ -230,7 +230,7 @@ def test_a_stop_in_the_moment_of_the_beginning_or_the_end(late: float, stops: bo
         answer = plan(request, LIMITS)
         assert answer is not None
         assert smoother.take(answer)
-        smoother.step(answer.law.duration - late if at_end else late)
+        smoother.step(answer.timing.duration - late if at_end else late)
         here = smoother.motion.position
         if stops:
             smoother.stop()

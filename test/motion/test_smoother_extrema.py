@@ -6,7 +6,7 @@ Invariant 2 of docs/invariants.md.
 """
 
 import pytest
-from smoother_runs import exact_extrema, random_run, sampled_extrema
+from support.smoother_harness import exact_extrema, random_run, sampled_extrema
 
 pytestmark = pytest.mark.invariant(2)
 

@@ -9,7 +9,7 @@ import logging
 
 import numpy as np
 import pytest
-from smoother_runs import ARM
+from support.smoother_harness import ARM
 from test_smoother_extrema import assert_within_all_limits
 
 from epson_driver.motion import Trajectory

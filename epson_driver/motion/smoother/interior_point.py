@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An interior-point method for the fastest law along a path.
+"""An interior-point method for the fastest timing along a path.
 
 Minimised is the sum over m samples of w (1/√x + (x/c²)^p / (2 p c)): the time, and the cost of
 being faster than the speed c that is wanted (its minimum is at x = c²). Subject to
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.banded import solve_pentadiagonal
+from epson_driver.motion.smoother.pentadiagonal import solve_pentadiagonal
 
 ITERATIONS = 40
 TOLERANCE = 2e-3

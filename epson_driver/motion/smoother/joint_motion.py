@@ -130,7 +130,7 @@ def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
         motion = _solved(inp, state)
         if motion is not None:
             yield motion
-    yield _motion(state, stop_joints(limits, *state).courses)
+    yield _motion(state, stop_joints(limits, *state).trajectories)
 
 
 def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotion | None:
@@ -161,19 +161,19 @@ def _from(limits: JointLimits, state: State) -> InputParameter:
 
 
 def _solved(inp: InputParameter, state: State) -> JointMotion | None:
-    course = RuckigTrajectory(inp.degrees_of_freedom)
+    trajectory = RuckigTrajectory(inp.degrees_of_freedom)
     try:
-        result = Ruckig(inp.degrees_of_freedom).calculate(inp, course)
+        result = Ruckig(inp.degrees_of_freedom).calculate(inp, trajectory)
     except (RuntimeError, ValueError):  # RuckigError; a code that the enum does not have
         return None
     if result not in (Result.Working, Result.Finished):
         return None
-    return _motion(state, [course])
+    return _motion(state, [trajectory])
 
 
-def _motion(state: State, courses: list[RuckigTrajectory]) -> JointMotion:
-    """Return the motion of all joints of Ruckig's courses."""
-    profiles = [profile for course in courses for profile in course.profiles[0]]
+def _motion(state: State, trajectories: list[RuckigTrajectory]) -> JointMotion:
+    """Return the motion of all joints of Ruckig's trajectories."""
+    profiles = [profile for trajectory in trajectories for profile in trajectory.profiles[0]]
     durations = [[*profile.brake.t, *profile.t] for profile in profiles]
     jerks = [[*profile.brake.j, *profile.j] for profile in profiles]
     return JointMotion(state, np.array(durations), np.array(jerks))

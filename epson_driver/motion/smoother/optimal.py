@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Proposer OPT: the (locally) fastest law.
+"""Proposer OPT: the (locally) fastest timing.
 
 For x(u) = u̇² the limits of a joint with derivatives q′, q″, q‴ by u are
     velocity      |q′| √x ≤ V
@@ -15,24 +15,24 @@ import dataclasses
 import numpy as np
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.check import Loads, loads
 from epson_driver.motion.smoother.interior_point import Program, minimise
-from epson_driver.motion.smoother.law import Law
+from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
 from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.profile import Course
 from epson_driver.motion.smoother.ruckig_move import gentle_stop
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 NODE_TIME = 0.008
-"""Time between the spline's nodes, s, of the law to start from."""
+"""Time between the spline's nodes, s, of the timing to start from."""
 
 RAMP_TIMES = (0.024, 0.008)
-"""The longest ramp of constant jerk from or to rest, s; what to try when there is no law so."""
+"""The longest ramp of constant jerk from or to rest, s; what to try when there is no timing so."""
 
 FEWEST_NODES, MOST_NODES = 8, 250
 
 VELOCITY_RESERVE, ACCELERATION_RESERVE, JERK_RESERVE = 5e-4, 1e-2, 4e-2
-"""Of the limits: the spline keeps them at its samples, the law must keep them everywhere."""
+"""Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
 
 START_INTERVALS = 3
 """Intervals without (jerk: with half) this reserve at the start."""
@@ -41,7 +41,7 @@ NODES_WRONG = 1.3
 """A limit exceeded by more than this shows that the nodes are too far apart somewhere."""
 
 ROUNDS = 4
-"""Each round begins with the law of the one before, and uses less where that exceeded a limit."""
+"""Each round begins with the timing of the one before and uses less where it exceeded a limit."""
 
 Excess = tuple[Array, Array]
 """u, and how many times a limit was used there."""
@@ -51,20 +51,22 @@ _WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
 _BESIDE = 1e-9
 
 
-def propose(problem: Problem, course: Course) -> Law | None:
-    """Return a verified law faster than most, or None if none was found."""
+def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
+    """Return a verified timing faster than most, or None if none was found."""
     for ramp_time in RAMP_TIMES:
-        law = _propose(problem, course, ramp_time)
-        if law is not None:
-            return law
+        timing = _propose(problem, bounds, ramp_time)
+        if timing is not None:
+            return timing
     return None
 
 
-def _propose(problem: Problem, course: Course, ramp_time: float) -> Law | None:
-    ramps = _ramps(problem, course, ramp_time)
+def _propose(
+    problem: Problem, bounds: SpeedBounds, ramp_time: float
+) -> TimeParametrisation | None:
+    ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
         return None
-    profile = course.profile(problem.start[0], problem.start[1])
+    profile = bounds.profile(problem.start[0], problem.start[1])
     spline = _spline(problem, profile.positions, profile.speeds, profile.times, *ramps)
     if spline is not None:
         spline = _slow_enough(problem, spline)
@@ -76,19 +78,19 @@ def _propose(problem: Problem, course: Course, ramp_time: float) -> Law | None:
         if coefficients is None:
             return None
         spline = dataclasses.replace(spline, coefficients=coefficients)
-        law = spline.law(problem.start, problem.end)
-        if law is None:
+        timing = spline.timing(problem.start, problem.end)
+        if timing is None:
             return None
-        result = loads(problem.path, law, problem.limits)
+        result = limit_usage(problem.path, timing, problem.limits)
         if result.allowed:
-            return law
+            return timing
         excess.append(_excess(result))
         if turn == 0 and excess[0][1].max(initial=1.0) > NODES_WRONG:
-            spline = _spline(problem, law.positions, law.velocities, law.times, *ramps)
+            spline = _spline(problem, timing.positions, timing.velocities, timing.times, *ramps)
     return None
 
 
-def _ramps(problem: Problem, course: Course, ramp_time: float) -> tuple[Ramp, Ramp] | None:
+def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
     """Return the ramps from the start (none if it moves) and to the end."""
     ends = np.array([problem.start[0], problem.end])
     _, first, _, _ = problem.path.sample(ends)
@@ -98,8 +100,8 @@ def _ramps(problem: Problem, course: Course, ramp_time: float) -> tuple[Ramp, Ra
     ramps = []
     for end, jerk in zip(ends.tolist(), jerks.tolist(), strict=True):
         # what the ramp begins must end below the bounds that are near
-        near = np.abs(course.positions - end) < 2.0 * jerk * ramp_time**3
-        speed = float(course.bounds[near].min(initial=np.inf))
+        near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
+        speed = float(bounds.speeds[near].min(initial=np.inf))
         longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
         time = float(np.clip(longest, NODE_TIME, ramp_time))
         ramps.append(Ramp(min(jerk, 0.6 * speed / time**2), time))
@@ -111,12 +113,12 @@ def _ramps(problem: Problem, course: Course, ramp_time: float) -> tuple[Ramp, Ra
 
 
 def _spline(
-    problem: Problem, us: Array, vs: Array, times: Array, launch: Ramp, landing: Ramp
+    problem: Problem, us: Array, vs: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline with nodes in equal times of a law given by samples, a little slower."""
-    begin, end = problem.start[0] + launch.length, problem.end - landing.length
+    """Return a spline with nodes in equal times of a timing given by samples, a little slower."""
+    begin, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
-    times = _slow_ends(us, times, launch, landing)
+    times = _slow_ends(us, times, start_ramp, end_ramp)
     first, last = np.interp([begin, end], us, times)
     count = int(np.clip((last - first) / NODE_TIME, FEWEST_NODES, MOST_NODES))
     nodes = np.interp(np.linspace(first, last, count + 1), times, us)
@@ -128,20 +130,20 @@ def _spline(
         return None
     x = np.maximum(0.8 * np.interp(_middles(nodes), us, vs) ** 2, 1e-8)
     v, a = problem.start[1], problem.start[2]
-    if launch.time > 0.0:
-        v, a = launch.speed, launch.acceleration
+    if start_ramp.time > 0.0:
+        v, a = start_ramp.speed, start_ramp.acceleration
     x[0], x[1] = v**2, v**2 + a * h[0]
-    v, a = landing.speed, landing.acceleration
+    v, a = end_ramp.speed, end_ramp.acceleration
     x[-1], x[-2] = v**2, v**2 + a * h[-1]
-    return SpeedSpline(launch, landing, nodes, x) if x[1] > 0.0 else None
+    return SpeedSpline(start_ramp, end_ramp, nodes, x) if x[1] > 0.0 else None
 
 
-def _slow_ends(us: Array, times: Array, launch: Ramp, landing: Ramp) -> Array:
+def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Array:
     """Return times with those that constant jerk needs from and to rest, where they are longer."""
     steps = np.diff(times)
-    if launch.time > 0.0:
-        steps = np.maximum(steps, np.diff(np.cbrt(6.0 * (us - us[0]) / launch.jerk)))
-    steps = np.maximum(steps, -np.diff(np.cbrt(6.0 * (us[-1] - us) / landing.jerk)))
+    if start_ramp.time > 0.0:
+        steps = np.maximum(steps, np.diff(np.cbrt(6.0 * (us - us[0]) / start_ramp.jerk)))
+    steps = np.maximum(steps, -np.diff(np.cbrt(6.0 * (us[-1] - us) / end_ramp.jerk)))
     return np.append(0.0, np.cumsum(steps))
 
 
@@ -195,7 +197,7 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     interval = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(h) - 1)
     _, first, second, third = problem.path.sample(us)
     # the state at the start may itself use all that is allowed
-    starting = (us < nodes[min(START_INTERVALS, len(h))]) & (spline.launch.time == 0.0)
+    starting = (us < nodes[min(START_INTERVALS, len(h))]) & (spline.start_ramp.time == 0.0)
     reserve = np.where(starting, 0.0, 1.0)
     a = np.stack([second, first / 2.0, np.zeros_like(first)], axis=2)
     a /= ((1.0 - reserve * ACCELERATION_RESERVE)[:, None] * limits.acceleration)[:, :, None]
@@ -215,8 +217,8 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     )
 
 
-def _excess(result: Loads) -> Excess:
-    """Return where a law exceeds the limits, and by how much."""
+def _excess(result: LimitUsage) -> Excess:
+    """Return where a timing exceeds the limits, and by how much."""
     ratio = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
     where = ratio > 1.0
     return result.positions[where], ratio[where]

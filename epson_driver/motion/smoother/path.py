@@ -187,7 +187,7 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
 
     The kept knots (one or more) stay as they are, unless the path begins at rest in a single one:
     not `clamped`, its derivatives are free. A joint that would leave its position limits between
-    two points inside of them gets a level course there instead.
+    two points inside of them is kept level there instead.
     """
     chain = np.concatenate([kept.position[-1:], points])
     u = kept.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner: from a request to a plan, without any state, so that it can run anywhere.
 
-A plan is a path and a law on it that is verified against every limit and ends at rest. Requests
+A plan is a path and a timing on it that is verified against every limit and ends at rest. Requests
 and plans can be pickled: the simulated controller plans in a process of its own.
 """
 
@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
-from epson_driver.motion.smoother.law import Law, State
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import UNBOUND, Problem
-from epson_driver.motion.smoother.profile import Course
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
 CATCH_UP = 1.25
 """How much faster than commanded the motion may be to make up for lost time."""
@@ -26,7 +26,7 @@ CATCH_UP_TIME = 0.05
 """A delay (s) from which on this is used in full."""
 
 
-Proposer = Callable[[Problem, Course], Law | None]
+Proposer = Callable[[Problem, SpeedBounds], TimeParametrisation | None]
 
 LADDERS: tuple[tuple[Proposer, ...], ...] = (
     (optimal.propose,),
@@ -64,15 +64,15 @@ class Request:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """What to do from `start` on (see Request): the path through knots, by the law.
+    """What to do from `start` on (see Request): the path through knots, by the timing.
 
     The knots are the first ones of the request's kept knots and points.
-    proposer: which one found the law.
+    proposer: which one found the timing.
     """
 
     start: float | None
     knots: Knots
-    law: Law
+    timing: TimeParametrisation
     proposer: str
 
 
@@ -93,8 +93,8 @@ def _straight(request: Request, limits: JointLimits) -> Plan | None:
     """Return a plan from rest straight to rest at the next point: there always is one."""
     path = through(request.kept, request.points[:1], limits, clamped=False)
     problem = _problem(request, path, limits, 1.0)
-    law = ruckig_move.propose(problem, Course(problem))
-    return None if law is None else Plan(request.start, path.knots, law, 'straight')
+    timing = ruckig_move.propose(problem, SpeedBounds(problem))
+    return None if timing is None else Plan(request.start, path.knots, timing, 'straight')
 
 
 def _plan(
@@ -105,23 +105,23 @@ def _plan(
     if len(points):
         path = through(kept, points, limits, clamped=len(kept.u) > 1)
     if request.scale == 0.0:
-        law = pause.propose(_problem(request, path, limits, 1.0))
-        return None if law is None else Plan(request.start, path.knots, law, 'stop')
-    path, problem, course = _within_horizon(request, path, limits)
+        timing = pause.propose(_problem(request, path, limits, 1.0))
+        return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
+    path, problem, bounds = _within_horizon(request, path, limits)
     for proposer in ladder:
-        law = proposer(problem, course)
-        if law is not None:
-            return Plan(request.start, path.knots, law, proposer.__module__.rpartition('.')[2])
+        timing = proposer(problem, bounds)
+        if timing is not None:
+            return Plan(request.start, path.knots, timing, proposer.__module__.rpartition('.')[2])
     return None
 
 
 def _within_horizon(
     request: Request, path: Path, limits: JointLimits
-) -> tuple[Path, Problem, Course]:
+) -> tuple[Path, Problem, SpeedBounds]:
     """Return the path as far as it is looked at now, and the problem on it."""
     problem = _problem(request, path, limits, CATCH_UP)
-    course = Course(problem)
-    profile = course.profile(problem.start[0], problem.start[1])
+    bounds = SpeedBounds(problem)
+    profile = bounds.profile(problem.start[0], problem.start[1])
     cut = False
     if profile.times[-1] > request.horizon:
         reach = np.interp(0.8 * request.horizon, profile.times, profile.positions)
@@ -131,17 +131,19 @@ def _within_horizon(
     if request.timed.any():
         if cut:
             problem = _problem(request, path, limits, CATCH_UP)
-            course = Course(problem)
-        factor = _catch_up(request, path, limits, filtered.filtered(problem, course))
+            bounds = SpeedBounds(problem)
+        factor = _catch_up(request, path, limits, filtered.filtered(problem, bounds))
         problem = _problem(request, path, limits, factor)
-        course = Course(problem)
+        bounds = SpeedBounds(problem)
     elif cut:
         problem = _problem(request, path, limits, 1.0)
-        course = Course(problem)
-    return path, problem, course
+        bounds = SpeedBounds(problem)
+    return path, problem, bounds
 
 
-def _catch_up(request: Request, path: Path, limits: JointLimits, guess: Law | None) -> Array:
+def _catch_up(
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+) -> Array:
     """Return the factor on the commanded speed at each knot that makes up for lost time."""
     knots = path.knots.u
     late = np.full(len(knots), request.lag)
@@ -175,7 +177,7 @@ def stopping_time(limits: JointLimits) -> float:
 def _problem(request: Request, path: Path, limits: JointLimits, factor: Array | float) -> Problem:
     scale = request.scale or 1.0
     speeds = _commanded_speeds(request, path) * factor * scale
-    slowing: Law | None = None
+    slowing: TimeParametrisation | None = None
     if request.state[1] > 0.0 and (request.timed.any() or scale < 1.0):
         slowing = ruckig_move.gentle_stop(request.state, path, limits)
     return Problem(path, request.state, limits, speeds, scale, slowing)

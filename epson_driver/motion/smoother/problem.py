@@ -1,14 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a proposer is asked: a fast law from a moving state to rest, on a path."""
+"""What a proposer is asked: a fast timing from a moving state to rest, on a path."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother.law import Law, State
 from epson_driver.motion.smoother.path import Path
+from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
 UNBOUND = 1e6
 """A speed that no limit of a joint allows."""
@@ -32,7 +32,7 @@ class Problem:
     limits: JointLimits
     speeds: Array
     scale: float = 1.0
-    slowing: Law | None = None
+    slowing: TimeParametrisation | None = None
 
     @property
     def end(self) -> float:

@@ -12,13 +12,13 @@ import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import ruckig_move
-from epson_driver.motion.smoother.committed import Asked, Committed, Point
+from epson_driver.motion.smoother.active_plan import ActivePlan, PendingRequest, Point
 from epson_driver.motion.smoother.joint_motion import JointMotion, fastest_move, fastest_stop
-from epson_driver.motion.smoother.law import Law
 from epson_driver.motion.smoother.output_guard import Motion, OutputGuard, Violation
 from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.planner import Plan, Request, plan, stopping_time
 from epson_driver.motion.smoother.problem import UNBOUND, Problem
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 MERGE_TOLERANCE = 5e-4
 """Points that are closer together than this (rad, in every joint) count as one."""
@@ -104,7 +104,7 @@ class Smoother:
         self._reserve = RESERVE * stopping_time(limits)
         # The motion: a course, or a joint motion, or rest at a position.
         self._rest_until = 0.0
-        self._course: Committed | None = None
+        self._course: ActivePlan | None = None
         self._joint_motion: JointMotion | None = None
         self._joint_begin = 0.0
         self._stopping = False
@@ -118,9 +118,9 @@ class Smoother:
         self._departure: float | None = None
         """When the clock of the points would have been 0, s, had the motion kept to it."""
         # Planning: what is asked, what begins at its time, and whether a plan could do better.
-        self._asked: Asked | None = None
+        self._asked: PendingRequest | None = None
         self._asked_at = -np.inf
-        self._next: Committed | None = None
+        self._next: ActivePlan | None = None
         self._news = False
         # The second line of defence.
         self.violations = 0
@@ -176,10 +176,10 @@ class Smoother:
                 self._begin_joint_motion(fastest_stop(self.limits, state))
                 self._stopping = True
         elif course is not None and not self._stopping:
-            law = self._stop_on(course)
-            if law is not None:
-                self._course = dataclasses.replace(course, law=law, begin=self._now)
-                self._settle(course.path.at(law.end)[0])
+            timing = self._stop_on(course)
+            if timing is not None:
+                self._course = dataclasses.replace(course, timing=timing, begin=self._now)
+                self._settle(course.path.at(timing.end)[0])
             else:
                 self._begin_joint_motion(fastest_stop(self.limits, state))
             self._stopping = True
@@ -218,7 +218,7 @@ class Smoother:
             raise RuntimeError('the limits of a motion cannot change: only at rest')
         if self._course is not None:
             self._rest_between(
-                self._course, self._course.law.end
+                self._course, self._course.timing.end
             )  # its path is measured in the speeds so far
         self._asked = self._next = None
         self._news = True
@@ -327,15 +327,15 @@ class Smoother:
         if course is None or course.scale == 0.0 or self._stopping:
             return
         if _just_begun(course, self._now):
-            self._rest_between(course, float(course.law.positions[0]))
+            self._rest_between(course, float(course.timing.positions[0]))
             return
-        law = self._stop_on(course)
-        if law is not None:
-            self._course = dataclasses.replace(course, law=law, begin=self._now, scale=0.0)
+        timing = self._stop_on(course)
+        if timing is not None:
+            self._course = dataclasses.replace(course, timing=timing, begin=self._now, scale=0.0)
 
-    def _stop_on(self, course: Committed) -> Law | None:
+    def _stop_on(self, course: ActivePlan) -> TimeParametrisation | None:
         """Return the fastest verified stop on the path from now on, or None."""
-        state = course.law.at(self._now - course.begin)
+        state = course.timing.at(self._now - course.begin)
         speeds = np.full(len(course.route), UNBOUND)
         return ruckig_move.stop(Problem(course.path, state, self.limits, speeds))
 
@@ -381,7 +381,7 @@ class Smoother:
         if self._course is None:
             zeros = np.zeros_like(self._position)
             return Motion(self._position.copy(), zeros, zeros.copy())
-        u, v, a = self._course.law.at(self._now - self._course.begin)
+        u, v, a = self._course.timing.at(self._now - self._course.begin)
         q, first, second = self._course.path.at(u)
         return Motion(q, first * v, first * a + second * (v * v))
 
@@ -431,7 +431,7 @@ class Smoother:
         if answer is None or (answer.start is not None and answer.start < self._now - SHORTEST):
             self._news = True
             if answer is None and self._paused and self._scale > 0.0 and self._course is not None:
-                self._rest_between(self._course, self._course.law.end)
+                self._rest_between(self._course, self._course.timing.end)
             return False
         begin = self._now if answer.start is None else answer.start
         if answer.start is None and self._planner is not None:
@@ -439,10 +439,10 @@ class Smoother:
         count = len(answer.knots.u)
         route = asked.route[:count]
         clocks = asked.request.clock[:count]
-        self._next = Committed(
-            Path(answer.knots), answer.law, route, clocks, begin, asked.request.scale
+        self._next = ActivePlan(
+            Path(answer.knots), answer.timing, route, clocks, begin, asked.request.scale
         )
-        short = count < len(asked.route) or answer.law.end < answer.knots.u[-1]
+        short = count < len(asked.route) or answer.timing.end < answer.knots.u[-1]
         self._news = self._news or asked.more or short
         return True
 
@@ -492,7 +492,7 @@ class Smoother:
             self._add(self._rest.position, None, tiny=True)
         return patient or self._last.rest is not None or self.look_ahead > self._reserve / 2.0
 
-    def _ask(self) -> Asked:
+    def _ask(self) -> PendingRequest:
         horizon = 2.0 * self._reserve
         course = self._course
         start: float | None = None
@@ -508,7 +508,7 @@ class Smoother:
             if not self._paused:
                 start = begin
                 urgent = course.end - begin < URGENT * self._reserve
-            state = course.law.at(begin - course.begin)
+            state = course.timing.at(begin - course.begin)
             knots = course.path.knots
             first = course.path.segment(state[0])
             kept, route = knots[first : first + 2], course.route[first : first + 2]
@@ -547,7 +547,7 @@ class Smoother:
             horizon,
             urgent,
         )
-        return Asked(request, route, more)
+        return PendingRequest(request, route, more)
 
     # The course of events.
 
@@ -572,14 +572,14 @@ class Smoother:
             self._paused = False
         elif self._joint_motion is not None:
             self._arrive(self._joint_motion.end)
-        elif course is not None and course.law.end < course.path.end:
+        elif course is not None and course.timing.end < course.path.end:
             if self._stopping:
-                self._arrive(course.path.at(course.law.end)[0])
+                self._arrive(course.path.at(course.timing.end)[0])
             elif course.scale == 0.0:
                 self._paused = True
                 self._departure = None
             else:
-                self._rest_between(course, course.law.end)
+                self._rest_between(course, course.timing.end)
         elif course is not None:
             self._arrive(
                 course.path.knots.position[-1], None if self._stopping else course.route[-1]
@@ -597,7 +597,7 @@ class Smoother:
         self._stopping = self._paused = False
         self._departure = None
 
-    def _rest_between(self, course: Committed, u: float) -> None:
+    def _rest_between(self, course: ActivePlan, u: float) -> None:
         """Rest between two points of a path, free to go on to the next one by another."""
         position = course.path.at(u)[0]
         segment = course.path.segment(u)
@@ -616,7 +616,7 @@ class Smoother:
         course = self._course
         if course is None:
             return
-        u, _, _ = course.law.at(self._now - course.begin)
+        u, _, _ = course.timing.at(self._now - course.begin)
         passed = course.route[-1]
         if u < course.path.end:
             passed = course.route[course.path.segment(u)]
@@ -630,9 +630,9 @@ class Smoother:
         self._settle(motion.end)
 
 
-def _just_begun(course: Committed, now: float) -> bool:
+def _just_begun(course: ActivePlan, now: float) -> bool:
     """Return whether a course has only begun now, out of a rest."""
-    at_rest = course.law.velocities[0] == 0.0 == course.law.accelerations[0]
+    at_rest = course.timing.velocities[0] == 0.0 == course.timing.accelerations[0]
     return bool(at_rest) and now - course.begin < INSTANT
 
 

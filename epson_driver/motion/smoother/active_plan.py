@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.law import Law
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.planner import Request
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 
 @dataclass(slots=True, eq=False)
@@ -32,11 +32,11 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Committed:
-    """What is executed since `begin`: a law on a path whose knots are the points of `route`."""
+class ActivePlan:
+    """What is executed since `begin`: a timing on a path whose knots are the points of `route`."""
 
     path: Path
-    law: Law
+    timing: TimeParametrisation
     route: list[Point]
     clocks: Array
     begin: float
@@ -45,7 +45,7 @@ class Committed:
     @property
     def end(self) -> float:
         """When it rests, s."""
-        return self.begin + self.law.duration
+        return self.begin + self.timing.duration
 
     @property
     def finished(self) -> bool:
@@ -57,11 +57,13 @@ class Committed:
 
     def clock(self, time: float) -> float:
         """Return when the motion of a time should be, s on the clock of the points."""
-        return float(np.interp(self.law.at(time - self.begin)[0], self.path.knots.u, self.clocks))
+        return float(
+            np.interp(self.timing.at(time - self.begin)[0], self.path.knots.u, self.clocks)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asked:
+class PendingRequest:
     """A request, the points that its knots are, and whether there are more behind them."""
 
     request: Request

@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode, Smoother
-from epson_driver.motion.smoother.committed import Committed
+from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.smoother.joint_motion import JointMotion
 
 LONGEST = 8.0
@@ -56,7 +56,7 @@ SLOW = JointLimits(
 class Recorded(Smoother):
     """A smoother that keeps what it executes: since when, and the course, joint motion or rest."""
 
-    executed: list[tuple[float, Committed | JointMotion | None]]
+    executed: list[tuple[float, ActivePlan | JointMotion | None]]
 
     def __setattr__(self, name: str, value: Any) -> None:
         super().__setattr__(name, value)
@@ -218,8 +218,8 @@ def exact_extrema(run: Run) -> Extrema:
             if end > begin:
                 state = (state[0], zeros, zeros)
             continue
-        if isinstance(what, Committed):
-            spans = _course_spans(what, begin - what.begin, end - what.begin)
+        if isinstance(what, ActivePlan):
+            spans = _plan_spans(what, begin - what.begin, end - what.begin)
         else:
             spans = _joint_spans(what, end - begin)
         if spans is None:
@@ -260,9 +260,9 @@ def _largest(values: Array) -> float:
     return best
 
 
-def _quintics(course: Committed) -> Array:
+def _quintics(active: ActivePlan) -> Array:
     """Return the coefficients of each segment by u from its first knot, (k - 1, 6, n)."""
-    knots = course.path.knots
+    knots = active.path.knots
     h = np.diff(knots.u)
     result = []
     for i, length in enumerate(h):
@@ -284,19 +284,19 @@ def _quintics(course: Committed) -> Array:
     return np.array(result)
 
 
-def _course_spans(course: Committed, begin: float, end: float) -> Any:
+def _plan_spans(active: ActivePlan, begin: float, end: float) -> Any:
     """Return the durations of the parts of a course, what gives its derivatives, both ends."""
-    law, knots = course.law, course.path.knots.u
-    end = min(end, law.duration)
+    timing, knots = active.timing, active.path.knots.u
+    end = min(end, timing.duration)
     if end <= begin:
         return None
     pieces = []
-    for piece, (since, until) in enumerate(zip(law.times[:-1], law.times[1:], strict=True)):
+    for piece, (since, until) in enumerate(zip(timing.times[:-1], timing.times[1:], strict=True)):
         low, high = max(since, begin), min(until, end)
         if high <= low:
             continue
-        u, v, a = law.positions[piece], law.velocities[piece], law.accelerations[piece]
-        j = law.jerks[piece]
+        u, v, a = timing.positions[piece], timing.velocities[piece], timing.accelerations[piece]
+        j = timing.jerks[piece]
         cuts = [low - since, high - since]
         reach = [u + t * (v + t * (a / 2 + t * j / 6)) for t in cuts]
         for knot in knots[(knots > reach[0] + 1e-12) & (knots < reach[1] - 1e-12)]:
@@ -321,7 +321,7 @@ def _course_spans(course: Committed, begin: float, end: float) -> Any:
             )  # fmt: skip
     columns = [np.array(column) for column in zip(*pieces, strict=True)]
     durations, segments, (o, v, a, j) = columns[0], columns[1].astype(int), columns[2:]
-    c = _quintics(course)[segments]  # (m, 6, n)
+    c = _quintics(active)[segments]  # (m, 6, n)
 
     def derivatives(t: Array) -> tuple[Array, Array, Array, Array]:
         w = (o[:, None] + t * (v[:, None] + t * (a[:, None] / 2 + t * j[:, None] / 6)))[..., None]
