@@ -42,7 +42,7 @@ def measure(length: int) -> tuple[float, float, float, int]:
         if measured and tracemalloc.is_tracing():
             gc.collect()
             memory = tracemalloc.get_traced_memory()[0] / 1e3
-            ahead = smoother.waiting
+            ahead = smoother.points_ahead
             tracemalloc.stop()
         begin = time.perf_counter()
         request = smoother.request()

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
-from epson_driver.motion.smoother.smoother import DWELL
+from epson_driver.motion.smoother.waypoints import MIN_DWELL_S
 from epson_driver.motion.trajectory import Trajectory
 
 LONGEST_STEP = 0.004
@@ -146,7 +146,7 @@ def commanded_rests(command: Trajectory, limits: JointLimits) -> int:
     edges = np.diff(resting[inside].astype(np.int8), prepend=0, append=0)
     elapsed = np.concatenate([[0.0], np.cumsum(durations[inside])])
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return int(np.sum(elapsed[ends] - elapsed[begins] >= DWELL))
+    return int(np.sum(elapsed[ends] - elapsed[begins] >= MIN_DWELL_S))
 
 
 def passages(waypoints: Array, positions: Array) -> Indices:

@@ -135,7 +135,7 @@ def test_on_a_straight_line_the_optimal_timing_is_ruckigs() -> None:
     assert best is not None
     assert exact is not None
     whole = ruckig_move.move(
-        (0.0, 0.0, 0.0), path.end, *ruckig_move._slope_bounds(problem, path.end)
+        (0.0, 0.0, 0.0), path.end, *ruckig_move.slope_bounds(problem, path.end)
     )
     assert whole is not None
     assert best.duration == pytest.approx(whole.duration, rel=0.03)

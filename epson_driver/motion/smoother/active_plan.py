@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the smoother keeps: the points ahead, the plan it executes, the one it asked for."""
+"""A plan with the time when it began and the waypoints that it goes through."""
 
 from dataclasses import dataclass
 
@@ -8,36 +8,22 @@ import numpy as np
 
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother.path import Path
-from epson_driver.motion.smoother.planner import Request
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
-
-
-@dataclass(slots=True, eq=False)
-class Point:
-    """A point that the motion goes through.
-
-    index counts them. anchor: where the first of the points merged into it was. position: where
-    to go, the anchor, or the last of the merged points if nothing follows. clock: when it should
-    be reached, s. timed: whether its clock comes from a duration. rest: how long to rest there, s;
-    None to go on. tiny: the way there from rest is shorter than the merge tolerance.
-    """
-
-    index: int
-    anchor: Array
-    position: Array
-    clock: float = 0.0
-    timed: bool = False
-    rest: float | None = None
-    tiny: bool = False
+from epson_driver.motion.smoother.waypoints import Waypoint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivePlan:
-    """What is executed since `begin`: a timing on a path whose knots are the points of `route`."""
+    """What is executed since `begin`, s: a path, and the timing on it.
+
+    route: the waypoints at the path's knots. clocks: when each of them should be reached, s on the
+    clock of the points, shape (k,). scale: the share of all speeds that it was planned with; 0 to
+    come to rest on the path.
+    """
 
     path: Path
     timing: TimeParametrisation
-    route: list[Point]
+    route: list[Waypoint]
     clocks: Array
     begin: float
     scale: float
@@ -57,15 +43,5 @@ class ActivePlan:
 
     def clock(self, time: float) -> float:
         """Return when the motion of a time should be, s on the clock of the points."""
-        return float(
-            np.interp(self.timing.at(time - self.begin)[0], self.path.knots.u, self.clocks)
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PendingRequest:
-    """A request, the points that its knots are, and whether there are more behind them."""
-
-    request: Request
-    route: list[Point]
-    more: bool
+        u, _, _ = self.timing.at(time - self.begin)
+        return float(np.interp(u, self.path.knots.u, self.clocks))

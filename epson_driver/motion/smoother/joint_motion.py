@@ -31,21 +31,22 @@ class JointMotion:
     """A motion of n joints from a state to rest, each by k pieces of constant jerk.
 
     durations, jerks: shape (n, k), s and rad/s³. It starts in exactly the state given; `duration`
-    is in s, `end` where it rests, rad.
+    is in s, `end` where it rests, rad. `times` are the breakpoints of each joint, shape
+    (n, k + 1), `states` its positions, velocities and accelerations there, shape (3, n, k + 1).
     """
 
     def __init__(self, state: State, durations: Array, jerks: Array) -> None:
         count, pieces = durations.shape
-        self._times = np.concatenate([np.zeros((count, 1)), np.cumsum(durations, axis=1)], axis=1)
-        self._jerks = jerks
-        self._states = np.empty((3, count, pieces + 1))
-        self._states[:, :, 0] = state
+        self.times = np.concatenate([np.zeros((count, 1)), np.cumsum(durations, axis=1)], axis=1)
+        self.jerks = jerks
+        self.states = np.empty((3, count, pieces + 1))
+        self.states[:, :, 0] = state
         for piece in range(pieces):
             t, j = durations[:, piece], jerks[:, piece]
-            p, v, a = self._states[:, :, piece]
-            self._states[:, :, piece + 1] = _after(t, p, v, a, j)
-        self.duration = float(self._times[:, -1].max())
-        self.end: Array = self._states[0, :, -1].copy()
+            p, v, a = self.states[:, :, piece]
+            self.states[:, :, piece + 1] = _after(t, p, v, a, j)
+        self.duration = float(self.times[:, -1].max())
+        self.end: Array = self.states[0, :, -1].copy()
 
     def at(self, time: float) -> State:
         """Return position, velocity, acceleration at a time, shapes (n,)."""
@@ -54,21 +55,21 @@ class JointMotion:
             return self.end.copy(), zeros, zeros.copy()
         time = max(time, 0.0)
         joints = np.arange(len(self.end))
-        piece = np.sum(self._times[:, 1:] <= time, axis=1)
-        resting = piece == self._jerks.shape[1]
+        piece = np.sum(self.times[:, 1:] <= time, axis=1)
+        resting = piece == self.jerks.shape[1]
         piece[resting] -= 1
-        since = time - self._times[joints, piece]
-        p, v, a = self._states[:, joints, piece]
-        position, velocity, acceleration = _after(since, p, v, a, self._jerks[joints, piece])
+        since = time - self.times[joints, piece]
+        p, v, a = self.states[:, joints, piece]
+        position, velocity, acceleration = _after(since, p, v, a, self.jerks[joints, piece])
         position[resting] = self.end[resting]
         velocity[resting] = acceleration[resting] = 0.0
         return position, velocity, acceleration
 
     def within(self, limits: JointLimits) -> bool:
         """Return whether it keeps all limits at every instant, and rests in the end."""
-        position, velocity, acceleration = self._states
-        t, j = np.diff(self._times, axis=1), self._jerks
-        p, v, a = self._states[:, :, :-1]
+        position, velocity, acceleration = self.states
+        t, j = np.diff(self.times, axis=1), self.jerks
+        p, v, a = self.states[:, :, :-1]
         with np.errstate(divide='ignore', invalid='ignore'):
             fastest = _between(-a / j, t)
             # both zeros of v + a t + j t² / 2

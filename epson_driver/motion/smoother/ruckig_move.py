@@ -57,7 +57,7 @@ def propose(problem: Problem, _bounds: SpeedBounds) -> TimeParametrisation | Non
     best_rank = (-np.inf, 0.0)
     for reach in REACHES:
         end = min(problem.end, u + reach * unit)
-        velocity, acceleration, jerk = _slope_bounds(problem, end)
+        velocity, acceleration, jerk = slope_bounds(problem, end)
         for hardness in HARDNESS:
             timing = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
             if timing is None:
@@ -104,7 +104,7 @@ def _fastest(
 
 def stop(problem: Problem) -> TimeParametrisation | None:
     """Return the fastest verified stop on the path, or None if none was found."""
-    _, acceleration, jerk = _slope_bounds(problem, problem.end)
+    _, acceleration, jerk = slope_bounds(problem, problem.end)
     for hardness in (1.0, 0.7, 0.5, 0.35):
         timing = brake(problem.start, acceleration * hardness, jerk * hardness)
         if timing is None or timing.end > problem.end or np.any(timing.velocities < -BACKWARD):
@@ -168,7 +168,7 @@ def _solved(inp: InputParameter) -> TimeParametrisation | None:
     return timing if len(timing.jerks) else None  # as good as at rest
 
 
-def _slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
+def slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
     """Return bounds on u̇, ü, u⃛ from q′ on the way."""
     us = np.linspace(problem.start[0], end, 64)
     _, first, _, _ = problem.path.sample(us)
