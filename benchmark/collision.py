@@ -20,7 +20,7 @@ import numpy as np
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model
-from epson_driver.share import share_file, share_folder
+from epson_driver.share import share_file
 
 MARGIN = 0.01
 """How near is too near, m."""
@@ -63,18 +63,12 @@ class Checker:
         import coal
         import pinocchio
 
+        from epson_driver.planning.links import convex_links, visual_links
+
         self._library: Any = pinocchio
-        text = share_file('urdf', f'{model.name}.urdf').read_text('utf-8')
-        text = text.replace('package://epson_driver', str(share_folder()))
-        kind = pinocchio.GeometryType
-        self._model = pinocchio.buildModelFromXML(text)
-        self._geometry = pinocchio.buildGeomFromUrdfString(
-            self._model, text, kind.COLLISION if convex else kind.VISUAL
-        )
+        urdf = share_file('urdf', f'{model.name}.urdf')
+        self._model, self._geometry, _ = convex_links(urdf) if convex else visual_links(urdf)
         bodies = self._geometry.geometryObjects
-        for body in bodies if convex else ():
-            body.geometry.buildConvexRepresentation(False)
-            body.geometry = body.geometry.convex
         pairs = [
             (i, j)
             for i, j in itertools.combinations(range(len(bodies)), 2)

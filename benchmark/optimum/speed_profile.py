@@ -16,6 +16,7 @@ import numpy as np
 from benchmark.arrays import Index
 from benchmark.spline_path import SplinePath
 from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.interpolation import cubic
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
@@ -182,10 +183,5 @@ def _hermite(at: Array, times: Array, values: Array, slopes: Array) -> Array:
     """Interpolate values with known slopes; the first and the last piece go on beyond the ends."""
     i = interval_of(times, at)
     h = times[i + 1] - times[i]
-    s = (at - times[i]) / h
-    return np.asarray(
-        (1 + 2 * s) * (1 - s) ** 2 * values[i]
-        + s * (1 - s) ** 2 * h * slopes[i]
-        + s**2 * (3 - 2 * s) * values[i + 1]
-        + s**2 * (s - 1) * h * slopes[i + 1]
-    )
+    begin, end = ((values[k], slopes[k]) for k in (i, i + 1))
+    return cubic((at - times[i]) / h, h, begin, end)

@@ -9,6 +9,7 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
+from epson_driver.motion.interpolation import cubic
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
 from epson_driver.motion.smoother.waypoints import MIN_DWELL_S
@@ -207,21 +208,14 @@ def _nearest(
 ) -> tuple[float, float]:
     """Return how near a motion comes to a waypoint between a sample and the next, and when."""
     dt = float(motion.times[first + 1] - motion.times[first])
-    p, q = motion.positions[first] - waypoint, motion.positions[first + 1] - waypoint
-    v, w = dt * velocities[first], dt * velocities[first + 1]
+    begin, end = ((motion.positions[i] - waypoint, velocities[i]) for i in (first, first + 1))
     low, high = 0.0, 1.0
     for _ in range(3):  # each time between the neighbours of the nearest of 41 places
-        s = np.linspace(low, high, 41)[:, None]
-        places = (
-            (1 + 2 * s) * (1 - s) ** 2 * p
-            + s * (1 - s) ** 2 * v
-            + s**2 * (3 - 2 * s) * q
-            - s**2 * (1 - s) * w
-        )
-        distances = np.abs(places).max(axis=1)
+        s = np.linspace(low, high, 41)
+        distances = np.abs(cubic(s[:, None], dt, begin, end)).max(axis=1)
         best = int(np.argmin(distances))
-        low, high = float(s[max(best - 1, 0), 0]), float(s[min(best + 1, 40), 0])
-    return float(distances[best]), float(motion.times[first] + s[best, 0] * dt)
+        low, high = float(s[max(best - 1, 0)]), float(s[min(best + 1, 40)])
+    return float(distances[best]), float(motion.times[first] + s[best] * dt)
 
 
 def retimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:

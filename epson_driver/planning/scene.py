@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from epson_driver.motion import Array
+from epson_driver.planning.links import convex_links
 from epson_driver.planning.shapes import Box, Shape
 from epson_driver.share import share_file, share_folder
 
@@ -72,14 +73,8 @@ class Scene:
         self.obstacles = (TABLE, *obstacles)
         self.part = part
         self.supports = frozenset(supports)
-        urdf = share_file('urdf', f'{robot}.urdf').read_text(encoding='utf-8')
-        self.urdf = urdf = urdf.replace('package://epson_driver/', f'{share_folder()}/')
-        self.model = pin.buildModelFromXML(urdf)
-        self._arm = pin.buildGeomFromUrdfString(self.model, urdf, pin.GeometryType.COLLISION)
-        for link in self._arm.geometryObjects:
-            if isinstance(link.geometry, coal.BVHModelBase):
-                link.geometry.buildConvexHull(True, 'Qt')
-                link.geometry = link.geometry.convex
+        self.urdf = share_file('urdf', f'{robot}.urdf')
+        self.model, self._arm, _ = convex_links(self.urdf)
         srdf = share_folder('config', 'moveit', robot) / f'{robot}.srdf'
         self._arm.addAllCollisionPairs()
         if srdf.is_file():

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from epson_driver.motion import Array
+from epson_driver.planning.links import visual_links
 from epson_driver.planning.scene import (
     GRIPPER_LENGTH,
     GRIPPER_RADIUS,
@@ -33,9 +34,7 @@ class Picture:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._data = scene.model.createData()
-        self._geometry = pin.buildGeomFromUrdfString(
-            scene.model, scene.urdf, pin.GeometryType.VISUAL
-        )
+        _, self._geometry, _ = visual_links(scene.urdf)
         self._placed = pin.GeometryData(self._geometry)
         self._links = [_mesh(link) for link in self._geometry.geometryObjects]
 

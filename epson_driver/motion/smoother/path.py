@@ -15,19 +15,9 @@ from math import comb
 import numpy as np
 import numpy.typing as npt
 
+from epson_driver.motion.interpolation import hermite
 from epson_driver.motion.limits import Array, JointLimits
 
-# s⁰ … s⁵ of the quintic in s ∈ [0, 1] from q, q′h, q″h² at both ends.
-_QUINTIC = np.array(
-    [
-        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
-        [-10.0, -6.0, -1.5, 10.0, -4.0, 0.5],
-        [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
-        [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
-    ]
-)
 DEGREE = 5
 """Of a segment."""
 
@@ -84,19 +74,10 @@ class Path:
         self.knots = knots
         self._lengths = np.diff(knots.u)
         h = self._lengths[:, None]
-        ends = np.stack(
-            [
-                np.zeros_like(knots.position[:-1]),
-                knots.first[:-1] * h,
-                knots.second[:-1] * h**2,
-                np.diff(knots.position, axis=0),
-                knots.first[1:] * h,
-                knots.second[1:] * h**2,
-            ],
-            axis=1,
-        )
-        self._coefficients = _QUINTIC @ ends  # (k - 1, 6, n)
-        self._coefficients[:, 0] = knots.position[:-1]  # so that short segments lose no digits
+        self._coefficients = hermite(
+            (knots.position[:-1], knots.first[:-1] * h, knots.second[:-1] * h**2),
+            (knots.position[1:], knots.first[1:] * h, knots.second[1:] * h**2),
+        )  # (k - 1, 6, n)
 
     @property
     def end(self) -> float:
