@@ -16,12 +16,12 @@ from benchmark.strategies import STRATEGIES, MakeSmoother, Strategy, run
 from benchmark.trajectories import BenchTrajectory
 from epson_driver.motion import JointLimits
 
-DEATHS = {'T, 3·A/J known': (1 / 3, 3 / 4), 'O, 3·A/J known': (1 / 2,)}
-"""After what share of the points the stream dies, per strategy."""
+CUT_AFTER = {'time-preserving, 3·A/J known': (1 / 3, 3 / 4), 'time-optimal, 3·A/J known': (1 / 2,)}
+"""After what share of the points the stream is cut in another run, per strategy."""
 
 
 @dataclass(frozen=True)
-class Death:
+class CutStream:
     """A stream that stopped after `points` points; the figures are against the last of them."""
 
     strategy: str
@@ -45,7 +45,7 @@ class Case:
     references: ReferenceTimes
     splines: dict[str, SplineUse] = field(default_factory=dict)
     strategies: dict[str, Metrics] = field(default_factory=dict)
-    deaths: list[Death] = field(default_factory=list)
+    cut_streams: list[CutStream] = field(default_factory=list)
     errors: dict[str, str] = field(default_factory=dict)
     took: float = 0.0
 
@@ -126,7 +126,7 @@ def _run_strategy(
         record = run(strategy, trajectory, limits, make)
         case.strategies[strategy.name] = measure(trajectory, record, limits, strategy.timed)
 
-    def dying(points: int) -> None:
+    def cut(points: int) -> None:
         durations = trajectory.durations
         known = BenchTrajectory(
             trajectory.name,
@@ -134,11 +134,11 @@ def _run_strategy(
             trajectory.positions[:points],
             None if durations is None else durations[:points],
         )
-        record = run(strategy, known, limits, make, dies=True)
+        record = run(strategy, known, limits, make, cut=True)
         metrics = measure(known, record, limits, strategy.timed)
-        case.deaths.append(Death(strategy.name, points, metrics))
+        case.cut_streams.append(CutStream(strategy.name, points, metrics))
 
     guarded(strategy.name, whole)
-    for share in DEATHS.get(strategy.name, ()):
+    for share in CUT_AFTER.get(strategy.name, ()):
         points = max(3, int(share * case.points))
-        guarded(f'{strategy.name}, dies after {points}', partial(dying, points))
+        guarded(f'{strategy.name}, cut after {points} points', partial(cut, points))

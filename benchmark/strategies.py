@@ -64,6 +64,9 @@ class Smoother(Protocol):
         """Move on by `dt` s."""
 
 
+MODES = {True: 'time-preserving', False: 'time-optimal'}
+"""What is said of a strategy that keeps the commanded durations, or does not."""
+
 MakeSmoother = Callable[[JointLimits, Array, bool, float], Smoother]
 """Makes one from limits, start (n,), whether it keeps the times, and the planner's latency."""
 
@@ -72,7 +75,7 @@ MakeSmoother = Callable[[JointLimits, Array, bool, float], Smoother]
 class Strategy:
     """How a smoother is used. `look_ahead` gives the time known ahead, s, or None for all.
 
-    `timed`: whether it keeps the commanded durations (T) or is as fast as it can (O).
+    `timed`: whether it keeps the commanded durations or is as fast as it can.
     """
 
     name: str
@@ -86,12 +89,12 @@ class Strategy:
 
 
 def _ahead(text: str, timed: bool, time_ahead: Callable[[JointLimits], float]) -> Strategy:
-    return Strategy(f'{"T" if timed else "O"}, {text} known', timed, time_ahead)
+    return Strategy(f'{MODES[timed]}, {text} known', timed, time_ahead)
 
 
 def _both(timed: bool) -> tuple[Strategy, ...]:
     return (
-        Strategy('T, all known' if timed else 'O, all known', timed),
+        Strategy(f'{MODES[timed]}, all known', timed),
         _ahead('2·A/J', timed, lambda limits: 2.0 * ramp_time(limits)),
         _ahead('3·A/J', timed, lambda limits: 3.0 * ramp_time(limits)),
         _ahead('0.25 s', timed, lambda limits: 0.25),
@@ -105,7 +108,7 @@ STRATEGIES = {
         *_both(timed=False),
         *_both(timed=True),
         Strategy(
-            'T, 3·A/J + 40 ms known, 40 ms late',
+            'time-preserving, 3·A/J + 40 ms known, 40 ms late',
             True,
             lambda limits: 3.0 * ramp_time(limits) + LATENCY,
             LATENCY,
@@ -119,12 +122,12 @@ def run(
     trajectory: BenchTrajectory,
     limits: JointLimits,
     make: MakeSmoother,
-    dies: bool = False,
+    cut: bool = False,
     patience: float = PATIENCE,
 ) -> Record:
     """Return the sampled motion of a smoother through the points.
 
-    A smoother with a method `finish` is told of the end, unless the stream just `dies`.
+    A smoother with a method `finish` is told of the end, unless the stream is `cut`.
 
     Raises RuntimeError if it does not end within `patience` s more than any motion needs.
     """
@@ -145,7 +148,7 @@ def run(
         while fed < n and (ahead is None or smoother.look_ahead < ahead):
             smoother.append(positions[fed], None if durations is None else float(durations[fed]))
             fed += 1
-        if fed == n and before[0] != n and not dies and hasattr(smoother, 'finish'):
+        if fed == n and before[0] != n and not cut and hasattr(smoother, 'finish'):
             smoother.finish()
         state = smoother.step(DT)
         costs.append(time.perf_counter() - begin)

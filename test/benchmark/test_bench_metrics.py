@@ -17,7 +17,7 @@ from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 
 LIMITS = limit_set('full')
-ALL_KNOWN = STRATEGIES['O, all known']
+ALL_KNOWN = STRATEGIES['time-optimal, all known']
 POINTS = np.array([[0.0, -0.5, 0.5, 0.0, -1.0, 0.0]] * 5)
 POINTS[:, 0] = [0.0, 0.3, 0.1, 0.6, 0.5]
 POINTS[:, 5] = [0.0, -0.2, 0.4, 0.8, 1.2]
@@ -123,7 +123,7 @@ def test_a_motion_that_does_not_end_is_given_up() -> None:
 def test_a_commanded_rest_is_no_stop_and_others_are() -> None:
     positions = np.repeat(POINTS, [1, 1, 2, 1, 1], axis=0)
     durations = np.array([0.0, 0.3, 0.3, 0.5, 0.3, 0.3])
-    timed = STRATEGIES['T, all known']
+    timed = STRATEGIES['time-preserving, all known']
     assert run_stop_and_go(positions, durations, timed)[1].stops == 2
     assert run_stop_and_go(positions, durations, ALL_KNOWN)[1].stops == 3
 
