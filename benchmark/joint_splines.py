@@ -13,7 +13,7 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.interpolation import Interpolation, central_differences
 
-RATE = 1000.0
+SAMPLE_RATE_HZ = 1000.0
 """Samples per second; the jerk is the difference of their accelerations."""
 
 
@@ -35,8 +35,8 @@ def joint_spline(
     velocities = central_differences(knots, positions)
     accelerations = central_differences(knots, velocities) if quintic else None
     spline = Interpolation(knots, positions, velocities, accelerations)
-    _, v, a = spline.at(np.arange(0.0, knots[-1], 1.0 / RATE))
-    jerk = np.diff(a, axis=0) * RATE
+    _, v, a = spline.at(np.arange(0.0, knots[-1], 1.0 / SAMPLE_RATE_HZ))
+    jerk = np.diff(a, axis=0) * SAMPLE_RATE_HZ
     return SplineUse(
         float(knots[-1]),
         float(np.max(np.abs(v) / limits.velocity)),

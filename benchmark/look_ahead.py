@@ -10,7 +10,7 @@ from benchmark.metrics import measure
 from benchmark.strategies import Strategy, run
 from benchmark.trajectories import BenchTrajectory
 
-TIMES = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+KNOWN_AHEAD_S = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 """What is known ahead, s."""
 TRAJECTORIES = ('dense_4ms', 'dense_4ms_slow')
 
@@ -51,5 +51,5 @@ def run_curve(task: CurveTask) -> Curve:
         return measure(task.trajectory, record, limits, task.timed).duration
 
     whole = duration(None)
-    ratios = tuple(duration(known) / whole for known in TIMES)
-    return Curve(task.trajectory.name, task.limits, task.timed, TIMES, ratios)
+    ratios = tuple(duration(known) / whole for known in KNOWN_AHEAD_S)
+    return Curve(task.trajectory.name, task.limits, task.timed, KNOWN_AHEAD_S, ratios)

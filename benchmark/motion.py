@@ -24,7 +24,7 @@ from benchmark.trajectories import BenchTrajectory, bench_set
 
 RESULTS = Path(__file__).with_name('results')
 DRIVER = 'benchmark.driver:DriverSmoother'
-QUICK_POINTS = 60
+MAX_QUICK_POINTS = 60
 QUICK_STRATEGIES = (
     'time-optimal, all known',
     'time-preserving, all known',
@@ -127,7 +127,7 @@ def _chosen(args: argparse.Namespace) -> list[BenchTrajectory]:
         trajectory
         for trajectory in bench_set()
         if not args.only or any(name in trajectory.name for name in args.only)
-        if not args.quick or len(trajectory.positions) <= QUICK_POINTS
+        if not args.quick or len(trajectory.positions) <= MAX_QUICK_POINTS
     ]
     if not chosen:
         sys.exit('no trajectory has such a name')

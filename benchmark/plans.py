@@ -13,7 +13,7 @@ import numpy as np
 
 from epson_driver.motion import Array
 
-GRID = 4000
+GRID_INTERVALS = 4000
 """Intervals of the path over which a timing is integrated."""
 
 
@@ -45,9 +45,10 @@ def random_vias(rng: np.random.Generator, count: int, low: Array, high: Array) -
 
 
 def blended(vias: Array, blend: float) -> Array:
-    """Return a dense path (GRID + 1, n), equal steps in length, along the polyline of the vias.
+    """Return a dense path along the polyline of the vias, shape (GRID_INTERVALS + 1, n).
 
-    Corners become parabolas that begin `blend` rad before them, at most halfway.
+    Its steps are of equal length. Corners become parabolas that begin `blend` rad before them, at
+    most halfway.
     """
     pieces = [vias[:1]]
     for before, corner, after in zip(vias, vias[1:], vias[2:], strict=False):
@@ -62,7 +63,7 @@ def blended(vias: Array, blend: float) -> Array:
     pieces.append(vias[-1:])
     points = np.concatenate(pieces)
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    at = np.linspace(0.0, lengths[-1], GRID + 1)
+    at = np.linspace(0.0, lengths[-1], GRID_INTERVALS + 1)
     return np.stack([np.interp(at, lengths, column) for column in points.T], axis=1)
 
 

@@ -14,15 +14,15 @@ from benchmark.motion_record import Record
 from benchmark.trajectories import BenchTrajectory
 from epson_driver.motion import Array, JointLimits
 
-DT = 0.001
+SAMPLE_STEP_S = 0.001
 """The sampling step, s: finer than the 4 ms cycle, so that no spike hides between two cycles."""
-LATENCY = 0.040
+LATENCY_S = 0.040
 """A planner that answers so late, s."""
-PATIENCE = 60.0
+PATIENCE_S = 60.0
 """How long, s, a motion may take beyond half a second per point and twice its command."""
 
 
-TOO_LONG = 120.0
+MAX_WALL_TIME_S = 120.0
 """Wall time that one run may take, s: some hundred times what it should."""
 
 
@@ -110,8 +110,8 @@ STRATEGIES = {
         Strategy(
             'time-preserving, 3·A/J + 40 ms known, 40 ms late',
             True,
-            lambda limits: 3.0 * ramp_time(limits) + LATENCY,
-            LATENCY,
+            lambda limits: 3.0 * ramp_time(limits) + LATENCY_S,
+            LATENCY_S,
         ),
     )
 }
@@ -123,7 +123,7 @@ def run(
     limits: JointLimits,
     make: MakeSmoother,
     cut: bool = False,
-    patience: float = PATIENCE,
+    patience: float = PATIENCE_S,
 ) -> Record:
     """Return the sampled motion of a smoother through the points.
 
@@ -150,23 +150,28 @@ def run(
             fed += 1
         if fed == n and before[0] != n and not cut and hasattr(smoother, 'finish'):
             smoother.finish()
-        state = smoother.step(DT)
+        state = smoother.step(SAMPLE_STEP_S)
         costs.append(time.perf_counter() - begin)
         planned.append((fed, getattr(smoother, 'plans', 0)) != before)
         rows.append(np.concatenate([state.position, state.velocity, state.acceleration]))
         if fed == n and not smoother.moving:
             break
-        if time.perf_counter() - started > TOO_LONG:
+        if time.perf_counter() - started > MAX_WALL_TIME_S:
             raise RuntimeError(
-                f'{trajectory.name}, {strategy.name}: {TOO_LONG:g} s of computing for '
-                f'{len(rows) * DT:.3f} s of motion'
+                f'{trajectory.name}, {strategy.name}: {MAX_WALL_TIME_S:g} s of computing for '
+                f'{len(rows) * SAMPLE_STEP_S:.3f} s of motion'
             )
-        if len(rows) * DT > deadline:
+        if len(rows) * SAMPLE_STEP_S > deadline:
             raise RuntimeError(
                 f'{trajectory.name}, {strategy.name}: still moving after {deadline:g} s'
             )
     table = np.array(rows)
     position, velocity, acceleration = np.split(table, 3, axis=1)
     return Record(
-        DT, position, velocity, acceleration, np.array(costs), np.array(planned, dtype=np.bool_)
+        SAMPLE_STEP_S,
+        position,
+        velocity,
+        acceleration,
+        np.array(costs),
+        np.array(planned, dtype=np.bool_),
     )

@@ -12,12 +12,12 @@ from benchmark.limit_sets import limit_set, ramp_time
 from benchmark.metrics import Metrics
 from benchmark.strategies import STRATEGIES
 
-CYCLE = 0.004
+CYCLE_S = 0.004
 """The controller's cycle, s."""
-MANY_POINTS = 50
-ROUNDING = 1e-6
+MIN_MANY_POINTS = 50
+LIMIT_TOLERANCE_SHARE = 1e-6
 """Relative; limits are kept, but the last bits of a sampled velocity are its own."""
-NOTHING = 1e-9
+NO_DISTANCE_RAD = 1e-9
 """A distance that is no distance, rad."""
 
 
@@ -129,7 +129,7 @@ def _stops(enough: bool) -> Callable[[Case], Iterator[Measured]]:
         for name, metrics in case.strategies.items():
             ahead = STRATEGIES[name].look_ahead
             known = np.inf if ahead is None else ahead(limits)
-            if enough == (known >= 3.0 * ramp_time(limits) - NOTHING):
+            if enough == (known >= 3.0 * ramp_time(limits) - NO_DISTANCE_RAD):
                 yield Measured(float(metrics.stops), f'{case.name}, {case.limits}, {name}')
 
     return values
@@ -156,13 +156,13 @@ def _known(case: Case) -> bool:
 
 TARGETS = (
     Target(
-        f'time / point to point, time-optimal, {MANY_POINTS} points or more',
+        f'time / point to point, time-optimal, {MIN_MANY_POINTS} points or more',
         0.25,
         0.15,
         _of(
             'time-optimal, all known',
             lambda case, m: m.duration / case.references.ptp,
-            lambda case: case.points >= MANY_POINTS,
+            lambda case: case.points >= MIN_MANY_POINTS,
         ),
     ),
     Target(
@@ -195,9 +195,15 @@ TARGETS = (
         1.08,
         _of('time-preserving, 0.5 s known', _of_command, _slower_than(1.2)),
     ),
-    Target('largest velocity / limit', 1.0, 1.0, _every('velocity'), slack=ROUNDING),
-    Target('largest acceleration / limit', 1.0, 1.0, _every('acceleration'), slack=ROUNDING),
-    Target('largest jerk / limit', 1.02, 1.0, _every('jerk'), slack=ROUNDING),
+    Target('largest velocity / limit', 1.0, 1.0, _every('velocity'), slack=LIMIT_TOLERANCE_SHARE),
+    Target(
+        'largest acceleration / limit',
+        1.0,
+        1.0,
+        _every('acceleration'),
+        slack=LIMIT_TOLERANCE_SHARE,
+    ),
+    Target('largest jerk / limit', 1.02, 1.0, _every('jerk'), slack=LIMIT_TOLERANCE_SHARE),
     Target(
         'stops on the way that were not commanded, 3·A/J or more known',
         0.0,
@@ -221,7 +227,7 @@ TARGETS = (
         _every('overrun'),
         geometric=False,
         unit='rad',
-        slack=NOTHING,
+        slack=NO_DISTANCE_RAD,
     ),
     Target(
         'distance from the last known point at the end',
@@ -230,7 +236,7 @@ TARGETS = (
         _every('end'),
         geometric=False,
         unit='rad',
-        slack=NOTHING,
+        slack=NO_DISTANCE_RAD,
     ),
     Target(
         'outside the position limits',
@@ -239,7 +245,7 @@ TARGETS = (
         _every('outside'),
         geometric=False,
         unit='rad',
-        slack=NOTHING,
+        slack=NO_DISTANCE_RAD,
     ),
     Target(
         'said velocity and acceleration against the positions, share of limit',
@@ -260,6 +266,8 @@ TARGETS = (
         1.10,
         _of('time-preserving, 2·A/J known', _slow_down, _known),
     ),
-    Target('cost of a step, 99th percentile / cycle', 0.10, 0.03, _every('step_p99', 1.0 / CYCLE)),
+    Target(
+        'cost of a step, 99th percentile / cycle', 0.10, 0.03, _every('step_p99', 1.0 / CYCLE_S)
+    ),
 )
 """What is judged over 'every' run includes streams that are cut."""

@@ -28,18 +28,18 @@ from benchmark.optimum.speed_profile import (
 from benchmark.spline_path import SplinePath
 from epson_driver.motion import Array, JointLimits
 
-CONVERGED = 2e-4
+CONVERGED_SHARE = 2e-4
 """Relative change of the time in one round that ends the search."""
-COARSE = 0.05
+COARSE_SHARE = 0.05
 """As long as a round wins more than this share of the time, it is worth a new grid."""
 GRIDS = 2
 """How often the search converges, each time on the grid of the profile before."""
-GAP = 1e-4
+DUALITY_GAP_SHARE = 1e-4
 """Duality gap that ends a round, relative to the time."""
-ROUNDS = 120
-SHRINK = 0.97
+MAX_ROUNDS = 120
+START_SHARE = 0.97
 """What a round's start is slowed down by in x, to be inside every bound."""
-SAFE = 0.9995
+LIMIT_SHARE = 0.9995
 """Use of the limits at the samples: leaves room for what happens between them."""
 
 
@@ -61,11 +61,11 @@ def jerk_limited_optimum(path: SplinePath, limits: JointLimits) -> Optimum:
     rounds = 0
     for _ in range(GRIDS):
         before = math.inf
-        while profile.duration < (1.0 - CONVERGED) * before and rounds < ROUNDS:
+        while profile.duration < (1.0 - CONVERGED_SHARE) * before and rounds < MAX_ROUNDS:
             before = profile.duration
             profile = _improved(path, limits, profile)
             rounds += 1
-            if best is None and profile.duration < (1.0 - COARSE) * before:
+            if best is None and profile.duration < (1.0 - COARSE_SHARE) * before:
                 profile = _feasible(path, limits, regridded(profile))
         if best is None or profile.duration < best.duration:
             best = profile
@@ -135,14 +135,14 @@ def _end_caps(
             float(np.min(limits.acceleration / acceleration.clip(1e-300))),
             float(np.min(limits.jerk / jerk.clip(1e-300))) ** (2 / 3),
         )
-        caps.append(SAFE * scale * end ** (4 / 3))
+        caps.append(LIMIT_SHARE * scale * end ** (4 / 3))
     return caps[0], caps[1]
 
 
 def _feasible(path: SplinePath, limits: JointLimits, profile: SpeedProfile) -> SpeedProfile:
     """Return the profile slowed down until it keeps every limit at the samples."""
     v, a, j = _use(path, limits, profile, _samples(path, profile.breaks))
-    return profile.scaled(min(1.0, SAFE**2 / max(v**2, a, j ** (2 / 3))))
+    return profile.scaled(min(1.0, LIMIT_SHARE**2 / max(v**2, a, j ** (2 / 3))))
 
 
 def _improved(path: SplinePath, limits: JointLimits, profile: SpeedProfile) -> SpeedProfile:
@@ -150,7 +150,7 @@ def _improved(path: SplinePath, limits: JointLimits, profile: SpeedProfile) -> S
     unknowns = _Unknowns(profile)
     bounds, room = _bounds(path, limits, profile, unknowns)
     time, weights = _time(profile, unknowns)
-    y = minimise(time, weights, bounds, room, unknowns.start * SHRINK, GAP)
+    y = minimise(time, weights, bounds, room, unknowns.start * START_SHARE, DUALITY_GAP_SHARE)
     return SpeedProfile(profile.breaks, unknowns.coefficients(y), profile.length)
 
 
@@ -166,14 +166,14 @@ def _bounds(
     )
     cap = 1.0 / np.max(np.abs(first) / limits.velocity, axis=1) ** 2
     tangent = row / (2.0 * x0[:, None])  # J/√x ≥ J/√x0·(1.5 − x/(2·x0)), times √x0/J
-    rows, room = [row / cap[:, None]], [SAFE]
+    rows, room = [row / cap[:, None]], [LIMIT_SHARE]
     for joint in range(first.shape[1]):
         q1, q2, q3 = (column[:, joint, None] for column in (first, second, third))
         a = (q1 * slope / 2 + q2 * row) / limits.acceleration[joint]
         j = (q1 * bend / 2 + 1.5 * q2 * slope + q3 * row) / limits.jerk[joint]
-        j = j * np.sqrt(x0)[:, None] / SAFE
+        j = j * np.sqrt(x0)[:, None] / LIMIT_SHARE
         rows += [a, -a, j + tangent, tangent - j]
-        room += [SAFE, SAFE, 1.5, 1.5]
+        room += [LIMIT_SHARE, LIMIT_SHARE, 1.5, 1.5]
     caps = _end_caps(path, limits, profile.breaks, profile.length)
     ends = np.zeros(
         (len(rows), 2, 3)

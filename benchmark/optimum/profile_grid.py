@@ -8,15 +8,15 @@ from benchmark.optimum.speed_profile import SpeedProfile, greville
 from benchmark.spline_path import SplinePath
 from epson_driver.motion import Array, JointLimits
 
-LAUNCH = 0.004
+FIRST_RAMP_S = 0.004
 """Duration of a start ramp at the first guess, s."""
-STEP = 0.002
+MAX_GRID_STEP_S = 0.002
 """Step of the grid in time, s."""
-FINEST = 300
+MIN_INTERVALS = 300
 """The grid has at least so many intervals in the time of a whole motion."""
-GRADE = 0.02
+END_STEP_SHARE = 0.02
 """Near both ends the step is this share of the time from rest: the speed grows fast there."""
-MOST = 3000
+MAX_INTERVALS = 3000
 """And about so many at most: the first, slow profiles would have ten times more."""
 
 
@@ -25,7 +25,7 @@ def first_profile(path: SplinePath, limits: JointLimits) -> SpeedProfile:
     _, first, _, _ = path.at(np.array([0.0, path.length]))
     jerks = np.min(limits.jerk / np.abs(first).clip(1e-9), axis=1)
     start_ramp, end_ramp = (
-        min(float(jerk) * LAUNCH**3 / 6.0, 0.01 * path.length) for jerk in jerks
+        min(float(jerk) * FIRST_RAMP_S**3 / 6.0, 0.01 * path.length) for jerk in jerks
     )
     half = path.length / 2
     rise, fall = (np.geomspace(end, half, 200) for end in (start_ramp, end_ramp))
@@ -55,7 +55,9 @@ def regridded(profile: SpeedProfile) -> SpeedProfile:
     """Return nearly the same profile over equal steps of time, finer where it starts and ends."""
     times = profile.times_at_breaks()
     started, end_ramp = float(times[0]), profile.duration - float(times[-1])
-    step = max(min(STEP, profile.duration / FINEST), profile.duration / MOST)
+    step = max(
+        min(MAX_GRID_STEP_S, profile.duration / MIN_INTERVALS), profile.duration / MAX_INTERVALS
+    )
     middle = (started + float(times[-1])) / 2.0
     rise = _graded(started, middle, step)
     fall = profile.duration - _graded(end_ramp, profile.duration - middle, step)[::-1]
@@ -71,5 +73,5 @@ def _graded(first: float, last: float, step: float) -> Array:
     """Return times from `first` to before `last` in steps that grow with them up to `step`."""
     stamps = [first]
     while stamps[-1] < last:
-        stamps.append(stamps[-1] + min(step, GRADE * stamps[-1]))
+        stamps.append(stamps[-1] + min(step, END_STEP_SHARE * stamps[-1]))
     return np.array(stamps[:-1])

@@ -25,7 +25,7 @@ from epson_driver.cli.demo_report import Recording, measure
 from epson_driver.cli.plan_report import Executed, draw
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.planning.plan import Plan, PlanningError, plan_task
-from epson_driver.planning.task import HOME, draw_task
+from epson_driver.planning.task import HOME_RAD, draw_task
 from epson_driver.planning.verdict import judge
 from epson_driver.robots import RobotModel, load_robot_model
 
@@ -107,7 +107,7 @@ def run(seeds: range, picture: Path, console: Console) -> int:
 def _cell(folder: Path, model: RobotModel, console: Console) -> Iterator[RosUser]:
     """Start a controller with its arm at home and a driver; end both when the block is left."""
     domain = processes.free_ros_domain()
-    start = ','.join(f'{position:.9g}' for position in HOME)
+    start = ','.join(f'{position:.9g}' for position in HOME_RAD)
     controller = processes.sim_controller(
         folder / 'sim_controller.log', f'--robot={model.name}', f'--start={start}'
     )

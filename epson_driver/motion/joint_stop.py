@@ -14,11 +14,11 @@ from ruckig import Trajectory as RuckigTrajectory
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import solve
 
-ATTEMPTS = 40
-"""Ways back that are tried, each twice as long as the one before, from `SHORTEST_WAY`."""
+MAX_ATTEMPTS = 40
+"""Ways back that are tried, each twice as long as the one before, from `MIN_WAY_BACK`."""
 
-SHORTEST_WAY = 1e-9
-POSITION_ROUNDING = 1e-12
+MIN_WAY_BACK = 1e-9
+POSITION_TOLERANCE = 1e-12
 """rad."""
 
 
@@ -55,8 +55,8 @@ def stop_joints(
 
 
 def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) -> RuckigTrajectory:
-    low = min(limits.position_min[joint], state[0]) - POSITION_ROUNDING
-    high = max(limits.position_max[joint], state[0]) + POSITION_ROUNDING
+    low = min(limits.position_min[joint], state[0]) - POSITION_TOLERANCE
+    high = max(limits.position_max[joint], state[0]) + POSITION_TOLERANCE
     inp = InputParameter(1)
     inp.max_velocity = [limits.velocity[joint]]
     inp.max_acceleration = [limits.acceleration[joint]]
@@ -72,8 +72,8 @@ def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) ->
     end = trajectory.at_time(trajectory.duration)[0][0]
     limit, inward = (high, -1.0) if end > high or state[1] > 0.0 else (low, 1.0)
     inp.control_interface = ControlInterface.Position
-    for attempt in range(ATTEMPTS):
-        target = limit + inward * SHORTEST_WAY * 2.0**attempt
+    for attempt in range(MAX_ATTEMPTS):
+        target = limit + inward * MIN_WAY_BACK * 2.0**attempt
         if not low <= target <= high:
             break
         inp.target_position = [target]

@@ -14,7 +14,7 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
 
-SHORTEST_MOVE = 1e-9
+MIN_MOVE = 1e-9
 """A line shorter than this (rad, in the joint that moves most) is no move."""
 
 
@@ -32,7 +32,7 @@ class Pieces:
     jerks: Array
 
 
-HALVINGS = 20
+SPEED_HALVINGS = 20
 """How well a move keeps to a duration: its speed is found to a millionth."""
 
 
@@ -118,7 +118,7 @@ def go(
     check_target(target, limits)
     difference = target - start
     length = float(np.max(np.abs(difference)))
-    if length < SHORTEST_MOVE:
+    if length < MIN_MOVE:
         return LineMotion(limits, start.copy(), np.zeros_like(start), None, target.copy())
     direction = difference / length
     inp = _bounds_along(direction, limits, speed, accel)
@@ -165,7 +165,7 @@ def go_in(
     low, high = 0.0, speed
     if motion.duration >= duration or motion.duration == 0.0:
         return motion
-    for _ in range(HALVINGS):
+    for _ in range(SPEED_HALVINGS):
         middle = 0.5 * (low + high)
         slower = go(limits, start, target, middle, accel)
         if slower.duration > duration:

@@ -11,7 +11,7 @@ from benchmark.limit_sets import limit_set
 from benchmark.metrics import Metrics, measure
 from benchmark.motion_record import Record
 from benchmark.stop_and_go import stop_and_go
-from benchmark.strategies import DT, STRATEGIES, Strategy, run
+from benchmark.strategies import SAMPLE_STEP_S, STRATEGIES, Strategy, run
 from benchmark.trajectories import BenchTrajectory
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits, LineMotion, go
@@ -129,7 +129,7 @@ def test_a_commanded_rest_is_no_stop_and_others_are() -> None:
 
 
 def test_turning_round_is_no_stop() -> None:
-    times = DT * np.arange(401)
+    times = SAMPLE_STEP_S * np.arange(401)
     speed, push = (
         2.0 * np.cos(np.pi * times / 0.4),
         -2.0 * np.pi / 0.4 * np.sin(np.pi * times / 0.4),
@@ -137,7 +137,7 @@ def test_turning_round_is_no_stop() -> None:
     way = 2.0 * 0.4 / np.pi * np.sin(np.pi * times / 0.4)
     zeros = np.zeros((401, 5))
     record = Record(
-        DT,
+        SAMPLE_STEP_S,
         np.column_stack([way, zeros]),
         np.column_stack([speed, zeros]),
         np.column_stack([push, zeros]),

@@ -9,14 +9,9 @@ import pytest
 
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion import smoothed as smoothed_module
-from epson_driver.motion.smoothed import (
-    commanded_rests,
-    measure,
-    passages,
-    passed,
-    retimed,
-    smoothed,
-)
+from epson_driver.motion.motion_figures import commanded_rests, measure
+from epson_driver.motion.passages import passages, passed
+from epson_driver.motion.smoothed import retimed, smoothed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 
 NAMES = ('a', 'b')

@@ -17,18 +17,18 @@ from epson_driver.motion.smoother.time_parametrisation import (
     from_accelerations,
 )
 
-ROUNDS = 5
-LONGEST = 20.0
+MAX_ROUNDS = 5
+MAX_DURATION_S = 20.0
 """A timing that takes longer than this (s) is not tried: the path is no good for this proposer."""
 
-STEP = 0.004
+SAMPLE_STEP_S = 0.004
 """Time between the samples of the timing, s."""
 
 
 def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
     """Return a verified timing, or None if none was found."""
     factor = np.ones_like(bounds.positions)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         timing = filtered(problem, bounds, factor)
         if timing is None:
             return None
@@ -55,9 +55,9 @@ def filtered(
         return None
     profile = bounds.profile(begin, speed, factor)
     duration = profile.times[-1] + window
-    if duration > LONGEST:
+    if duration > MAX_DURATION_S:
         return None
-    count = int(np.ceil(duration / STEP))
+    count = int(np.ceil(duration / SAMPLE_STEP_S))
     step = duration / count
     times = np.arange(count + 1) * step
     now = np.interp(times, profile.times, profile.speeds)

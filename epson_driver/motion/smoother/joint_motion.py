@@ -14,16 +14,16 @@ from epson_driver.motion.limits import Array, JointLimits
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
 
-ROUNDING = 1e-6
+LIMIT_TOLERANCE_SHARE = 1e-6
 """Relative excess of a limit that is taken for rounding: the state to start from may have some."""
 
-POSITION_ROUNDING = 1e-11
+POSITION_TOLERANCE = 1e-11
 """The same for positions, rad."""
 
-ON_TARGET = 1e-9
+TARGET_TOLERANCE = 1e-9
 """How near a move ends to its target, rad."""
 
-AT_REST = 1e-9
+REST_SHARE = 1e-9
 """Share of the limits of velocity and acceleration that is no motion."""
 
 
@@ -79,15 +79,15 @@ class JointMotion:
         places = np.concatenate(
             [position, *(_after(turn, p, v, a, j)[0] for turn in turns)], axis=1
         )
-        slack = 1.0 + ROUNDING
+        slack = 1.0 + LIMIT_TOLERANCE_SHARE
         return bool(
             np.all(np.abs(j).max(axis=1) <= slack * limits.jerk)
             and np.all(np.abs(acceleration).max(axis=1) <= slack * limits.acceleration)
             and np.all(np.abs(speeds).max(axis=1) <= slack * limits.velocity)
-            and np.all(places.min(axis=1) >= limits.position_min - POSITION_ROUNDING)
-            and np.all(places.max(axis=1) <= limits.position_max + POSITION_ROUNDING)
-            and np.all(np.abs(velocity[:, -1]) <= AT_REST * limits.velocity)
-            and np.all(np.abs(acceleration[:, -1]) <= AT_REST * limits.acceleration)
+            and np.all(places.min(axis=1) >= limits.position_min - POSITION_TOLERANCE)
+            and np.all(places.max(axis=1) <= limits.position_max + POSITION_TOLERANCE)
+            and np.all(np.abs(velocity[:, -1]) <= REST_SHARE * limits.velocity)
+            and np.all(np.abs(acceleration[:, -1]) <= REST_SHARE * limits.acceleration)
         )
 
 
@@ -141,7 +141,7 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
     motion = _solved(inp, state)
     if motion is None or not motion.within(limits):
         return None
-    return motion if np.max(np.abs(motion.end - target)) <= ON_TARGET else None
+    return motion if np.max(np.abs(motion.end - target)) <= TARGET_TOLERANCE else None
 
 
 def _from(limits: JointLimits, state: State) -> InputParameter:

@@ -20,28 +20,28 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import DEGREE, Path
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-BACKWARD = 1e-9
+BACKWARD_SPEED = 1e-9
 """u̇ below this negative is a way back."""
 
-ROUNDING = 1e-7
+LIMIT_TOLERANCE_SHARE = 1e-7
 """Relative excess of a limit that is taken for rounding."""
 
-POSITION_ROUNDING = 1e-12
+POSITION_TOLERANCE = 1e-12
 """The same for positions, rad."""
 
-GAP = 1e-9
+JUMP_TOLERANCE = 1e-9
 """Jump of u from one piece of a timing to the next that is taken for rounding."""
 
-SAME = 1e-12
+KNOT_TOLERANCE = 1e-12
 """Difference in u between a knot of the path and a breakpoint of the timing that is rounding."""
 
-PASSED = 1e-15
+PASSAGE_TOLERANCE = 1e-15
 """How exactly the passage of a knot is found, in u or in s."""
 
-HALVINGS = 16
+MAX_HALVINGS = 16
 """How often a span is halved before it counts as what its hull says."""
 
-TIGHT = 1.02
+TIGHT_HULL_RATIO = 1.02
 """A hull that is beyond a limit by a value at an end, and by no more than this times it, stays."""
 
 Indices = npt.NDArray[np.intp]
@@ -66,7 +66,8 @@ class LimitUsage:
     def allowed(self) -> bool:
         """Whether nothing exceeds a limit."""
         return self.inside and bool(
-            max(self.velocity.max(), self.acceleration.max(), self.jerk.max()) <= 1.0 + ROUNDING
+            max(self.velocity.max(), self.acceleration.max(), self.jerk.max())
+            <= 1.0 + LIMIT_TOLERANCE_SHARE
         )
 
 
@@ -76,7 +77,7 @@ def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) ->
     confined = _confined(path, limits)
     inside = _forward(timing) and _continuous(timing)
     parts: list[tuple[Array, Array]] = []
-    for left in range(HALVINGS, -1, -1):
+    for left in range(MAX_HALVINGS, -1, -1):
         used = _use(path, spans, limits, confined)
         undecided = used.undecided & (left > 0)
         inside = inside and not bool(np.any(used.outside & ~undecided))
@@ -147,10 +148,10 @@ def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
     last = int(np.clip(end - 1, first, len(knots) - 2))
     passed = np.arange(first + 1, last + 1)
     # a knot within rounding of a breakpoint is at it, at the one after it first
-    within = reached.searchsorted(knots[passed] + SAME, side='right') - 1
+    within = reached.searchsorted(knots[passed] + KNOT_TOLERANCE, side='right') - 1
     within = np.clip(within, 0, len(durations) - 1)
     since = np.zeros(len(passed))
-    inside = reached[within] < knots[passed] - SAME
+    inside = reached[within] < knots[passed] - KNOT_TOLERANCE
     since[inside] = _passages(timing, within[inside], knots[passed[inside]])
     # every span begins at a breakpoint of the timing, or at a knot
     count = len(durations)
@@ -187,7 +188,7 @@ def _passages(timing: TimeParametrisation, piece: Indices, us: Array) -> Array:
     for _ in range(100):  # Newton's method, bisection where that leaves the bracket
         over = _way(t, v, a, j) - ways
         high, low = np.where(over > 0.0, t, high), np.where(over > 0.0, low, t)
-        if np.all((np.abs(over) <= PASSED) | (high - low <= PASSED)):
+        if np.all((np.abs(over) <= PASSAGE_TOLERANCE) | (high - low <= PASSAGE_TOLERANCE)):
             break
         with np.errstate(divide='ignore', invalid='ignore'):
             better = t - over / (v + t * (a + t * j / 2.0))
@@ -203,7 +204,7 @@ def _forward(timing: TimeParametrisation) -> bool:
         turn = np.nan_to_num(-a / j, nan=0.0, posinf=0.0, neginf=0.0)
     turn = np.clip(turn, 0.0, np.diff(timing.times))
     lowest = v + turn * (a + turn * j / 2.0)
-    return bool(min(lowest.min(), timing.velocities.min()) >= -BACKWARD)
+    return bool(min(lowest.min(), timing.velocities.min()) >= -BACKWARD_SPEED)
 
 
 def _continuous(timing: TimeParametrisation) -> bool:
@@ -218,9 +219,9 @@ def _continuous(timing: TimeParametrisation) -> bool:
     largest = float(np.max(np.abs(timing.accelerations)))
     return bool(
         t.min() >= 0.0
-        and np.max(np.abs(gaps[0])) <= GAP
-        and np.max(np.abs(gaps[1])) <= ROUNDING
-        and np.max(np.abs(gaps[2])) <= ROUNDING * max(largest, 1.0)
+        and np.max(np.abs(gaps[0])) <= JUMP_TOLERANCE
+        and np.max(np.abs(gaps[1])) <= LIMIT_TOLERANCE_SHARE
+        and np.max(np.abs(gaps[2])) <= LIMIT_TOLERANCE_SHARE * max(largest, 1.0)
         and timing.velocities[-1] == 0.0 == timing.accelerations[-1]
     )
 
@@ -296,8 +297,8 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
         hull[:, order] = np.max(part.max(axis=2) / limit, axis=1) / scale
         corner = np.maximum(part[:, :, 0], part[:, :, -1])
         ends[:, order] = np.max(corner / limit, axis=1) / scale
-    most = 1.0 + ROUNDING
-    exceeded = (ends > most) & (hull <= TIGHT * ends)
+    most = 1.0 + LIMIT_TOLERANCE_SHARE
+    exceeded = (ends > most) & (hull <= TIGHT_HULL_RATIO * ends)
     undecided = np.any((hull > most) & ~exceeded, axis=1)
     outside = np.zeros(len(t), dtype=bool)
     open_ = np.flatnonzero(~confined[spans.segment])
@@ -306,8 +307,8 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
         excess = np.maximum(
             limits.position_min[:, None] - at, at - limits.position_max[:, None]
         ).max(axis=1)
-        outside[open_] = excess.max(axis=1) > POSITION_ROUNDING
-        certain = np.maximum(excess[:, 0], excess[:, -1]) > POSITION_ROUNDING
+        outside[open_] = excess.max(axis=1) > POSITION_TOLERANCE
+        certain = np.maximum(excess[:, 0], excess[:, -1]) > POSITION_TOLERANCE
         undecided[open_] |= outside[open_] & ~certain
     return _Use(path.knots.u[spans.segment] + spans.offset + half, hull, outside, undecided)
 

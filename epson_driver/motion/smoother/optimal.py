@@ -23,24 +23,24 @@ from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-NODE_TIME = 0.008
+NODE_SPACING_S = 0.008
 """Time between the spline's nodes, s, of the timing to start from."""
 
-RAMP_TIMES = (0.024, 0.008)
+MAX_RAMP_TIMES_S = (0.024, 0.008)
 """The longest ramp of constant jerk from or to rest, s; what to try when there is no timing so."""
 
-FEWEST_NODES, MOST_NODES = 8, 250
+MIN_NODES, MAX_NODES = 8, 250
 
-VELOCITY_RESERVE, ACCELERATION_RESERVE, JERK_RESERVE = 5e-4, 1e-2, 4e-2
+VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
 """Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
 
 START_INTERVALS = 3
 """Intervals without (jerk: with half) this reserve at the start."""
 
-NODES_WRONG = 1.3
+NODES_TOO_FAR_APART_RATIO = 1.3
 """A limit exceeded by more than this shows that the nodes are too far apart somewhere."""
 
-ROUNDS = 4
+MAX_ROUNDS = 4
 """Each round begins with the timing of the one before and uses less where it exceeded a limit."""
 
 Excess = tuple[Array, Array]
@@ -53,7 +53,7 @@ _BESIDE = 1e-9
 
 def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
     """Return a verified timing faster than most, or None if none was found."""
-    for ramp_time in RAMP_TIMES:
+    for ramp_time in MAX_RAMP_TIMES_S:
         timing = _propose(problem, bounds, ramp_time)
         if timing is not None:
             return timing
@@ -71,7 +71,7 @@ def _propose(
     if spline is not None:
         spline = _slow_enough(problem, spline)
     excess: list[Excess] = []
-    for turn in range(ROUNDS):
+    for turn in range(MAX_ROUNDS):
         if spline is None:
             return None
         coefficients = minimise(_program(problem, spline, excess), spline.coefficients)
@@ -85,7 +85,7 @@ def _propose(
         if result.allowed:
             return timing
         excess.append(_excess(result))
-        if turn == 0 and excess[0][1].max(initial=1.0) > NODES_WRONG:
+        if turn == 0 and excess[0][1].max(initial=1.0) > NODES_TOO_FAR_APART_RATIO:
             spline = _spline(problem, timing.positions, timing.velocities, timing.times, *ramps)
     return None
 
@@ -95,7 +95,7 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
     ends = np.array([problem.start[0], problem.end])
     _, first, _, _ = problem.path.sample(ends)
     with np.errstate(divide='ignore'):
-        jerks = (1.0 - JERK_RESERVE) * np.min(problem.limits.jerk / np.abs(first), axis=1)
+        jerks = (1.0 - JERK_RESERVE_SHARE) * np.min(problem.limits.jerk / np.abs(first), axis=1)
     way = problem.end - problem.start[0]
     ramps = []
     for end, jerk in zip(ends.tolist(), jerks.tolist(), strict=True):
@@ -103,7 +103,7 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
         near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
         speed = float(bounds.speeds[near].min(initial=np.inf))
         longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
-        time = float(np.clip(longest, NODE_TIME, ramp_time))
+        time = float(np.clip(longest, NODE_SPACING_S, ramp_time))
         ramps.append(Ramp(min(jerk, 0.6 * speed / time**2), time))
     if problem.start[1] > 0.0:
         ramps[0] = Ramp(0.0, 0.0)
@@ -120,7 +120,7 @@ def _spline(
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
     times = _slow_ends(us, times, start_ramp, end_ramp)
     first, last = np.interp([begin, end], us, times)
-    count = int(np.clip((last - first) / NODE_TIME, FEWEST_NODES, MOST_NODES))
+    count = int(np.clip((last - first) / NODE_SPACING_S, MIN_NODES, MAX_NODES))
     nodes = np.interp(np.linspace(first, last, count + 1), times, us)
     nodes = 0.98 * nodes + 0.02 * np.linspace(begin, end, count + 1)
     nodes[0], nodes[-1] = begin, end
@@ -172,7 +172,7 @@ def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
     """
     ramp = float(np.max(problem.limits.acceleration / problem.limits.jerk))
     x = spline.coefficients
-    width = int(np.clip(ramp / NODE_TIME / 2.0, 1, len(spline.nodes) // 4))
+    width = int(np.clip(ramp / NODE_SPACING_S / 2.0, 1, len(spline.nodes) // 4))
     windows = np.lib.stride_tricks.sliding_window_view
     least = windows(np.pad(x, 2 * width, mode='edge'), 2 * width + 1).min(axis=1)
     smooth = windows(least, 2 * width + 1).mean(axis=1)
@@ -200,11 +200,11 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     starting = (us < nodes[min(START_INTERVALS, len(h))]) & (spline.start_ramp.time == 0.0)
     reserve = np.where(starting, 0.0, 1.0)
     a = np.stack([second, first / 2.0, np.zeros_like(first)], axis=2)
-    a /= ((1.0 - reserve * ACCELERATION_RESERVE)[:, None] * limits.acceleration)[:, :, None]
+    a /= ((1.0 - reserve * ACCELERATION_RESERVE_SHARE)[:, None] * limits.acceleration)[:, :, None]
     j = np.stack([third, 1.5 * second, first / 2.0], axis=2)
-    j /= ((1.0 - (0.5 + 0.5 * reserve) * JERK_RESERVE)[:, None] * limits.jerk)[:, :, None]
+    j /= ((1.0 - (0.5 + 0.5 * reserve) * JERK_RESERVE_SHARE)[:, None] * limits.jerk)[:, :, None]
     v = np.zeros((len(us), 1, 3))
-    v[:, 0, 0] = ((1.0 - reserve * VELOCITY_RESERVE) * problem.fastest(first)) ** -2
+    v[:, 0, 0] = ((1.0 - reserve * VELOCITY_RESERVE_SHARE) * problem.fastest(first)) ** -2
     rows = np.concatenate([v, a, -a, j, -j], axis=1)
     rows /= _share(excess, nodes)[interval][:, None, None]
     return Program(

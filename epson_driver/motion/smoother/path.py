@@ -34,16 +34,18 @@ def _hull_of(begin: float, end: float) -> Array:
     return matrix
 
 
-PARTS = 16
+HULL_PARTS = 16
 """In so many parts a segment is looked at for where it leaves the position limits."""
 
 _HULL = _hull_of(0.0, 1.0)
-_HULLS = np.concatenate([_hull_of(i / PARTS, (i + 1) / PARTS) for i in range(PARTS)])
+_HULLS = np.concatenate(
+    [_hull_of(i / HULL_PARTS, (i + 1) / HULL_PARTS) for i in range(HULL_PARTS)]
+)
 
-INSIDE = 5e-13
+POSITION_TOLERANCE = 5e-13
 """How far outside a position limit counts as on it, rad."""
 
-AT_LIMIT = 1e-6
+AT_LIMIT_DISTANCE = 1e-6
 """A joint closer than this to its position limit at a knot, rad, must not move there."""
 
 
@@ -146,7 +148,10 @@ class Path:
 
     def outside(self, limits: JointLimits) -> npt.NDArray[np.bool_]:
         """Return which joints may leave their position limits where, shape (k - 1, n)."""
-        low, high = limits.position_min - INSIDE, limits.position_max + INSIDE
+        low, high = (
+            limits.position_min - POSITION_TOLERANCE,
+            limits.position_max + POSITION_TOLERANCE,
+        )
         hulls = self.hulls()
         beyond: npt.NDArray[np.bool_] = (hulls < low) | (hulls > high)
         outside: npt.NDArray[np.bool_] = np.any(beyond, axis=1)
@@ -176,7 +181,7 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
     if clamped:
         first[0], second[0] = kept.first[-1], kept.second[-1]
     fixed = 1 if clamped else 0
-    least, most = limits.position_min + AT_LIMIT, limits.position_max - AT_LIMIT
+    least, most = limits.position_min + AT_LIMIT_DISTANCE, limits.position_max - AT_LIMIT_DISTANCE
     turning = ((chain < least) | (chain > most)) & (np.arange(len(chain)) >= fixed)[:, None]
     first[turning] = second[turning] = 0.0
     path = Path(Knots(u, chain, first, second))

@@ -15,14 +15,14 @@ import numpy.typing as npt
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.problem import UNBOUND, Problem
+from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
-CATCH_UP = 1.25
+CATCH_UP_RATIO = 1.25
 """How much faster than commanded the motion may be to make up for lost time."""
 
-CATCH_UP_TIME = 0.05
+FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
 
@@ -119,7 +119,7 @@ def _within_horizon(
     request: Request, path: Path, limits: JointLimits
 ) -> tuple[Path, Problem, SpeedBounds]:
     """Return the path as far as it is looked at now, and the problem on it."""
-    problem = _problem(request, path, limits, CATCH_UP)
+    problem = _problem(request, path, limits, CATCH_UP_RATIO)
     bounds = SpeedBounds(problem)
     profile = bounds.profile(problem.start[0], problem.start[1])
     cut = False
@@ -130,7 +130,7 @@ def _within_horizon(
         path = Path(path.knots[:count])
     if request.timed.any():
         if cut:
-            problem = _problem(request, path, limits, CATCH_UP)
+            problem = _problem(request, path, limits, CATCH_UP_RATIO)
             bounds = SpeedBounds(problem)
         factor = _catch_up(request, path, limits, filtered.filtered(problem, bounds))
         problem = _problem(request, path, limits, factor)
@@ -151,7 +151,7 @@ def _catch_up(
         # too early: slower until that is given back
         clock = request.clock[: len(knots)]
         now = float(np.interp(request.state[0], knots, clock))
-        late[clock - now > -request.lag / (CATCH_UP - 1.0)] = 0.0
+        late[clock - now > -request.lag / (CATCH_UP_RATIO - 1.0)] = 0.0
     elif guess is not None:
         # faster until the guess, which is faster all the way, is in time
         ahead = knots >= request.state[0]
@@ -165,7 +165,7 @@ def _catch_up(
     )
     # with less known than a stop takes, the time that was lost would be lost again in a stop
     share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
-    return 1.0 + np.clip(late / CATCH_UP_TIME, -1.0, share) * (CATCH_UP - 1.0)
+    return 1.0 + np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, share) * (CATCH_UP_RATIO - 1.0)
 
 
 def stopping_time(limits: JointLimits) -> float:
@@ -184,18 +184,18 @@ def _problem(request: Request, path: Path, limits: JointLimits, factor: Array | 
 
 
 def _commanded_speeds(request: Request, path: Path) -> Array:
-    """Return u̇ at the knots as the clock commands it, shape (k,); UNBOUND where it does not."""
+    """Return u̇ at the knots as the clock commands it, or UNBOUND_SPEED, shape (k,)."""
     u = path.knots.u
-    speeds = np.full(len(u), UNBOUND)
+    speeds = np.full(len(u), UNBOUND_SPEED)
     steps = np.diff(request.clock[: len(u)])
     timed = request.timed[1 : len(u)] & (steps > 0.0)
     if not timed.any():
         return speeds
-    mean = np.full(len(steps), UNBOUND)
+    mean = np.full(len(steps), UNBOUND_SPEED)
     mean[timed] = np.diff(u)[timed] / steps[timed]
     # at a knot, as a parabola through it and its neighbours would have it
     inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / (steps[:-1] + steps[1:])
     speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, np.minimum(mean[:-1], mean[1:]))
-    speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND
-    speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND
+    speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND_SPEED
+    speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND_SPEED
     return speeds

@@ -24,10 +24,10 @@ MIN_PERIOD_S = 0.03
 MIN_POINTS = 3
 """How many points a plan looks ahead at least, if they are known."""
 
-RESERVE = 2.5
+RESERVE_IN_STOPPING_TIMES = 2.5
 """A plan that rests later than in so many times the time of a stop need not be replaced yet."""
 
-URGENT_SHARE = 0.4
+URGENT_RESERVE_SHARE = 0.4
 """A plan that rests within this share of the reserve should be replaced by any other."""
 
 LATE_TOLERANCE_S = 1e-9
@@ -72,7 +72,7 @@ class Replanning:
         """Whether something has come since the last request that a plan could make use of."""
         self.planner_errors = 0
         self.planner_error: Exception | None = None
-        self._reserve = RESERVE * stopping_time(waypoints.limits)
+        self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
         self._pending: PendingRequest | None = None
         self._asked_at = -np.inf
 
@@ -85,7 +85,7 @@ class Replanning:
         """Forget what was asked for and what was planned; the points are to be planned anew."""
         self.forget()
         self.news = True
-        self._reserve = RESERVE * stopping_time(self._waypoints.limits)
+        self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(self._waypoints.limits)
 
     def plan_now(self) -> None:
         """Plan if it is time to, and if there is a planner."""
@@ -197,7 +197,7 @@ class Replanning:
             begin = execution.now + self.latency
             if not execution.paused:
                 start = begin
-                urgent = plan.end - begin < URGENT_SHARE * self._reserve
+                urgent = plan.end - begin < URGENT_RESERVE_SHARE * self._reserve
             state = plan.timing.at(begin - plan.begin)
             knots = plan.path.knots
             first = plan.path.segment(state[0])

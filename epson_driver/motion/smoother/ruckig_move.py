@@ -10,7 +10,7 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.smoother.limit_usage import BACKWARD, limit_usage
+from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED, limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -20,25 +20,25 @@ from epson_driver.motion.smoother.time_parametrisation import (
     from_ruckig,
 )
 
-REACHES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
+REACHES_IN_STOPPING_DISTANCES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
 """How far to go, in stopping distances of a joint at its velocity limit."""
 
-SLOW = 5.0
+SLOW_TIME_RATIO = 5.0
 """A move is slow if it takes so many times longer than the highest speed and a stop would.
 
 One speed for all of it, so one sharp bend, be it short, slows down all the way. A move that ends
 there is better: a plan from there follows.
 """
 
-HARDNESS = (1.0, 0.9, 0.5, 0.2)
+HARDNESS_SHARES = (1.0, 0.9, 0.5, 0.2)
 """Fractions of the acceleration and the jerk that the path's slope alone would allow."""
 
-BISECTIONS = 6
+SPEED_BISECTIONS = 6
 
-FASTEST = 10.0
+MAX_SPEED = 10.0
 """u̇ is about 1 at full speed; a path that stands still allows any."""
 
-SLOWEST = 3e-3
+MIN_SPEED_SHARE = 3e-3
 """The least share of the highest speed that is tried."""
 
 
@@ -55,14 +55,14 @@ def propose(problem: Problem, _bounds: SpeedBounds) -> TimeParametrisation | Non
     u = problem.start[0]
     best: TimeParametrisation | None = None
     best_rank = (-np.inf, 0.0)
-    for reach in REACHES:
+    for reach in REACHES_IN_STOPPING_DISTANCES:
         end = min(problem.end, u + reach * unit)
         velocity, acceleration, jerk = slope_bounds(problem, end)
-        for hardness in HARDNESS:
+        for hardness in HARDNESS_SHARES:
             timing = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
             if timing is None:
                 continue
-            rank = _rank(timing, SLOW * (unit + (timing.end - u) / velocity))
+            rank = _rank(timing, SLOW_TIME_RATIO * (unit + (timing.end - u) / velocity))
             if rank > best_rank:
                 best, best_rank = timing, rank
         if best_rank[0] == 0.0 and end < problem.end:
@@ -86,16 +86,16 @@ def _fastest(
 
     A speed can be too low as well: what is too fast for it turns back.
     """
-    low, high = velocity * SLOWEST, velocity
+    low, high = velocity * MIN_SPEED_SHARE, velocity
     found: TimeParametrisation | None = None
-    for turn in range(BISECTIONS):
+    for turn in range(SPEED_BISECTIONS):
         speed = high if turn == 0 else float(np.sqrt(low * high))
         timing = move(problem.start, end, speed, acceleration, jerk)
         if timing is not None and limit_usage(problem.path, timing, problem.limits).allowed:
             if turn == 0:
                 return timing
             found, low = timing, speed
-        elif turn > 0 and timing is not None and timing.velocities.min() < -BACKWARD:
+        elif turn > 0 and timing is not None and timing.velocities.min() < -BACKWARD_SPEED:
             low = speed
         else:
             high = speed
@@ -107,7 +107,11 @@ def stop(problem: Problem) -> TimeParametrisation | None:
     _, acceleration, jerk = slope_bounds(problem, problem.end)
     for hardness in (1.0, 0.7, 0.5, 0.35):
         timing = brake(problem.start, acceleration * hardness, jerk * hardness)
-        if timing is None or timing.end > problem.end or np.any(timing.velocities < -BACKWARD):
+        if (
+            timing is None
+            or timing.end > problem.end
+            or np.any(timing.velocities < -BACKWARD_SPEED)
+        ):
             continue
         if limit_usage(problem.path, timing, problem.limits).allowed:
             return timing
@@ -176,7 +180,7 @@ def slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
     share = np.max(np.abs(first), axis=0)
     steepest = np.where(share > 0.0, share, np.inf)
     return (
-        min(float(np.max(problem.speed_bounds(us, first))), FASTEST),
+        min(float(np.max(problem.speed_bounds(us, first))), MAX_SPEED),
         float(np.min(np.where(share > 0.0, limits.acceleration / steepest, np.inf))),
         float(np.min(np.where(share > 0.0, limits.jerk / steepest, np.inf))),
     )

@@ -16,7 +16,7 @@ ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7
 """Of the acceleration limit: what may be used in all, and what of it for q″u̇²."""
 
-FEWEST_SAMPLES = 160
+MIN_SAMPLES = 160
 """Per path; at least two per segment."""
 
 
@@ -82,7 +82,7 @@ def _samples(problem: Problem) -> Array:
     knots = problem.path.knots.u
     first = problem.path.segment(problem.start[0])
     knots = np.concatenate(([problem.start[0]], knots[first + 1 :]))
-    each = max(2, -(-FEWEST_SAMPLES // (len(knots) - 1)))
+    each = max(2, -(-MIN_SAMPLES // (len(knots) - 1)))
     inside = np.arange(each) / each
     us = knots[:-1, None] + np.diff(knots)[:, None] * inside
     return np.concatenate((us.ravel(), knots[-1:]))

@@ -16,7 +16,7 @@ from epson_driver.motion.limits import Array
 State = tuple[float, float, float]
 """u, its velocity, its acceleration."""
 
-SHORTEST_PIECE = 1e-9
+MIN_PIECE_S = 1e-9
 """Pieces of Ruckig's that are shorter (s) are rounding."""
 
 
@@ -85,7 +85,7 @@ def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
     pieces = [
         (t, j)
         for t, j in zip([*brake.t, *profile.t], [*brake.j, *profile.j], strict=True)
-        if t > SHORTEST_PIECE
+        if t > MIN_PIECE_S
     ]
     (u,), (v,), (a,) = trajectory.at_time(0.0)
     return from_pieces(
