@@ -13,7 +13,7 @@ from benchmark.limit_sets import limit_set
 from benchmark.metrics import Metrics, commanded_rests, measure
 from benchmark.references import ReferenceTimes
 from benchmark.strategies import STRATEGIES, MakeSmoother, Strategy, run
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import JointLimits
 
 CUT_AFTER = {'time-preserving, 3·A/J known': (1 / 3, 3 / 4), 'time-optimal, 3·A/J known': (1 / 2,)}
@@ -58,7 +58,7 @@ class Case:
 class Task:
     """What to run. `smoother` is MODULE:NAME, '' for none."""
 
-    trajectory: BenchTrajectory
+    trajectory: BenchmarkTrajectory
     limits: str
     references: ReferenceTimes
     strategies: tuple[str, ...]
@@ -92,7 +92,7 @@ def run_case(task: Task) -> Case:
     return case
 
 
-def _time_at_rest(trajectory: BenchTrajectory, limits: JointLimits) -> float:
+def _time_at_rest(trajectory: BenchmarkTrajectory, limits: JointLimits) -> float:
     if trajectory.durations is None:
         return 0.0
     rests = commanded_rests(trajectory, limits)
@@ -112,7 +112,7 @@ def factory(name: str) -> MakeSmoother:
 def _run_strategy(
     case: Case,
     strategy: Strategy,
-    trajectory: BenchTrajectory,
+    trajectory: BenchmarkTrajectory,
     limits: JointLimits,
     make: MakeSmoother,
 ) -> None:
@@ -128,7 +128,7 @@ def _run_strategy(
 
     def cut(points: int) -> None:
         durations = trajectory.durations
-        known = BenchTrajectory(
+        known = BenchmarkTrajectory(
             trajectory.name,
             trajectory.kind,
             trajectory.positions[:points],

@@ -8,7 +8,7 @@ from benchmark.cases import factory
 from benchmark.limit_sets import limit_set
 from benchmark.metrics import measure
 from benchmark.strategies import Strategy, run
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 
 KNOWN_AHEAD_S = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 """What is known ahead, s."""
@@ -34,7 +34,7 @@ class Curve:
 class CurveTask:
     """What to run, as in `cases.Task`."""
 
-    trajectory: BenchTrajectory
+    trajectory: BenchmarkTrajectory
     limits: str
     timed: bool
     smoother: str

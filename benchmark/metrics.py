@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmark.motion_record import Record
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits
 
@@ -55,7 +55,7 @@ class Metrics:
 
 
 def measure(
-    trajectory: BenchTrajectory, record: Record, limits: JointLimits, timed: bool
+    trajectory: BenchmarkTrajectory, record: Record, limits: JointLimits, timed: bool
 ) -> Metrics:
     """Return the figures of a motion along a trajectory; `timed` if it had to keep the times."""
     positions = record.positions
@@ -106,7 +106,11 @@ def _mismatch(record: Record, limits: JointLimits) -> float:
 
 
 def _stops(
-    trajectory: BenchTrajectory, record: Record, limits: JointLimits, passed: Array, timed: bool
+    trajectory: BenchmarkTrajectory,
+    record: Record,
+    limits: JointLimits,
+    passed: Array,
+    timed: bool,
 ) -> int:
     """Count stops on the way that the command did not ask for."""
     rests = commanded_rests(trajectory, limits) if timed else []
@@ -139,7 +143,7 @@ def stops(record: Record, limits: JointLimits) -> list[tuple[int, int]]:
     ]
 
 
-def commanded_rests(trajectory: BenchTrajectory, limits: JointLimits) -> list[tuple[int, int]]:
+def commanded_rests(trajectory: BenchmarkTrajectory, limits: JointLimits) -> list[tuple[int, int]]:
     """Return between which points, first and last, the command asks for no motion."""
     if trajectory.durations is None:
         return []

@@ -20,7 +20,7 @@ from benchmark.references import ReferenceFile, ReferenceTimes, compute, digest
 from benchmark.results_file import Results, render, write
 from benchmark.strategies import STRATEGIES
 from benchmark.targets import outcomes
-from benchmark.trajectories import BenchTrajectory, bench_set
+from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 
 RESULTS = Path(__file__).with_name('results')
 DRIVER = 'benchmark.driver:DriverSmoother'
@@ -122,10 +122,10 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     return args
 
 
-def _chosen(args: argparse.Namespace) -> list[BenchTrajectory]:
+def _chosen(args: argparse.Namespace) -> list[BenchmarkTrajectory]:
     chosen = [
         trajectory
-        for trajectory in bench_set()
+        for trajectory in benchmark_set()
         if not args.only or any(name in trajectory.name for name in args.only)
         if not args.quick or len(trajectory.positions) <= MAX_QUICK_POINTS
     ]
@@ -140,7 +140,7 @@ def _available(smoother: str) -> str:
         return ''
     try:
         make = factory(smoother)
-        make(limit_set('full'), bench_set()[0].positions[0], False, 0.0)
+        make(limit_set('full'), benchmark_set()[0].positions[0], False, 0.0)
     except ImportError as error:
         print(f'no smoother to run ({error}): references and splines only', flush=True)
         return ''
@@ -148,7 +148,7 @@ def _available(smoother: str) -> str:
 
 
 def _references(
-    pool: ProcessPoolExecutor, trajectories: list[BenchTrajectory], args: argparse.Namespace
+    pool: ProcessPoolExecutor, trajectories: list[BenchmarkTrajectory], args: argparse.Namespace
 ) -> dict[tuple[str, str], ReferenceTimes]:
     stored = ReferenceFile(forget=args.reference)
     wanted = [(trajectory, name) for name in args.sets for trajectory in trajectories]
@@ -171,7 +171,7 @@ def _references(
 
 def _cases(
     pool: ProcessPoolExecutor,
-    trajectories: list[BenchTrajectory],
+    trajectories: list[BenchmarkTrajectory],
     references: dict[tuple[str, str], ReferenceTimes],
     args: argparse.Namespace,
     smoother: str,
@@ -203,7 +203,7 @@ def _progress(case: Case) -> str:
 
 def _curves(
     pool: ProcessPoolExecutor,
-    trajectories: list[BenchTrajectory],
+    trajectories: list[BenchmarkTrajectory],
     args: argparse.Namespace,
     smoother: str,
 ) -> list[Curve]:

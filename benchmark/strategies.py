@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmark.limit_sets import ramp_time
 from benchmark.motion_record import Record
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import Array, JointLimits
 
 SAMPLE_STEP_S = 0.001
@@ -83,7 +83,7 @@ class Strategy:
     look_ahead: Callable[[JointLimits], float] | None = None
     latency: float = 0.0
 
-    def suits(self, trajectory: BenchTrajectory) -> bool:
+    def suits(self, trajectory: BenchmarkTrajectory) -> bool:
         """Return whether the trajectory has what the strategy needs."""
         return trajectory.durations is not None or not self.timed
 
@@ -119,7 +119,7 @@ STRATEGIES = {
 
 def run(
     strategy: Strategy,
-    trajectory: BenchTrajectory,
+    trajectory: BenchmarkTrajectory,
     limits: JointLimits,
     make: MakeSmoother,
     cut: bool = False,

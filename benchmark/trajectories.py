@@ -26,7 +26,7 @@ BLEND_RAD = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class BenchTrajectory:
+class BenchmarkTrajectory:
     """A trajectory as it is streamed. `kind` says what it is an example of.
 
     positions: (n, 6), rad. durations: (n,), s, from the point before, the first one 0; None if the
@@ -44,22 +44,22 @@ class BenchTrajectory:
         return None if self.durations is None else float(self.durations.sum())
 
 
-def bench_set() -> tuple[BenchTrajectory, ...]:
+def benchmark_set() -> tuple[BenchmarkTrajectory, ...]:
     """Return all trajectories, the generated ones first; the same every time."""
     generated = [_named(name, kind, make) for name, (kind, make) in GENERATED.items()]
     return (*generated, *(_shared(path) for path in sorted(SHARED.glob('*.yaml'))))
 
 
-def _shared(path: Path) -> BenchTrajectory:
+def _shared(path: Path) -> BenchmarkTrajectory:
     plan = read_trajectory(path)
     durations = None if path.stem == WITHOUT_TIMES else np.diff(plan.times, prepend=plan.times[0])
-    return BenchTrajectory(path.stem, 'shared plan', plan.positions, durations)
+    return BenchmarkTrajectory(path.stem, 'shared plan', plan.positions, durations)
 
 
-def _named(name: str, kind: str, make: Callable[[], tuple[Array, Array]]) -> BenchTrajectory:
+def _named(name: str, kind: str, make: Callable[[], tuple[Array, Array]]) -> BenchmarkTrajectory:
     positions, durations = make()
     # nine decimals, as plans in files have them: the last bits differ from machine to machine
-    return BenchTrajectory(name, kind, positions.round(9), durations.round(9))
+    return BenchmarkTrajectory(name, kind, positions.round(9), durations.round(9))
 
 
 def _timed(seed: int, vias: int, speed: float, blend: float = BLEND_RAD) -> TimedPath:

@@ -7,18 +7,18 @@ import pytest
 
 from benchmark.limit_sets import FACTORS, MAX_VELOCITY_RAD_S, limit_set, ramp_time
 from benchmark.references import ReferenceFile, digest
-from benchmark.trajectories import BenchTrajectory, bench_set
+from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 
-SET = {trajectory.name: trajectory for trajectory in bench_set()}
+SET = {trajectory.name: trajectory for trajectory in benchmark_set()}
 
 
 def test_the_set_is_the_same_every_time() -> None:
-    for one, other in zip(bench_set(), SET.values(), strict=True):
+    for one, other in zip(benchmark_set(), SET.values(), strict=True):
         assert np.array_equal(one.positions, other.positions)
 
 
 @pytest.mark.parametrize('trajectory', SET.values(), ids=SET)
-def test_a_trajectory_can_be_streamed(trajectory: BenchTrajectory) -> None:
+def test_a_trajectory_can_be_streamed(trajectory: BenchmarkTrajectory) -> None:
     limits = limit_set('full')
     assert 9 <= len(trajectory.positions) <= 1000
     assert trajectory.positions.shape[1] == 6

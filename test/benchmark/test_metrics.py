@@ -12,7 +12,7 @@ from benchmark.metrics import Metrics, measure
 from benchmark.motion_record import Record
 from benchmark.stop_and_go import stop_and_go
 from benchmark.strategies import SAMPLE_STEP_S, STRATEGIES, Strategy, run
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 
@@ -23,8 +23,8 @@ POINTS[:, 0] = [0.0, 0.3, 0.1, 0.6, 0.5]
 POINTS[:, 5] = [0.0, -0.2, 0.4, 0.8, 1.2]
 
 
-def trajectory(positions: Array = POINTS, durations: Array | None = None) -> BenchTrajectory:
-    return BenchTrajectory('a test', 'a test', positions, durations)
+def trajectory(positions: Array = POINTS, durations: Array | None = None) -> BenchmarkTrajectory:
+    return BenchmarkTrajectory('a test', 'a test', positions, durations)
 
 
 class _Rest:
