@@ -248,7 +248,7 @@ TARGETS = (
         slack=NO_DISTANCE_RAD,
     ),
     Target(
-        'said velocity and acceleration against the positions, share of limit',
+        'velocity and acceleration against the change of the positions, share of limit',
         5e-3,
         5e-3,
         _every('mismatch'),

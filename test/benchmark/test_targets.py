@@ -31,6 +31,7 @@ GOOD = Metrics(
     step_p99=2e-5,
     cycle_p99=1e-3,
 )
+MISMATCH = 'velocity and acceleration against the change of the positions, share of limit'
 NAMES = (
     'time-preserving, all known',
     'time-preserving, 0.5 s known',
@@ -69,7 +70,9 @@ def test_each_target_can_be_missed() -> None:
         'waypoint error beyond the merge tolerance': {'waypoint': 1.1e-5},
         'overrun past the last known point': {'overrun': 1e-6},
         'distance from the last known point at the end': {'end': 1e-6},
-        'said velocity and acceleration against the positions, share of limit': {'mismatch': 0.01},
+        'velocity and acceleration against the change of the positions, share of limit': {
+            'mismatch': 0.01
+        },
         'outside the position limits': {'outside': 1e-6},
         'cost of a step, 99th percentile / cycle': {'step_p99': 5e-4},
     }

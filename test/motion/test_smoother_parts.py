@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of the smoother: path, timings, the judge, the linear solver."""
+"""The parts of the smoother: path, timings, the verification, the linear solver."""
 
 import dataclasses
 
@@ -109,7 +109,7 @@ def test_a_timing_from_accelerations_ends_exactly_at_its_end() -> None:
 
 
 @pytest.mark.parametrize('proposer', [optimal, filtered, ruckig_move])
-def test_each_proposer_finds_a_timing_that_the_judge_allows(proposer: object) -> None:
+def test_each_proposer_finds_a_timing_that_the_verification_allows(proposer: object) -> None:
     problem = unbound(bow())
     timing = proposer.propose(problem, SpeedBounds(problem))  # type: ignore[attr-defined]
     assert timing is not None
@@ -141,7 +141,7 @@ def test_on_a_straight_line_the_optimal_timing_is_ruckigs() -> None:
     assert best.duration == pytest.approx(whole.duration, rel=0.03)
 
 
-def test_the_judge_sees_every_excess() -> None:
+def test_the_verification_sees_every_excess() -> None:
     path = bow()
     problem = unbound(path)
     timing = optimal.propose(problem, SpeedBounds(problem))
@@ -177,7 +177,9 @@ def sampled_usage(path: Path, timing: TimeParametrisation) -> list[float]:
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('gap', [3e-4, 1e-3, 3e-3])
-def test_the_judge_sees_what_happens_on_a_segment_that_is_driven_in_no_time(gap: float) -> None:
+def test_the_verification_sees_what_happens_on_a_segment_that_is_driven_in_no_time(
+    gap: float,
+) -> None:
     """Invariant 2: no sample can miss what no sample is needed for."""
     points = np.array([[0.8, 0.6], [0.8 + gap, 0.6 - gap / 2.0], [1.6, -0.4]])
     path = through(at_rest((-0.5, 0.2)), points, LIMITS, clamped=False)
@@ -190,16 +192,16 @@ def test_the_judge_sees_what_happens_on_a_segment_that_is_driven_in_no_time(gap:
     for pace in (1.0, 0.5, 0.2):
         timing = slowed(fast, pace)
         sampled = sampled_usage(path, timing)
-        judged = limit_usage(path, timing, LIMITS)
-        assert not judged.allowed
+        usage = limit_usage(path, timing, LIMITS)
+        assert not usage.allowed
         names = ('velocity', 'acceleration', 'jerk')
         for most, name in zip(sampled, names, strict=True):
-            bound = float(getattr(judged, name).max())
+            bound = float(getattr(usage, name).max())
             assert bound >= most * (1.0 - 1e-6)
             assert bound <= max(most * 1.03, 1.0)
 
 
-def test_the_judge_allows_exactly_what_the_limits_allow() -> None:
+def test_the_verification_allows_exactly_what_the_limits_allow() -> None:
     """Slowed down until it is allowed, a timing uses a limit to the full: none is given away."""
     path = bow()
     timing = ruckig_move.move((0.0, 0.0, 0.0), path.end, 0.5, 3.0, 40.0)
@@ -226,7 +228,7 @@ def slowed(timing: TimeParametrisation, pace: float) -> TimeParametrisation:
 
 @pytest.mark.parametrize('quantity', ['positions', 'velocities', 'accelerations'])
 @pytest.mark.parametrize('where', [3, -1])
-def test_the_judge_sees_a_jump_of_the_timing(quantity: str, where: int) -> None:
+def test_the_verification_sees_a_jump_of_the_timing(quantity: str, where: int) -> None:
     path = bow()
     problem = unbound(path)
     timing = ruckig_move.propose(problem, SpeedBounds(problem))
@@ -237,7 +239,7 @@ def test_the_judge_sees_a_jump_of_the_timing(quantity: str, where: int) -> None:
     assert not limit_usage(path, dataclasses.replace(timing, **{quantity: values}), LIMITS).allowed
 
 
-def test_the_judge_sees_a_position_limit_grazed_between_two_instants() -> None:
+def test_the_verification_sees_a_position_limit_grazed_between_two_instants() -> None:
     path = through(
         at_rest((0.0, 0.0)), np.array([[1.0, 0.5], [1.99, 1.0], [1.0, 1.5]]), LIMITS, clamped=False
     )

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random runs of the smoother, and the exact extrema of what they executed.
 
-The extrema owe nothing to the package's judge: the pieces that were executed are taken apart by
-the passages of the knots (by bisection), each derivative is interpolated at Chebyshev nodes,
-exactly as it is a polynomial, and looked at where its own derivative vanishes.
+The extrema owe nothing to the package's own verification: the pieces that were executed are taken
+apart by the passages of the knots (by bisection), each derivative is interpolated at Chebyshev
+nodes, exactly as it is a polynomial, and looked at where its own derivative vanishes.
 """
 
 from dataclasses import dataclass, field

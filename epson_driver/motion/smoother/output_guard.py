@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The second line of defence: what is given out is held against what was given out before.
 
-It trusts no planner and no judge. Two outputs and the time dt between them tell what the motion
-between them must at least have asked of the joints. For a jerk of J at most
+It trusts neither planner nor verification. Two outputs and the time dt between them tell what the
+motion between them must at least have asked of the joints. For a jerk of J at most
 
 - the acceleration changes by no more than J dt, say by x J dt;
 - the velocity changes as it would with a linear acceleration, give or take (1 - x²) J dt²/4;
