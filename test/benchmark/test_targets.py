@@ -70,9 +70,7 @@ def test_each_target_can_be_missed() -> None:
         'waypoint error beyond the merge tolerance': {'waypoint': 1.1e-5},
         'overrun past the last known point': {'overrun': 1e-6},
         'distance from the last known point at the end': {'end': 1e-6},
-        'velocity and acceleration against the change of the positions, share of limit': {
-            'mismatch': 0.01
-        },
+        MISMATCH: {'mismatch': 0.01},
         'outside the position limits': {'outside': 1e-6},
         'cost of a step, 99th percentile / cycle': {'step_p99': 5e-4},
     }
