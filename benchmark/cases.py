@@ -13,15 +13,15 @@ from benchmark.limit_sets import limit_set
 from benchmark.metrics import Metrics, commanded_rests, measure
 from benchmark.references import ReferenceTimes
 from benchmark.strategies import STRATEGIES, MakeSmoother, Strategy, run
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import JointLimits
 
-DEATHS = {'T, 3·A/J known': (1 / 3, 3 / 4), 'O, 3·A/J known': (1 / 2,)}
-"""After what share of the points the stream dies, per strategy."""
+CUT_AFTER = {'time-preserving, 3·A/J known': (1 / 3, 3 / 4), 'time-optimal, 3·A/J known': (1 / 2,)}
+"""After what share of the points the stream is cut in another run, per strategy."""
 
 
 @dataclass(frozen=True)
-class Death:
+class CutStream:
     """A stream that stopped after `points` points; the figures are against the last of them."""
 
     strategy: str
@@ -45,7 +45,7 @@ class Case:
     references: ReferenceTimes
     splines: dict[str, SplineUse] = field(default_factory=dict)
     strategies: dict[str, Metrics] = field(default_factory=dict)
-    deaths: list[Death] = field(default_factory=list)
+    cut_streams: list[CutStream] = field(default_factory=list)
     errors: dict[str, str] = field(default_factory=dict)
     took: float = 0.0
 
@@ -58,7 +58,7 @@ class Case:
 class Task:
     """What to run. `smoother` is MODULE:NAME, '' for none."""
 
-    trajectory: BenchTrajectory
+    trajectory: BenchmarkTrajectory
     limits: str
     references: ReferenceTimes
     strategies: tuple[str, ...]
@@ -92,7 +92,7 @@ def run_case(task: Task) -> Case:
     return case
 
 
-def _time_at_rest(trajectory: BenchTrajectory, limits: JointLimits) -> float:
+def _time_at_rest(trajectory: BenchmarkTrajectory, limits: JointLimits) -> float:
     if trajectory.durations is None:
         return 0.0
     rests = commanded_rests(trajectory, limits)
@@ -112,7 +112,7 @@ def factory(name: str) -> MakeSmoother:
 def _run_strategy(
     case: Case,
     strategy: Strategy,
-    trajectory: BenchTrajectory,
+    trajectory: BenchmarkTrajectory,
     limits: JointLimits,
     make: MakeSmoother,
 ) -> None:
@@ -126,19 +126,19 @@ def _run_strategy(
         record = run(strategy, trajectory, limits, make)
         case.strategies[strategy.name] = measure(trajectory, record, limits, strategy.timed)
 
-    def dying(points: int) -> None:
+    def cut(points: int) -> None:
         durations = trajectory.durations
-        known = BenchTrajectory(
+        known = BenchmarkTrajectory(
             trajectory.name,
             trajectory.kind,
             trajectory.positions[:points],
             None if durations is None else durations[:points],
         )
-        record = run(strategy, known, limits, make, dies=True)
+        record = run(strategy, known, limits, make, cut=True)
         metrics = measure(known, record, limits, strategy.timed)
-        case.deaths.append(Death(strategy.name, points, metrics))
+        case.cut_streams.append(CutStream(strategy.name, points, metrics))
 
     guarded(strategy.name, whole)
-    for share in DEATHS.get(strategy.name, ()):
+    for share in CUT_AFTER.get(strategy.name, ()):
         points = max(3, int(share * case.points))
-        guarded(f'{strategy.name}, dies after {points}', partial(dying, points))
+        guarded(f'{strategy.name}, cut after {points} points', partial(cut, points))

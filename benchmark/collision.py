@@ -20,12 +20,12 @@ import numpy as np
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model
-from epson_driver.share import share_file, share_folder
+from epson_driver.share import share_file
 
-MARGIN = 0.01
+MARGIN_M = 0.01
 """How near is too near, m."""
 
-TARGET = 20.0
+MIN_DISTANCE_RATIO = 20.0
 """How many times cheaper a distance must be."""
 
 Block: TypeAlias = tuple[str, tuple[float, float, float], tuple[float, float, float]]
@@ -63,18 +63,12 @@ class Checker:
         import coal
         import pinocchio
 
+        from epson_driver.planning.links import convex_links, visual_links
+
         self._library: Any = pinocchio
-        text = share_file('urdf', f'{model.name}.urdf').read_text('utf-8')
-        text = text.replace('package://epson_driver', str(share_folder()))
-        kind = pinocchio.GeometryType
-        self._model = pinocchio.buildModelFromXML(text)
-        self._geometry = pinocchio.buildGeomFromUrdfString(
-            self._model, text, kind.COLLISION if convex else kind.VISUAL
-        )
+        urdf = share_file('urdf', f'{model.name}.urdf')
+        self._model, self._geometry, _ = convex_links(urdf) if convex else visual_links(urdf)
         bodies = self._geometry.geometryObjects
-        for body in bodies if convex else ():
-            body.geometry.buildConvexRepresentation(False)
-            body.geometry = body.geometry.convex
         pairs = [
             (i, j)
             for i, j in itertools.combinations(range(len(bodies)), 2)
@@ -108,8 +102,8 @@ class Checker:
         return found
 
     def near(self, position: Array) -> bool:
-        """Return whether two bodies come nearer than MARGIN."""
-        return self.touches(position, MARGIN)
+        """Return whether two bodies come nearer than MARGIN_M."""
+        return self.touches(position, MARGIN_M)
 
     def distance(self, position: Array) -> float:
         """Return the smallest distance, m, of any two bodies."""
@@ -125,8 +119,8 @@ class Checker:
 
 QUESTIONS: dict[str, tuple[Callable[[Checker, Array], bool], float]] = {
     'do bodies touch': (Checker.touches, 1.0),
-    f'are they nearer than {MARGIN * 1e3:.0f} mm': (Checker.near, 1.0),
-    'how far are they apart': (Checker.apart, TARGET),
+    f'are they nearer than {MARGIN_M * 1e3:.0f} mm': (Checker.near, 1.0),
+    'how far are they apart': (Checker.apart, MIN_DISTANCE_RATIO),
 }
 """What is asked, and how many times cheaper it must be."""
 

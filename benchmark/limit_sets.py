@@ -13,7 +13,7 @@ import numpy as np
 from epson_driver.motion import JointLimits
 from epson_driver.robots import load_robot_model
 
-VELOCITY = np.radians([450.0, 450.0, 514.0, 555.0, 555.0, 720.0])
+MAX_VELOCITY_RAD_S = np.radians([450.0, 450.0, 514.0, 555.0, 555.0, 720.0])
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ def limit_set(name: str) -> JointLimits:
     """Return the limits of one set, `full` or `half`; positions are those of the EPSON C3."""
     model = load_robot_model('c3_a601s').limits
     factors = FACTORS[name]
-    acceleration = factors.acceleration * VELOCITY
+    acceleration = factors.acceleration * MAX_VELOCITY_RAD_S
     return JointLimits(
         model.names,
         model.position_min,
         model.position_max,
-        VELOCITY,
+        MAX_VELOCITY_RAD_S,
         acceleration,
         factors.jerk * acceleration,
     )

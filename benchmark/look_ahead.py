@@ -8,9 +8,9 @@ from benchmark.cases import factory
 from benchmark.limit_sets import limit_set
 from benchmark.metrics import measure
 from benchmark.strategies import Strategy, run
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 
-TIMES = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+KNOWN_AHEAD_S = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 """What is known ahead, s."""
 TRAJECTORIES = ('dense_4ms', 'dense_4ms_slow')
 
@@ -34,7 +34,7 @@ class Curve:
 class CurveTask:
     """What to run, as in `cases.Task`."""
 
-    trajectory: BenchTrajectory
+    trajectory: BenchmarkTrajectory
     limits: str
     timed: bool
     smoother: str
@@ -51,5 +51,5 @@ def run_curve(task: CurveTask) -> Curve:
         return measure(task.trajectory, record, limits, task.timed).duration
 
     whole = duration(None)
-    ratios = tuple(duration(known) / whole for known in TIMES)
-    return Curve(task.trajectory.name, task.limits, task.timed, TIMES, ratios)
+    ratios = tuple(duration(known) / whole for known in KNOWN_AHEAD_S)
+    return Curve(task.trajectory.name, task.limits, task.timed, KNOWN_AHEAD_S, ratios)

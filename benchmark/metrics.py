@@ -7,24 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmark.motion_record import Record
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits
 
-MERGE_TOLERANCE = 5e-4
+MERGE_TOLERANCE_RAD = 5e-4
 """How far the smoother may pass from a waypoint that lies as close to another one, rad."""
-ARRIVED = 1e-6
+ARRIVED_DISTANCE_RAD = 1e-6
 """The motion is over once it stays so close to its last position, rad."""
-AT_REST = 1e-4
+REST_VELOCITY_SHARE = 1e-4
 """Share of the velocity limit below which a joint rests; the arm, if all do."""
-TURNING = 0.05
+TURNING_ACCELERATION_SHARE = 0.05
 """Share of the acceleration limit above which an arm without speed turns round, and is no stop."""
-STOP_SAMPLES = 2
-COMMANDED_REST = 0.2
+MIN_STOP_SAMPLES = 2
+MIN_COMMANDED_REST_S = 0.2
 """A command that asks for no motion for so long is a stop that was asked for, s."""
-EARLY = 0.1
+REST_TOLERANCE_S = 0.1
 """How far from a commanded rest a stop may be to count as that rest, s."""
-RESTING_COMMAND = 2e-3
+RESTING_COMMAND_SHARE = 2e-3
 """Share of the velocity limit below which a command asks for no motion."""
 
 
@@ -55,15 +55,15 @@ class Metrics:
 
 
 def measure(
-    trajectory: BenchTrajectory, record: Record, limits: JointLimits, timed: bool
+    trajectory: BenchmarkTrajectory, record: Record, limits: JointLimits, timed: bool
 ) -> Metrics:
     """Return the figures of a motion along a trajectory; `timed` if it had to keep the times."""
     positions = record.positions
     last = trajectory.positions[-1]
     passed = passages(trajectory.positions, record)
-    merged = may_be_merged(trajectory.positions, MERGE_TOLERANCE)
+    merged = may_be_merged(trajectory.positions, MERGE_TOLERANCE_RAD)
     errors = np.where(
-        merged, np.maximum(passed.distances - MERGE_TOLERANCE, 0.0), passed.distances
+        merged, np.maximum(passed.distances - MERGE_TOLERANCE_RAD, 0.0), passed.distances
     )
     return Metrics(
         duration=_duration(record),
@@ -87,7 +87,7 @@ def _use(values: Array, limit: Array) -> float:
 
 def _duration(record: Record) -> float:
     """Return when the motion is over for good: close to its end, and at rest."""
-    away = np.max(np.abs(record.positions - record.positions[-1]), axis=1) > ARRIVED
+    away = np.max(np.abs(record.positions - record.positions[-1]), axis=1) > ARRIVED_DISTANCE_RAD
     moving = np.flatnonzero(away)
     return record.dt * float(moving[-1] + 1) if moving.size else 0.0
 
@@ -106,11 +106,18 @@ def _mismatch(record: Record, limits: JointLimits) -> float:
 
 
 def _stops(
-    trajectory: BenchTrajectory, record: Record, limits: JointLimits, passed: Array, timed: bool
+    trajectory: BenchmarkTrajectory,
+    record: Record,
+    limits: JointLimits,
+    passed: Array,
+    timed: bool,
 ) -> int:
     """Count stops on the way that the command did not ask for."""
     rests = commanded_rests(trajectory, limits) if timed else []
-    times = [(passed[first] - EARLY, passed[last] + EARLY) for first, last in rests]
+    times = [
+        (passed[first] - REST_TOLERANCE_S, passed[last] + REST_TOLERANCE_S)
+        for first, last in rests
+    ]
     made = [(record.dt * first, record.dt * last) for first, last in stops(record, limits)]
     return sum(
         not any(begin <= last and first <= end for begin, end in times) for first, last in made
@@ -121,8 +128,8 @@ def stops(record: Record, limits: JointLimits) -> list[tuple[int, int]]:
     """Return first and last sample of every stop strictly between start and end."""
     speed = np.max(np.abs(record.velocities) / limits.velocity, axis=1)
     push = np.max(np.abs(record.accelerations) / limits.acceleration, axis=1)
-    slow = speed < AT_REST
-    still = slow & (push < TURNING)
+    slow = speed < REST_VELOCITY_SHARE
+    still = slow & (push < TURNING_ACCELERATION_SHARE)
     moving = np.flatnonzero(~slow)
     if not moving.size:
         return []
@@ -132,22 +139,22 @@ def stops(record: Record, limits: JointLimits) -> list[tuple[int, int]]:
     return [
         (int(begin), int(end))
         for begin, end in zip(begins, ends, strict=True)
-        if end - begin + 1 >= STOP_SAMPLES
+        if end - begin + 1 >= MIN_STOP_SAMPLES
     ]
 
 
-def commanded_rests(trajectory: BenchTrajectory, limits: JointLimits) -> list[tuple[int, int]]:
+def commanded_rests(trajectory: BenchmarkTrajectory, limits: JointLimits) -> list[tuple[int, int]]:
     """Return between which points, first and last, the command asks for no motion."""
     if trajectory.durations is None:
         return []
     steps = np.max(np.abs(np.diff(trajectory.positions, axis=0)) / limits.velocity, axis=1)
-    resting = steps <= RESTING_COMMAND * trajectory.durations[1:]
+    resting = steps <= RESTING_COMMAND_SHARE * trajectory.durations[1:]
     edges = np.diff(resting.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return [
         (int(begin), int(end))
         for begin, end in zip(begins, ends, strict=True)
-        if trajectory.durations[begin + 1 : end + 1].sum() >= COMMANDED_REST
+        if trajectory.durations[begin + 1 : end + 1].sum() >= MIN_COMMANDED_REST_S
     ]
 
 

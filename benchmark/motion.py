@@ -3,36 +3,41 @@
 """`make bench-motion`: the smoother against stop-and-go, splines in time, and two optima.
 
 Writes motion.json, motion.md and pictures to benchmark/results/. Exit code 0, unless --check is
-given and a target that must be met is missed, or a reference is unsound.
+given and a required value is missed, or a reference is unsound.
 """
 
 import argparse
-import json
-import math
 import sys
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import asdict
 from pathlib import Path
 
-from benchmark import pictures, tables
+from benchmark import tables
 from benchmark.cases import Case, Task, factory, run_case
 from benchmark.limit_sets import FACTORS, limit_set
 from benchmark.look_ahead import TRAJECTORIES, Curve, CurveTask, run_curve
 from benchmark.references import ReferenceFile, ReferenceTimes, compute, digest
+from benchmark.results_file import Results, render, write
 from benchmark.strategies import STRATEGIES
 from benchmark.targets import outcomes
-from benchmark.trajectories import BenchTrajectory, bench_set
+from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 
 RESULTS = Path(__file__).with_name('results')
 DRIVER = 'benchmark.driver:DriverSmoother'
-QUICK_POINTS = 60
-QUICK_STRATEGIES = ('O, all known', 'T, all known', 'T, 3·A/J known')
+MAX_QUICK_POINTS = 60
+QUICK_STRATEGIES = (
+    'time-optimal, all known',
+    'time-preserving, all known',
+    'time-preserving, 3·A/J known',
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the benchmark; return the exit code."""
     args = _arguments(arguments)
+    if args.render:
+        render(args.output)
+        return 0
     began = time.monotonic()
     trajectories = _chosen(args)
     with ProcessPoolExecutor(args.jobs) as pool:
@@ -41,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         cases = _cases(pool, trajectories, references, args, smoother)
         curves = _curves(pool, trajectories, args, smoother)
     results = outcomes(cases)
-    _write(args.output, cases, curves)
+    write(args.output, Results(cases, curves, results))
     print(tables.summary(cases), tables.targets(results), sep='\n\n')
     missed = [result.metric for result in results if not result.met and result.worst is not None]
     unknown = [result.metric for result in results if result.worst is None]
@@ -55,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     if failed:
         print(f'ERRORS: {failed} runs raised; they are listed in motion.md')
     if not (missed or unknown or unsound or failed):
-        print('every target is met')
+        print('all that is required is met')
     print(f'{args.output}, after {time.monotonic() - began:.0f} s')
     return 1 if args.check and (missed or unknown or unsound or failed) else 0
 
@@ -86,7 +91,14 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--reference', action='store_true', help='compute the reference times anew'
     )
-    parser.add_argument('--check', action='store_true', help='exit 1 if a target is missed')
+    parser.add_argument(
+        '--render',
+        action='store_true',
+        help='run nothing: make report and pictures again from the stored figures',
+    )
+    parser.add_argument(
+        '--check', action='store_true', help='exit 1 if a required value is missed'
+    )
     parser.add_argument('--jobs', type=int, default=2, help='processes (default: %(default)s)')
     parser.add_argument(
         '--output',
@@ -110,12 +122,12 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     return args
 
 
-def _chosen(args: argparse.Namespace) -> list[BenchTrajectory]:
+def _chosen(args: argparse.Namespace) -> list[BenchmarkTrajectory]:
     chosen = [
         trajectory
-        for trajectory in bench_set()
+        for trajectory in benchmark_set()
         if not args.only or any(name in trajectory.name for name in args.only)
-        if not args.quick or len(trajectory.positions) <= QUICK_POINTS
+        if not args.quick or len(trajectory.positions) <= MAX_QUICK_POINTS
     ]
     if not chosen:
         sys.exit('no trajectory has such a name')
@@ -128,7 +140,7 @@ def _available(smoother: str) -> str:
         return ''
     try:
         make = factory(smoother)
-        make(limit_set('full'), bench_set()[0].positions[0], False, 0.0)
+        make(limit_set('full'), benchmark_set()[0].positions[0], False, 0.0)
     except ImportError as error:
         print(f'no smoother to run ({error}): references and splines only', flush=True)
         return ''
@@ -136,7 +148,7 @@ def _available(smoother: str) -> str:
 
 
 def _references(
-    pool: ProcessPoolExecutor, trajectories: list[BenchTrajectory], args: argparse.Namespace
+    pool: ProcessPoolExecutor, trajectories: list[BenchmarkTrajectory], args: argparse.Namespace
 ) -> dict[tuple[str, str], ReferenceTimes]:
     stored = ReferenceFile(forget=args.reference)
     wanted = [(trajectory, name) for name in args.sets for trajectory in trajectories]
@@ -159,7 +171,7 @@ def _references(
 
 def _cases(
     pool: ProcessPoolExecutor,
-    trajectories: list[BenchTrajectory],
+    trajectories: list[BenchmarkTrajectory],
     references: dict[tuple[str, str], ReferenceTimes],
     args: argparse.Namespace,
     smoother: str,
@@ -181,7 +193,7 @@ def _cases(
 
 def _progress(case: Case) -> str:
     ratios = [
-        f'{name.split(" ")[0]} {metrics.duration / case.references.opt:.2f} · OPT'
+        f'{name.split(" ")[0]} {metrics.duration / case.references.opt:.2f} · optimum'
         for name, metrics in case.strategies.items()
         if name.endswith('all known')
     ]
@@ -191,7 +203,7 @@ def _progress(case: Case) -> str:
 
 def _curves(
     pool: ProcessPoolExecutor,
-    trajectories: list[BenchTrajectory],
+    trajectories: list[BenchmarkTrajectory],
     args: argparse.Namespace,
     smoother: str,
 ) -> list[Curve]:
@@ -211,33 +223,6 @@ def _curves(
         except Exception as error:  # noqa: BLE001  whatever the class under test raises
             print(f'no look-ahead curve: {type(error).__name__}: {error}', flush=True)
     return curves
-
-
-def _write(folder: Path, cases: list[Case], curves: list[Curve]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    results = outcomes(cases)
-    data = {
-        'cases': [case.as_dict() for case in cases],
-        'look_ahead': [curve.as_dict() for curve in curves],
-        'targets': [asdict(result) for result in results],
-    }
-    text = json.dumps(_rounded(data), indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / 'motion.json').write_text(text + '\n', encoding='utf-8')
-    (folder / 'motion.md').write_text(tables.report(cases, curves, results), encoding='utf-8')
-    pictures.overview(cases, folder / 'overview.png')
-    if curves:
-        pictures.look_ahead(curves, folder / 'look_ahead.png')
-
-
-def _rounded(value: object) -> object:
-    """Return the same with numbers of six digits, and null for what is not finite."""
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(item) for item in value]
-    if isinstance(value, float):
-        return float(f'{value:.6g}') if math.isfinite(value) else None
-    return value
 
 
 if __name__ == '__main__':

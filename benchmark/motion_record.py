@@ -4,10 +4,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from benchmark.arrays import Index, Mask
 from epson_driver.motion import Array
+from epson_driver.motion.interpolation import cubic
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +30,5 @@ class Record:
 
         Cubic Hermite: exact for constant jerk, and within 1e-8 rad where the jerk jumps.
         """
-        s = shares[:, None]
-        p, q = self.positions[samples], self.positions[samples + 1]
-        v, w = self.dt * self.velocities[samples], self.dt * self.velocities[samples + 1]
-        return np.asarray(
-            (1 + 2 * s) * (1 - s) ** 2 * p
-            + s * (1 - s) ** 2 * v
-            + s**2 * (3 - 2 * s) * q
-            - s**2 * (1 - s) * w
-        )
+        begin, end = ((self.positions[i], self.velocities[i]) for i in (samples, samples + 1))
+        return cubic(shares[:, None], self.dt, begin, end)

@@ -12,10 +12,17 @@ from matplotlib.axes import Axes
 
 from benchmark.cases import Case
 from benchmark.look_ahead import Curve
+from benchmark.strategies import MODES
 
-OPTIMAL = {'O, all known': ('tab:blue', 'o'), 'O, 3·A/J known': ('tab:cyan', 's')}
-TIMED = {'T, all known': ('tab:blue', 'o'), 'T, 3·A/J known': ('tab:cyan', 's')}
-MUST, HOPED = 'tab:red', 'tab:green'
+OPTIMAL = {
+    'time-optimal, all known': ('tab:blue', 'o'),
+    'time-optimal, 3·A/J known': ('tab:cyan', 's'),
+}
+TIMED = {
+    'time-preserving, all known': ('tab:blue', 'o'),
+    'time-preserving, 3·A/J known': ('tab:cyan', 's'),
+}
+REQUIRED, GOAL = 'tab:red', 'tab:green'
 BELOW = {'loc': 'upper center', 'fontsize': 8, 'ncols': 2, 'bbox_to_anchor': (0.5, -0.06)}
 MARGIN = 1.01
 """Where figures stand beside an axis, as a share of its width."""
@@ -45,7 +52,10 @@ def overview(cases: list[Case], path: Path) -> None:
 
 
 def _times(axes: Axes, cases: list[Case]) -> None:
-    axes.set_title('As fast as possible: time / jerk-limited optimum (right: PTP)')
+    axes.set_title(
+        'As fast as possible: time / optimum within all limits\n'
+        '(at the right: of stopping at every point)'
+    )
     bounds = [(case.references.toppra / case.references.opt, y) for y, case in enumerate(cases)]
     _dots(axes, bounds, 'tab:gray', '|', 'TOPP-RA (no jerk limit)')
     for y, case in enumerate(cases):
@@ -58,18 +68,18 @@ def _times(axes: Axes, cases: list[Case]) -> None:
         ]
         _dots(axes, found, colour, marker, name)
     axes.axvline(1.0, color='black', linewidth=0.6)
-    axes.axvline(1.35, color=MUST, linewidth=1, label='must: 1.35')
-    axes.axvline(1.10, color=HOPED, linewidth=1, linestyle='--', label='moonshot: 1.1')
-    axes.set_xlabel('T / OPT')
+    axes.axvline(1.35, color=REQUIRED, linewidth=1, label='required: 1.35')
+    axes.axvline(1.10, color=GOAL, linewidth=1, linestyle='--', label='goal: 1.1')
+    axes.set_xlabel('time / optimum')
     axes.grid(alpha=0.3)
     axes.legend(**BELOW)
 
 
 def _commands(axes: Axes, cases: list[Case]) -> None:
-    axes.set_title('Keeping the times: time / commanded time')
+    axes.set_title('Keeping the commanded times: time / commanded time\n')
     timed = [(y, case, case.commanded) for y, case in enumerate(cases) if case.commanded]
     optima = [(case.references.opt / commanded, y) for y, case, commanded in timed]
-    _dots(axes, optima, 'tab:gray', '|', 'OPT')
+    _dots(axes, optima, 'tab:gray', '|', 'optimum')
     for name, (colour, marker) in TIMED.items():
         found = [
             (case.strategies[name].duration / commanded, y)
@@ -77,14 +87,14 @@ def _commands(axes: Axes, cases: list[Case]) -> None:
             if name in case.strategies
         ]
         _dots(axes, found, colour, marker, name)
-    for share, bound, colour in ((1.2, 1.2, 'tab:orange'), (1.5, 1.1, MUST)):
+    for share, bound, colour in ((1.2, 1.2, 'tab:orange'), (1.5, 1.1, REQUIRED)):
         judged = [
             (bound, y)
             for y, case, commanded in timed
             if (commanded - case.rests) / case.references.opt >= share
             and not (share < 1.5 <= (commanded - case.rests) / case.references.opt)
         ]
-        label = f'must: {bound:g} (commanded ≥ {share:g} · OPT)'
+        label = f'required: {bound:g} (from {share:g} · optimum on)'
         _dots(axes, judged, colour, '|', label)
     for y, case in enumerate(cases):
         if not case.commanded:
@@ -93,12 +103,12 @@ def _commands(axes: Axes, cases: list[Case]) -> None:
     axes.set_xscale('log')
     axes.set_xticks([0.25, 0.5, 1, 2, 4], ['0.25', '0.5', '1', '2', '4'])
     axes.minorticks_off()
-    axes.set_xlabel('T / commanded')
+    axes.set_xlabel('time / commanded time')
     axes.grid(alpha=0.3)
     axes.legend(**BELOW)
 
 
-def _uses(axes: Axes, cases: list[Case], quantity: str, must: float) -> list[str]:
+def _uses(axes: Axes, cases: list[Case], quantity: str, required: float) -> list[str]:
     """Draw the largest use of a limit, a dot per trajectory; return the strategies drawn."""
     rows: dict[str, list[float]] = {}
     for case in cases:
@@ -111,7 +121,7 @@ def _uses(axes: Axes, cases: list[Case], quantity: str, must: float) -> list[str
         colour = 'tab:orange' if name.startswith('spline') else 'tab:blue'
         axes.plot(values, [y] * len(values), '.', alpha=0.5, color=colour)
         _beside(axes, y, f'{max(values):.3f}' if max(values) < 10.0 else f'{max(values):.0f}')
-    axes.axvline(must, color=MUST, linewidth=1, label=f'must: {must:g}')
+    axes.axvline(required, color=REQUIRED, linewidth=1, label=f'required: {required:g}')
     axes.set_xscale('log')
     axes.set_xlabel(f'largest {quantity} / limit of each trajectory (right: of all)')
     axes.set_title(f'Use of the {quantity} limit, sampled at 1 kHz')
@@ -143,7 +153,7 @@ def look_ahead(curves: list[Curve], path: Path) -> None:
                 curve.ratios,
                 '--s' if curve.timed else '-o',
                 markersize=4,
-                label=f'{curve.name}, {"T" if curve.timed else "O"}',
+                label=f'{curve.name}, {MODES[curve.timed]}',
             )
         for multiple in (2, 3):
             known = multiple * ramp
@@ -156,8 +166,8 @@ def look_ahead(curves: list[Curve], path: Path) -> None:
                     fontsize=8,
                     transform=axis.get_xaxis_transform(),
                 )
-        axis.axhline(1.10, color=MUST, linewidth=1, label='10 % slower')
-        axis.set_title(f'Limits: {limits}')
+        axis.axhline(1.10, color=REQUIRED, linewidth=1, label='10 % slower')
+        axis.set_title(f'{limits} limits (A/J: acceleration builds up in {ramp:g} s)')
         axis.set_xlabel('known ahead of the arm, s')
         axis.grid(alpha=0.3)
         axis.legend(fontsize=8)

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plans as a motion planner makes them: a blended polyline and a time law without a jerk limit.
+"""Plans as a motion planner makes them: a blended polyline and a timing without a jerk limit.
 
-The time law is the fastest one within velocity and acceleration limits (what TOTG and TOPP-RA
+The timing is the fastest one within velocity and acceleration limits (what TOTG and TOPP-RA
 return), from forward and backward passes over the path; so it starts and ends at rest and its
 acceleration jumps.
 """
@@ -13,8 +13,8 @@ import numpy as np
 
 from epson_driver.motion import Array
 
-GRID = 4000
-"""Intervals of the path over which a time law is integrated."""
+GRID_INTERVALS = 4000
+"""Intervals of the path over which a timing is integrated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,10 @@ def random_vias(rng: np.random.Generator, count: int, low: Array, high: Array) -
 
 
 def blended(vias: Array, blend: float) -> Array:
-    """Return a dense path (GRID + 1, n), equal steps in length, along the polyline of the vias.
+    """Return a dense path along the polyline of the vias, shape (GRID_INTERVALS + 1, n).
 
-    Corners become parabolas that begin `blend` rad before them, at most halfway.
+    Its steps are of equal length. Corners become parabolas that begin `blend` rad before them, at
+    most halfway.
     """
     pieces = [vias[:1]]
     for before, corner, after in zip(vias, vias[1:], vias[2:], strict=False):
@@ -62,11 +63,11 @@ def blended(vias: Array, blend: float) -> Array:
     pieces.append(vias[-1:])
     points = np.concatenate(pieces)
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    at = np.linspace(0.0, lengths[-1], GRID + 1)
+    at = np.linspace(0.0, lengths[-1], GRID_INTERVALS + 1)
     return np.stack([np.interp(at, lengths, column) for column in points.T], axis=1)
 
 
-def time_law(path: Array, velocity: Array, acceleration: Array) -> TimedPath:
+def fastest_timing(path: Array, velocity: Array, acceleration: Array) -> TimedPath:
     """Return the fastest timing of a dense path (m, n) from rest to rest within two limits (n,).
 
     x = ṡ² over the path's index s: each joint's acceleration is q′·x′/2 + q″·x.

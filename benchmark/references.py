@@ -22,7 +22,7 @@ FILE = Path(__file__).with_name('results') / 'reference.json'
 
 @dataclass(frozen=True)
 class ReferenceTimes:
-    """Times in s: PTP, TOPP-RA and OPT; what OPT attains of each limit; stops of PTP."""
+    """Times in s: point to point, TOPP-RA, optimum; what that attains of each limit; stops."""
 
     ptp: float
     ptp_stops: int
@@ -33,9 +33,10 @@ class ReferenceTimes:
     opt_jerk: float
 
     def sound(self) -> bool:
-        """Return whether OPT keeps the limits and the bounds are in the order they must have.
+        """Return whether the optimum keeps the limits, and the times are in the right order.
 
-        A straight line's optimum is PTP's own; OPT finds it to within half a percent.
+        On a straight line the point-to-point move is optimal; the search comes within half a
+        percent of that.
         """
         within = self.opt_velocity <= 1.001 and self.opt_acceleration <= 1.001
         return within and self.opt_jerk <= 1.02 and self.toppra <= self.opt <= 1.01 * self.ptp
@@ -62,7 +63,7 @@ def compute(positions: Array, limits: JointLimits) -> ReferenceTimes:
         ptp=round(ptp.duration, 6),
         ptp_stops=ptp.stops,
         toppra=round(jerk_free_time(path, limits), 6),
-        opt=round(optimum.law.duration, 6),
+        opt=round(optimum.profile.duration, 6),
         opt_velocity=round(optimum.velocity, 5),
         opt_acceleration=round(optimum.acceleration, 5),
         opt_jerk=round(optimum.jerk, 5),

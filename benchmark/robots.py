@@ -32,15 +32,15 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from epson_driver.cli import processes
 
 COUNTS = (1, 4, 16)
-SECONDS = 10.0
-PATIENCE = 120.0
-FEW = 4
+WINDOW_S = 10.0
+PATIENCE_S = 120.0
+MAX_FEW_ROBOTS = 4
 """With more robots, what one of them needs more is lost in the noise of the others."""
 
-SETTLING = 3.0
+SETTLING_S = 3.0
 """For discovery, and for what is loaded when it is first used, s."""
 
-TICK = 1.0 / os.sysconf('SC_CLK_TCK')
+TICK_S = 1.0 / os.sysconf('SC_CLK_TCK')
 JOINTS = [f'joint_{number}' for number in range(1, 7)]
 
 
@@ -87,7 +87,7 @@ class Listener:
 
     def wait_for_all(self) -> None:
         """Wait until every robot is heard. Raises TimeoutError that names those that are not."""
-        until = time.monotonic() + PATIENCE
+        until = time.monotonic() + PATIENCE_S
         while silent := [name for name, count in self.counts.items() if not count]:
             if time.monotonic() > until:
                 raise TimeoutError(f'no joint states from {", ".join(silent)}')
@@ -95,12 +95,12 @@ class Listener:
 
     def move(self, seconds: float) -> None:
         """Have the first robot move to and fro for a while."""
-        if not self._enable.wait_for_service(PATIENCE):
+        if not self._enable.wait_for_service(PATIENCE_S):
             raise TimeoutError('no service ~/enable')
         answered = threading.Event()
         future = self._enable.call_async(Trigger.Request())
         future.add_done_callback(lambda _: answered.set())
-        if not answered.wait(PATIENCE) or not future.result().success:
+        if not answered.wait(PATIENCE_S) or not future.result().success:
             raise RuntimeError(f'the arm was not enabled: {future.result()}')
         message = JointTrajectory(joint_names=JOINTS)
         for second in range(int(seconds) + 1):
@@ -123,7 +123,7 @@ def cpu_time(process_id: int) -> float:
     """Return the CPU time that a process has used, all threads, user and system, s."""
     text = Path(f'/proc/{process_id}/stat').read_text(encoding='ascii')
     fields = text.rpartition(')')[2].split()  # the name before may have spaces
-    return (int(fields[11]) + int(fields[12])) * TICK
+    return (int(fields[11]) + int(fields[12])) * TICK_S
 
 
 @contextmanager
@@ -155,7 +155,7 @@ def measure(robots: int, together: bool, seconds: float) -> Figures:
         TemporaryDirectory() as folder,
         running(robots, together, Path(folder)) as (process_ids, listener),
     ):
-        time.sleep(SETTLING)
+        time.sleep(SETTLING_S)
         idle, rates = _window(process_ids, listener, seconds)
         listener.move(seconds + 2.0)
         time.sleep(1.0)
@@ -180,7 +180,7 @@ def main() -> None:
     """Print a row for each shape and number of robots."""
     parser = argparse.ArgumentParser(prog='benchmark.robots', description=__doc__)
     parser.add_argument('--robots', type=int, nargs='+', default=COUNTS, metavar='N')
-    parser.add_argument('--seconds', type=float, default=SECONDS, help='of each window')
+    parser.add_argument('--seconds', type=float, default=WINDOW_S, help='of each window')
     arguments = parser.parse_args()
     print(
         'CPU of the drivers, in % of a core; joint states per second, of the slowest and fastest'
@@ -191,7 +191,7 @@ def main() -> None:
         for robots in arguments.robots:
             figures = measure(robots, together, arguments.seconds)
             first = first or figures.idle
-            more = f'{figures.moving * 100:.1f}' if robots <= FEW else '-'
+            more = f'{figures.moving * 100:.1f}' if robots <= MAX_FEW_ROBOTS else '-'
             shape = 'one process' if together else 'a process each'
             print(
                 f'{robots:2} {shape:14}   {figures.idle * 100:11.1f}   {figures.idle / first:7.2f}'

@@ -33,18 +33,18 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli import processes
 
-PATIENCE = 60.0
-KEPT = 75.0
+PATIENCE_S = 60.0
+WARM_UP_S = 75.0
 """Warm-up of goals, s: the driver keeps each for 60 s."""
 
 WARM_UP_CALLS = 2_000
-MOST_GROWTH = 1_000_000
+MAX_GROWTH_BYTES = 1_000_000
 """After the warm-up, bytes."""
 
 LINES = 20
 """Of output for each kind of request."""
 
-PAGE = os.sysconf('SC_PAGE_SIZE')
+PAGE_BYTES = os.sysconf('SC_PAGE_SIZE')
 JOINTS = [f'joint_{number}' for number in range(1, 7)]
 
 
@@ -78,20 +78,22 @@ class User:
     def close(self) -> None:
         """End the thread and leave ROS."""
         self._executor.shutdown()
-        self._thread.join(PATIENCE)
+        self._thread.join(PATIENCE_S)
         self._node.destroy_node()
         self._context.shutdown()
 
     def enable(self) -> None:
         """Enable the arm, as soon as the driver has its links."""
-        if not self._enable.wait_for_service(PATIENCE):
+        if not self._enable.wait_for_service(PATIENCE_S):
             raise TimeoutError('no service ~/enable')
-        until = time.monotonic() + PATIENCE
+        until = time.monotonic() + PATIENCE_S
         while not (answer := self._call(self._enable, Trigger.Request())).success:
             if time.monotonic() > until:
                 raise RuntimeError(answer.message)
             time.sleep(0.2)
-        if not self._action.wait_for_server(PATIENCE) or not self._read.wait_for_service(PATIENCE):
+        if not self._action.wait_for_server(PATIENCE_S) or not self._read.wait_for_service(
+            PATIENCE_S
+        ):
             raise TimeoutError('no action, or no ~/read_io')
 
     def go(self) -> None:
@@ -130,14 +132,16 @@ class User:
             futures[0].add_done_callback(lambda _: answered.set())
 
         self._executor.create_task(begin)
-        if not answered.wait(PATIENCE):
-            raise TimeoutError(f'no answer within {PATIENCE:g} s')
+        if not answered.wait(PATIENCE_S):
+            raise TimeoutError(f'no answer within {PATIENCE_S:g} s')
         return futures[0].result()
 
 
 def resident(process_id: int) -> int:
     """Return the resident memory of a process, bytes."""
-    return int(Path(f'/proc/{process_id}/statm').read_text(encoding='ascii').split()[1]) * PAGE
+    return (
+        int(Path(f'/proc/{process_id}/statm').read_text(encoding='ascii').split()[1]) * PAGE_BYTES
+    )
 
 
 def repeat(request: Callable[[], None], times: int, process_id: int) -> list[Memory]:
@@ -202,12 +206,12 @@ def main() -> int:
     with TemporaryDirectory() as folder:
         of_goals, of_calls = soak(arguments.goals, arguments.calls, Path(folder))
     grown = {
-        'goals': growth(of_goals, seconds=KEPT),
+        'goals': growth(of_goals, seconds=WARM_UP_S),
         'calls': growth(of_calls, after=WARM_UP_CALLS),
     }
     for kind, size in grown.items():
         print(f'{kind}: {size / 1e6:.2f} MB more after the warm-up')
-    return int(max(grown.values()) > MOST_GROWTH)
+    return int(max(grown.values()) > MAX_GROWTH_BYTES)
 
 
 if __name__ == '__main__':

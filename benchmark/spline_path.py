@@ -10,11 +10,11 @@ from scipy.interpolate import CubicSpline
 from benchmark.arrays import Index
 from epson_driver.motion import Array
 
-MERGE_TOLERANCE = 5e-4
+MERGE_TOLERANCE_RAD = 5e-4
 """A point may be missed by as much, rad, if it lies that close to another one."""
 
 
-def merged(positions: Array, tolerance: float = MERGE_TOLERANCE / 2) -> Array:
+def merged(positions: Array, tolerance: float = MERGE_TOLERANCE_RAD / 2) -> Array:
     """Return the points without those that are closer than `tolerance` to the last kept one.
 
     Shapes (n, joints) and (m, joints), rad, largest difference of a joint. The last point is

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""PTP: from rest to rest to every point at full limits, all joints together, as fast as can be.
+"""Point to point: from rest to rest to every point at full limits, as fast as can be.
 
-A generous stand-in for what an arm does that must stop at each point: no dead time.
+All joints move together. A generous stand-in for an arm that stops at each point: no dead time.
 """
 
 from dataclasses import dataclass

@@ -11,18 +11,18 @@ import numpy as np
 
 from benchmark.limit_sets import ramp_time
 from benchmark.motion_record import Record
-from benchmark.trajectories import BenchTrajectory
+from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import Array, JointLimits
 
-DT = 0.001
+SAMPLE_STEP_S = 0.001
 """The sampling step, s: finer than the 4 ms cycle, so that no spike hides between two cycles."""
-LATENCY = 0.040
+LATENCY_S = 0.040
 """A planner that answers so late, s."""
-PATIENCE = 60.0
+PATIENCE_S = 60.0
 """How long, s, a motion may take beyond half a second per point and twice its command."""
 
 
-TOO_LONG = 120.0
+MAX_WALL_TIME_S = 120.0
 """Wall time that one run may take, s: some hundred times what it should."""
 
 
@@ -64,6 +64,9 @@ class Smoother(Protocol):
         """Move on by `dt` s."""
 
 
+MODES = {True: 'time-preserving', False: 'time-optimal'}
+"""What is said of a strategy that keeps the commanded durations, or does not."""
+
 MakeSmoother = Callable[[JointLimits, Array, bool, float], Smoother]
 """Makes one from limits, start (n,), whether it keeps the times, and the planner's latency."""
 
@@ -72,7 +75,7 @@ MakeSmoother = Callable[[JointLimits, Array, bool, float], Smoother]
 class Strategy:
     """How a smoother is used. `look_ahead` gives the time known ahead, s, or None for all.
 
-    `timed`: whether it keeps the commanded durations (T) or is as fast as it can (O).
+    `timed`: whether it keeps the commanded durations or is as fast as it can.
     """
 
     name: str
@@ -80,18 +83,18 @@ class Strategy:
     look_ahead: Callable[[JointLimits], float] | None = None
     latency: float = 0.0
 
-    def suits(self, trajectory: BenchTrajectory) -> bool:
+    def suits(self, trajectory: BenchmarkTrajectory) -> bool:
         """Return whether the trajectory has what the strategy needs."""
         return trajectory.durations is not None or not self.timed
 
 
 def _ahead(text: str, timed: bool, time_ahead: Callable[[JointLimits], float]) -> Strategy:
-    return Strategy(f'{"T" if timed else "O"}, {text} known', timed, time_ahead)
+    return Strategy(f'{MODES[timed]}, {text} known', timed, time_ahead)
 
 
 def _both(timed: bool) -> tuple[Strategy, ...]:
     return (
-        Strategy('T, all known' if timed else 'O, all known', timed),
+        Strategy(f'{MODES[timed]}, all known', timed),
         _ahead('2·A/J', timed, lambda limits: 2.0 * ramp_time(limits)),
         _ahead('3·A/J', timed, lambda limits: 3.0 * ramp_time(limits)),
         _ahead('0.25 s', timed, lambda limits: 0.25),
@@ -105,10 +108,10 @@ STRATEGIES = {
         *_both(timed=False),
         *_both(timed=True),
         Strategy(
-            'T, 3·A/J + 40 ms known, 40 ms late',
+            'time-preserving, 3·A/J + 40 ms known, 40 ms late',
             True,
-            lambda limits: 3.0 * ramp_time(limits) + LATENCY,
-            LATENCY,
+            lambda limits: 3.0 * ramp_time(limits) + LATENCY_S,
+            LATENCY_S,
         ),
     )
 }
@@ -116,15 +119,15 @@ STRATEGIES = {
 
 def run(
     strategy: Strategy,
-    trajectory: BenchTrajectory,
+    trajectory: BenchmarkTrajectory,
     limits: JointLimits,
     make: MakeSmoother,
-    dies: bool = False,
-    patience: float = PATIENCE,
+    cut: bool = False,
+    patience: float = PATIENCE_S,
 ) -> Record:
     """Return the sampled motion of a smoother through the points.
 
-    A smoother with a method `finish` is told of the end, unless the stream just `dies`.
+    A smoother with a method `finish` is told of the end, unless the stream is `cut`.
 
     Raises RuntimeError if it does not end within `patience` s more than any motion needs.
     """
@@ -145,25 +148,30 @@ def run(
         while fed < n and (ahead is None or smoother.look_ahead < ahead):
             smoother.append(positions[fed], None if durations is None else float(durations[fed]))
             fed += 1
-        if fed == n and before[0] != n and not dies and hasattr(smoother, 'finish'):
+        if fed == n and before[0] != n and not cut and hasattr(smoother, 'finish'):
             smoother.finish()
-        state = smoother.step(DT)
+        state = smoother.step(SAMPLE_STEP_S)
         costs.append(time.perf_counter() - begin)
         planned.append((fed, getattr(smoother, 'plans', 0)) != before)
         rows.append(np.concatenate([state.position, state.velocity, state.acceleration]))
         if fed == n and not smoother.moving:
             break
-        if time.perf_counter() - started > TOO_LONG:
+        if time.perf_counter() - started > MAX_WALL_TIME_S:
             raise RuntimeError(
-                f'{trajectory.name}, {strategy.name}: {TOO_LONG:g} s of computing for '
-                f'{len(rows) * DT:.3f} s of motion'
+                f'{trajectory.name}, {strategy.name}: {MAX_WALL_TIME_S:g} s of computing for '
+                f'{len(rows) * SAMPLE_STEP_S:.3f} s of motion'
             )
-        if len(rows) * DT > deadline:
+        if len(rows) * SAMPLE_STEP_S > deadline:
             raise RuntimeError(
                 f'{trajectory.name}, {strategy.name}: still moving after {deadline:g} s'
             )
     table = np.array(rows)
     position, velocity, acceleration = np.split(table, 3, axis=1)
     return Record(
-        DT, position, velocity, acceleration, np.array(costs), np.array(planned, dtype=np.bool_)
+        SAMPLE_STEP_S,
+        position,
+        velocity,
+        acceleration,
+        np.array(costs),
+        np.array(planned, dtype=np.bool_),
     )

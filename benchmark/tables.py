@@ -9,38 +9,54 @@ import numpy as np
 from benchmark.cases import Case
 from benchmark.look_ahead import Curve
 from benchmark.metrics import Metrics
-from benchmark.strategies import STRATEGIES
+from benchmark.strategies import MODES, STRATEGIES
 from benchmark.targets import Outcome
 
 WIDTH = 120
 
-DETAILED = ('O, all known', 'O, 3·A/J known', 'T, all known', 'T, 3·A/J known')
+DETAILED = (
+    'time-optimal, all known',
+    'time-optimal, 3·A/J known',
+    'time-preserving, all known',
+    'time-preserving, 3·A/J known',
+)
 """Strategies with a line per trajectory; motion.json has them all."""
+
+
+WORDS = """Written by `make bench-motion`; all figures are in motion.json as well.
+
+* **fastest** (time-optimal): the smoother is as fast as the limits allow; **timed**
+  (time-preserving): it keeps the commanded times.
+* **all**, **0.5 s** …: how much of its way the smoother knows ahead of the arm. **A/J** is the
+  time in which a joint's acceleration can build up: 0.1 s under full limits, 0.2 s under half.
+* **limits**: `full`: acceleration = 10 · velocity / s, jerk = 10 · acceleration / s; `half`: 5, 5.
+* **point to point**: the fastest moves that rest at every point. **TOPP-RA** keeps no jerk limit:
+  nothing can be faster. **optimum**: the fastest motion within all limits on one spline through
+  the points (benchmark/optimum).
+* **v, a, j**: the largest velocity, acceleration and jerk, as a multiple of the joint's limit.
+  **waypoint**, **overrun**, **off lines**: the largest distance from a waypoint, past the last
+  known point and from the straight lines between the points, rad."""
 
 
 def report(cases: list[Case], curves: list[Curve], results: list[Outcome]) -> str:
     """Return the whole report."""
     parts = [
         '# Motion benchmark',
-        'Written by `make bench-motion`; all figures are in motion.json as well. Limits `full`: '
-        'a = 10·v/s, j = 10·a/s;\n`half`: 5 and 5. '
-        'PTP stops at every point. TOPP-RA keeps no jerk limit: nothing can be faster. OPT is\n'
-        'the jerk-limited optimum on one spline through the points (benchmark/optimum). '
-        'O: as fast as possible; T: keeps the\ncommanded times.',
+        WORDS,
         '## Targets',
         targets(results),
-        '## Strategies\nGeometric mean / worst; stops are the sum.',
+        '## Strategies\n\nTimes as ratios: geometric mean / worst. Stops are the sum.',
         summary(cases),
-        '## Trajectories\nTimes in s.',
+        '## Trajectories\n\nTimes in s.',
         trajectories(cases),
         '## Every trajectory',
         details(cases),
     ]
-    if any(case.deaths for case in cases):
-        parts += ['## Streams that end on the way', deaths(cases)]
+    if any(case.cut_streams for case in cases):
+        parts += ['## Streams that are cut on the way', cut_streams(cases)]
     if curves:
         parts += [
-            '## Look-ahead\nTime relative to that with all points known.',
+            '## Look-ahead\n\nTime relative to that with all points known.',
             look_ahead(curves),
         ]
     errors = [
@@ -54,7 +70,7 @@ def report(cases: list[Case], curves: list[Curve], results: list[Outcome]) -> st
 
 
 def targets(results: list[Outcome]) -> str:
-    """Return what must be and what is."""
+    """Return what is required and what is attained."""
     rows = []
     for result in results:
         unit = f' {result.unit}' if result.unit else ''
@@ -62,8 +78,8 @@ def targets(results: list[Outcome]) -> str:
             rows.append(
                 [
                     result.metric,
-                    _bound(result.must, unit),
-                    _bound(result.moonshot, unit),
+                    _bound(result.required, unit),
+                    _bound(result.goal, unit),
                     'not measured',
                     '',
                     '',
@@ -71,21 +87,21 @@ def targets(results: list[Outcome]) -> str:
                 ]
             )
             continue
-        met = 'moonshot' if result.moonshot_met else 'yes' if result.met else '**NO**'
-        if not np.isfinite(result.must) and not result.moonshot_met:
-            met = 'not yet'
+        met = 'goal met' if result.goal_met else 'met' if result.met else '**MISSED**'
+        if not np.isfinite(result.required) and not result.goal_met:
+            met = 'goal missed'
         rows.append(
             [
                 result.metric,
-                _bound(result.must, unit),
-                _bound(result.moonshot, unit),
+                _bound(result.required, unit),
+                _bound(result.goal, unit),
                 _short(result.worst) + unit,
                 result.where if result.worst > 0.0 else '',
                 _short(result.mean or 0.0),
                 met,
             ]
         )
-    header = ['metric', 'must', 'moonshot', 'worst', 'where', 'mean', 'met']
+    header = ['metric', 'required', 'goal', 'worst', 'where', 'mean', 'result']
     return _table(header, rows)
 
 
@@ -94,14 +110,14 @@ def summary(cases: list[Case]) -> str:
     header = [
         'strategy',
         'runs',
-        'T/PTP',
-        'T/cmd',
-        'T/OPT',
-        'T/TOPP-RA',
-        'max v, a, j',
+        'time / point to point',
+        '/ commanded',
+        '/ optimum',
+        '/ TOPP-RA',
+        'largest v, a, j / limit',
         'stops',
-        'waypoint error, rad',
-        'overrun, rad',
+        'waypoint',
+        'overrun',
     ]
     rows = [_ptp_row(cases)]
     for name in ('cubic', 'quintic'):
@@ -134,7 +150,7 @@ def summary(cases: list[Case]) -> str:
 def _ptp_row(cases: list[Case]) -> list[str]:
     times = [case.references for case in cases]
     return [
-        'PTP',
+        'point to point',
         str(len(cases)),
         '1',
         _pair(case.references.ptp / case.commanded for case in cases if case.commanded),
@@ -167,17 +183,17 @@ def _strategy_row(name: str, runs: Sequence[tuple[Case, Metrics]]) -> list[str]:
 
 
 def trajectories(cases: list[Case]) -> str:
-    """Return the references of every trajectory and what OPT attains of the limits."""
+    """Return the references of every trajectory and what the optimum attains of the limits."""
     header = [
         'trajectory',
         'what it is',
         'limits',
         'points',
         'commanded',
-        'PTP',
+        'point to point',
         'TOPP-RA',
-        'OPT',
-        'OPT v, a, j',
+        'optimum',
+        'v, a, j of the optimum',
     ]
     rows = []
     for case in cases:
@@ -205,18 +221,18 @@ def details(cases: list[Case]) -> str:
         'trajectory',
         'limits',
         'strategy',
-        'T, s',
-        'T/PTP',
-        'T/cmd',
-        'T/OPT',
-        'T/TOPP-RA',
+        'time, s',
+        '/ pt to pt',
+        '/ commanded',
+        '/ optimum',
+        '/ TOPP-RA',
         'v',
         'a',
         'j',
         'stops',
-        'waypoint error',
+        'waypoint',
         'overrun',
-        'off the polyline',
+        'off lines',
     ]
     rows = []
     for case in cases:
@@ -247,8 +263,8 @@ def details(cases: list[Case]) -> str:
     return _table(header, rows)
 
 
-def deaths(cases: list[Case]) -> str:
-    """Return how motions ended whose stream died, per strategy and limits."""
+def cut_streams(cases: list[Case]) -> str:
+    """Return how motions ended whose stream was cut, per strategy and limits."""
     header = [
         'strategy',
         'limits',
@@ -256,12 +272,12 @@ def deaths(cases: list[Case]) -> str:
         'from the last point at the end, rad',
         'overrun, rad',
         'stops',
-        'max v, a, j',
+        'largest velocity, acceleration, jerk',
     ]
     groups: dict[tuple[str, str], list[Metrics]] = {}
     for case in cases:
-        for death in case.deaths:
-            groups.setdefault((death.strategy, case.limits), []).append(death.metrics)
+        for cut in case.cut_streams:
+            groups.setdefault((cut.strategy, case.limits), []).append(cut.metrics)
     rows = []
     for (strategy, limits), found in groups.items():
         use = (max(getattr(m, key) for m in found) for key in ('velocity', 'acceleration', 'jerk'))
@@ -286,7 +302,7 @@ def look_ahead(curves: list[Curve]) -> str:
         [
             curve.name,
             curve.limits,
-            'T' if curve.timed else 'O',
+            MODES[curve.timed],
             *(f'{ratio:.3f}' for ratio in curve.ratios),
         ]
         for curve in curves
@@ -310,9 +326,18 @@ def _short(value: float) -> str:
     return f'{value:.1e}' if 0.0 < abs(value) < 1e-3 else f'{value:.4g}'
 
 
+def shortened(cell: str) -> str:
+    """Return a cell with the short names of the modes that WORDS explains."""
+    return (
+        cell.replace('time-optimal', 'fastest')
+        .replace('time-preserving', 'timed')
+        .replace(' known', '')
+    )
+
+
 def _table(header: list[str], rows: Iterable[list[str]]) -> str:
     """Return a table; one that would be wider than WIDTH columns has no spaces beside its bars."""
-    lines = [header, ['---'] * len(header), *rows]
+    lines = [header, ['---'] * len(header), *([shortened(cell) for cell in row] for row in rows)]
     spaced = [f'| {" | ".join(cells)} |' for cells in lines]
     if max(map(len, spaced)) <= WIDTH:
         return '\n'.join(spaced)

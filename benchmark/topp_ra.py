@@ -16,7 +16,7 @@ from toppra.interpolator import AbstractGeometricPath
 from benchmark.spline_path import SplinePath
 from epson_driver.motion import Array, JointLimits
 
-GRID = 4000
+GRID_POINTS = 4000
 """Grid points beside those at the knots."""
 
 logging.getLogger('toppra').setLevel(logging.ERROR)
@@ -46,9 +46,9 @@ def jerk_free_time(path: SplinePath, limits: JointLimits) -> float:
 
     Raises RuntimeError if TOPP-RA finds none.
     """
-    uniform = np.linspace(0.0, path.length, GRID)
+    uniform = np.linspace(0.0, path.length, GRID_POINTS)
     # denser at both ends, where the speed grows as the root of the way
-    ends = path.length * np.geomspace(1e-7, 1.0 / GRID, 40)
+    ends = path.length * np.geomspace(1e-7, 1.0 / GRID_POINTS, 40)
     grid = np.unique(np.concatenate([uniform, ends, path.length - ends, path.knots]))
     grid = grid[np.append(True, np.diff(grid) > 1e-12 * path.length)]
     grid[-1] = path.length

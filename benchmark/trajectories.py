@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.limit_sets import FACTORS, VELOCITY
-from benchmark.plans import TimedPath, blended, random_vias, time_law
+from benchmark.limit_sets import FACTORS, MAX_VELOCITY_RAD_S
+from benchmark.plans import TimedPath, blended, fastest_timing, random_vias
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import Array
 
@@ -17,16 +17,16 @@ SHARED = Path(__file__).parents[1] / 'config' / 'trajectories'
 WITHOUT_TIMES = 'around_pillar_positions_only'
 """The shared plan that is run as one that came without times."""
 
-LOW = np.array([-1.6, -1.6, 0.2, -1.6, -1.5, -2.5])
-HIGH = np.array([1.6, 0.1, 2.0, 1.6, -0.2, 2.5])
+MIN_POSE_RAD = np.array([-1.6, -1.6, 0.2, -1.6, -1.5, -2.5])
+MAX_POSE_RAD = np.array([1.6, 0.1, 2.0, 1.6, -0.2, 2.5])
 """Where generated poses lie, rad: well inside the arm's range, so that a spline stays inside."""
 
-BLEND = 0.15
+BLEND_RAD = 0.15
 """How far before a corner a generated plan leaves the straight line, rad."""
 
 
 @dataclass(frozen=True, eq=False)
-class BenchTrajectory:
+class BenchmarkTrajectory:
     """A trajectory as it is streamed. `kind` says what it is an example of.
 
     positions: (n, 6), rad. durations: (n,), s, from the point before, the first one 0; None if the
@@ -44,31 +44,33 @@ class BenchTrajectory:
         return None if self.durations is None else float(self.durations.sum())
 
 
-def bench_set() -> tuple[BenchTrajectory, ...]:
+def benchmark_set() -> tuple[BenchmarkTrajectory, ...]:
     """Return all trajectories, the generated ones first; the same every time."""
     generated = [_named(name, kind, make) for name, (kind, make) in GENERATED.items()]
     return (*generated, *(_shared(path) for path in sorted(SHARED.glob('*.yaml'))))
 
 
-def _shared(path: Path) -> BenchTrajectory:
+def _shared(path: Path) -> BenchmarkTrajectory:
     plan = read_trajectory(path)
     durations = None if path.stem == WITHOUT_TIMES else np.diff(plan.times, prepend=plan.times[0])
-    return BenchTrajectory(path.stem, 'shared plan', plan.positions, durations)
+    return BenchmarkTrajectory(path.stem, 'shared plan', plan.positions, durations)
 
 
-def _named(name: str, kind: str, make: Callable[[], tuple[Array, Array]]) -> BenchTrajectory:
+def _named(name: str, kind: str, make: Callable[[], tuple[Array, Array]]) -> BenchmarkTrajectory:
     positions, durations = make()
     # nine decimals, as plans in files have them: the last bits differ from machine to machine
-    return BenchTrajectory(name, kind, positions.round(9), durations.round(9))
+    return BenchmarkTrajectory(name, kind, positions.round(9), durations.round(9))
 
 
-def _timed(seed: int, vias: int, speed: float, blend: float = BLEND) -> TimedPath:
+def _timed(seed: int, vias: int, speed: float, blend: float = BLEND_RAD) -> TimedPath:
     rng = np.random.default_rng(seed)
-    return _law(blended(random_vias(rng, vias, LOW, HIGH), blend), speed)
+    return _timing_of(blended(random_vias(rng, vias, MIN_POSE_RAD, MAX_POSE_RAD), blend), speed)
 
 
-def _law(path: Array, speed: float) -> TimedPath:
-    return time_law(path, speed * VELOCITY, speed * FACTORS['full'].acceleration * VELOCITY)
+def _timing_of(path: Array, speed: float) -> TimedPath:
+    return fastest_timing(
+        path, speed * MAX_VELOCITY_RAD_S, speed * FACTORS['full'].acceleration * MAX_VELOCITY_RAD_S
+    )
 
 
 def _every(path: TimedPath, step: float) -> tuple[Array, Array]:
@@ -85,8 +87,8 @@ def _points(path: TimedPath, count: int) -> tuple[Array, Array]:
 
 def _reversal() -> tuple[Array, Array]:
     rng = np.random.default_rng(61)
-    there = blended(random_vias(rng, 3, LOW, HIGH), BLEND)
-    half = _law(there, 0.6)
+    there = blended(random_vias(rng, 3, MIN_POSE_RAD, MAX_POSE_RAD), BLEND_RAD)
+    half = _timing_of(there, 0.6)
     positions, durations = _points(half, 30)
     return (
         np.concatenate([positions, positions[-2::-1]]),
@@ -113,15 +115,18 @@ def _tiny_steps() -> tuple[Array, Array]:
     direction = np.array([0.6, -0.4, 0.5, -0.7, 0.3, 1.0])
     steps = rng.uniform(1e-4, 1e-3, 299)[:, None] * direction
     steps += rng.uniform(-2e-5, 2e-5, steps.shape)
-    positions = np.concatenate([np.zeros((1, 6)), np.cumsum(steps, axis=0)]) + (LOW + HIGH) / 2
+    positions = (
+        np.concatenate([np.zeros((1, 6)), np.cumsum(steps, axis=0)])
+        + (MIN_POSE_RAD + MAX_POSE_RAD) / 2
+    )
     return positions, np.append(0.0, np.full(299, 0.008))
 
 
 def _sparse_corners() -> tuple[Array, Array]:
     """Nine poses far apart, each asked for at half of the speed on the straight line."""
     rng = np.random.default_rng(91)
-    positions = rng.uniform(LOW, HIGH, (9, 6))
-    steps = np.max(np.abs(np.diff(positions, axis=0)) / VELOCITY, axis=1)
+    positions = rng.uniform(MIN_POSE_RAD, MAX_POSE_RAD, (9, 6))
+    steps = np.max(np.abs(np.diff(positions, axis=0)) / MAX_VELOCITY_RAD_S, axis=1)
     return positions, np.append(0.0, 2.0 * steps + 0.15)
 
 

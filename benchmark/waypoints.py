@@ -10,11 +10,11 @@ from benchmark.arrays import Index, Mask
 from benchmark.motion_record import Record
 from epson_driver.motion import Array
 
-NEAR = 0.02
+NEAR_RAD = 0.02
 """How far a passage may be from its waypoint to be considered beside the nearest one, rad."""
-CLOSE = 2e-3
+CLOSE_RAD = 2e-3
 """Within this distance, rad, a waypoint may be passed at the moment of the one before."""
-GRID = 16
+GRID_PARTS = 16
 """Parts of a step in which the nearest moment is looked for before it is refined."""
 REFINEMENTS = 6
 
@@ -72,17 +72,17 @@ def _candidates(waypoint: Array, record: Record) -> tuple[Array, Array]:
     plateau = (squares == padded[:-2]) & (squares == padded[2:])
     minima = np.flatnonzero(falls & rises & ~plateau)
     root = np.sqrt(squares[minima])
-    minima = minima[(root < NEAR) | (root <= root.min())]
+    minima = minima[(root < NEAR_RAD) | (root <= root.min())]
     samples = np.unique(np.concatenate([minima - 1, minima]))
     samples = samples[(samples >= 0) & (samples < len(squares) - 1)]
     low, width = np.zeros(len(samples)), 1.0
     for _ in range(REFINEMENTS):
-        grid = low[:, None] + width * np.arange(GRID + 1) / GRID
+        grid = low[:, None] + width * np.arange(GRID_PARTS + 1) / GRID_PARTS
         grid = np.clip(grid, 0.0, 1.0)
-        off = _offsets(waypoint, record, np.repeat(samples, GRID + 1), grid.ravel())
+        off = _offsets(waypoint, record, np.repeat(samples, GRID_PARTS + 1), grid.ravel())
         where = np.argmin(np.einsum('kn,kn->k', off, off).reshape(grid.shape), axis=1)
-        low = grid[np.arange(len(samples)), where] - width / GRID
-        width = 2.0 * width / GRID
+        low = grid[np.arange(len(samples)), where] - width / GRID_PARTS
+        width = 2.0 * width / GRID_PARTS
     shares = np.clip(low + width / 2.0, 0.0, 1.0)
     off = np.abs(_offsets(waypoint, record, samples, shares))
     return record.dt * (samples + shares), off.max(axis=1)
@@ -97,7 +97,7 @@ def _with_earlier(waypoint: Array, record: Record, before: Array) -> tuple[Array
     times, distances = _candidates(waypoint, record)
     samples = np.minimum((before / record.dt).astype(np.intp), len(record.positions) - 2)
     off = np.abs(_offsets(waypoint, record, samples, before / record.dt - samples)).max(axis=1)
-    close = off < CLOSE
+    close = off < CLOSE_RAD
     merged_times, first = np.unique(np.append(times, before[close]), return_index=True)
     return merged_times, np.append(distances, off[close])[first]
 

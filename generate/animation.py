@@ -28,7 +28,7 @@ from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from epson_driver.motion import Array
 from epson_driver.planning.plan import Plan, plan_task
-from epson_driver.planning.scene import GRIPPER_LENGTH, GRIPPER_RADIUS
+from epson_driver.planning.scene import GRIPPER_LENGTH_M, GRIPPER_RADIUS_M
 from epson_driver.planning.shapes import Box, Shape
 from epson_driver.planning.task import draw_task
 from epson_driver.robots import RobotModel, load_robot_model
@@ -89,7 +89,7 @@ class Drive:
     def tip(self, joints: Array) -> Array:
         """Return where the gripper's end is, m."""
         pose = self.tool(joints)
-        return np.asarray(pose[:3, 3] + GRIPPER_LENGTH * pose[:3, 2])
+        return np.asarray(pose[:3, 3] + GRIPPER_LENGTH_M * pose[:3, 2])
 
 
 @cache
@@ -175,13 +175,13 @@ def _solid(shape: Shape) -> trimesh.Trimesh:
 def _held(driven: Drive, time: float, joints: Array) -> Iterator[Body]:
     """Yield the gripper, and the part in it or where it stands."""
     pose = driven.tool(joints)
-    gripper = trimesh.creation.cylinder(GRIPPER_RADIUS, GRIPPER_LENGTH, sections=32)
-    gripper.apply_translation([0.0, 0.0, GRIPPER_LENGTH / 2])
+    gripper = trimesh.creation.cylinder(GRIPPER_RADIUS_M, GRIPPER_LENGTH_M, sections=32)
+    gripper.apply_translation([0.0, 0.0, GRIPPER_LENGTH_M / 2])
     yield Body(gripper.apply_transform(pose), *GRIPPER_LOOK)
     task = driven.plan.task
     holder = task.pick if time < driven.grip else task.place if time > driven.release else pose
     part = trimesh.creation.box(task.part)
-    part.apply_translation([0.0, 0.0, GRIPPER_LENGTH + task.part[2] / 2])
+    part.apply_translation([0.0, 0.0, GRIPPER_LENGTH_M + task.part[2] / 2])
     yield Body(part.apply_transform(holder), *PART_LOOK)
 
 

@@ -12,14 +12,13 @@ from itertools import combinations
 from pathlib import Path
 from xml.etree import ElementTree
 
-import coal
 import numpy as np
 import pinocchio
 
 from epson_driver.motion import Array, JointLimits
+from epson_driver.planning.links import convex_links
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE_URI = 'package://epson_driver/'
 LIMIT_PROBABILITY = 0.5
 """In every other sample, the probability that a joint is at one of its limits."""
 
@@ -40,22 +39,14 @@ class CollisionBodies:
     """
 
     def __init__(self, urdf: Path) -> None:
-        text = urdf.read_text(encoding='utf-8').replace(PACKAGE_URI, f'{ROOT}/')
-        self._model = pinocchio.buildModelFromXML(text)
+        self._model, self._bodies, text = convex_links(urdf)
         self._data = self._model.createData()
-        self._bodies = pinocchio.buildGeomFromUrdfString(
-            self._model, text, pinocchio.GeometryType.COLLISION
-        )
         owners = [
             self._model.frames[each.parentFrame].name for each in self._bodies.geometryObjects
         ]
         self.links = tuple(dict.fromkeys(owners))
         self.pairs = tuple(combinations(self.links, 2))
         self.adjacent = frozenset(_neighbours(text)) & frozenset(self.pairs)
-        for body in self._bodies.geometryObjects:
-            if isinstance(body.geometry, coal.BVHModelBase):
-                body.geometry.buildConvexRepresentation(False)
-                body.geometry = body.geometry.convex
         number = {pair: index for index, pair in enumerate(self.pairs)}
         self._pair_of_check = []
         for first, second in combinations(range(len(owners)), 2):

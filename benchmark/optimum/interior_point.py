@@ -17,7 +17,7 @@ from scipy.linalg import solveh_banded
 from benchmark.arrays import Index
 from epson_driver.motion import Array
 
-STEPS = 60
+MAX_NEWTON_STEPS = 60
 """Newton steps at most; 20 to 30 are usual."""
 
 
@@ -72,7 +72,7 @@ def minimise(
         raise ValueError(f'the start breaks a bound by {-slack.min():.3g}')
     objective = float(np.sum(weights / np.sqrt(time.times(y))))
     duals = 0.01 * objective / slack.size / slack
-    for _ in range(STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         x = time.times(y)
         gradient = time.transposed_times(-0.5 * weights * x**-1.5)
         complementarity = float(np.sum(slack * duals))

@@ -23,7 +23,7 @@ from epson_driver.cli.demo_report import Recording, measure
 from epson_driver.cli.plan_report import Executed, draw
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.planning.plan import Plan, PlanningError, plan_task
-from epson_driver.planning.task import HOME, draw_task
+from epson_driver.planning.task import HOME_RAD, draw_task
 from epson_driver.planning.verdict import judge
 from epson_driver.robots import RobotModel, load_robot_model
 
@@ -83,7 +83,7 @@ def run(seeds: range, picture: Path, console: Console) -> int:
     outcomes = []
     with (
         tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name,
-        running_controller(folder := Path(name), HOME, f'--robot={model.name}') as ports,
+        running_controller(folder := Path(name), HOME_RAD, f'--robot={model.name}') as ports,
         running_driver(folder, ports, model.joint_names, console, robot_model=model.name) as user,
         Progress(
             TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(), console=console

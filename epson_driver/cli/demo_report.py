@@ -11,7 +11,7 @@ import numpy as np
 
 from epson_driver.cli.smooth_report import COLOURS
 from epson_driver.motion import Array, Trajectory
-from epson_driver.motion.smoothed import passages
+from epson_driver.motion.passages import passages
 
 STOPPED_SHARE, MOVING_SHARE = 0.06, 0.15
 """Below the first share of the run's typical speed the arm has stopped, above the second it moves

@@ -12,7 +12,7 @@ import numpy as np
 from epson_driver.cli.demo_report import Figures, Recording
 from epson_driver.cli.raster import halved, rasterised, view
 from epson_driver.cli.smooth_report import COLOURS
-from epson_driver.planning.plan import KEPT, Plan
+from epson_driver.planning.plan import MOTION_MARGIN_M, Plan
 from epson_driver.planning.triangles import Picture, Triangles, joined
 from epson_driver.planning.verdict import Verdict
 from epson_driver.robots import RobotModel
@@ -139,11 +139,11 @@ def _draw_time(velocity: Any, clearance: Any, executed: Executed, model: RobotMo
             )
         clearance.plot(times, verdict.clearances * 1e3, color='#444444', linewidth=1.5)
     _shade((velocity, clearance), executed, begin)
-    clearance.axhline(KEPT * 1e3, color='#D55E00', linestyle=':', linewidth=1.2)
+    clearance.axhline(MOTION_MARGIN_M * 1e3, color='#D55E00', linestyle=':', linewidth=1.2)
     clearance.text(
         0.005,
-        KEPT * 1e3,
-        f' what a plan keeps: {KEPT * 1e3:g} mm',
+        MOTION_MARGIN_M * 1e3,
+        f' what a plan keeps: {MOTION_MARGIN_M * 1e3:g} mm',
         transform=clearance.get_yaxis_transform(),
         color='#D55E00',
         fontsize=8.5,

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, Trajectory, go
-from epson_driver.motion.smoothed import Figures, measure, passed
+from epson_driver.motion.interpolation import Interpolation, central_differences
+from epson_driver.motion.motion_figures import Figures, measure
+from epson_driver.motion.passages import passed
 
 SAMPLE_RATE_HZ = 1000.0
 """Samples per second of point-to-point motion and of the spline."""
@@ -91,40 +93,15 @@ def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
     Before and after the arm rests, whatever acceleration the first and the last point have.
     """
     t, q = plan.times - plan.times[0], plan.positions
-    v = _differences(t, q) if plan.velocities is None else plan.velocities
-    a = plan.accelerations
     if len(t) == 1:
         still = np.zeros((2, *q.shape))
         return Trajectory(plan.joint_names, t, q, still[0], still[1]), t
+    v = central_differences(t, q) if plan.velocities is None else plan.velocities
     times = np.arange(0.0, t[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
-    i = np.clip(np.searchsorted(t, times, 'right') - 1, 0, len(t) - 2)
-    h = (t[i + 1] - t[i])[:, None]
-    s = (np.minimum(times, t[-1]) - t[i])[:, None]
-    d = q[i + 1] - q[i]
-    if a is None:
-        c2 = 3.0 * d / h**2 - (2.0 * v[i] + v[i + 1]) / h
-        c3 = -2.0 * d / h**3 + (v[i] + v[i + 1]) / h**2
-        c4 = c5 = np.zeros_like(c3)
-    else:
-        c2 = a[i] / 2.0
-        dq = d - (v[i] + c2 * h) * h
-        dv = (v[i + 1] - v[i] - a[i] * h) * h
-        da = (a[i + 1] - a[i]) * h**2
-        c3 = (10.0 * dq - 4.0 * dv + 0.5 * da) / h**3
-        c4 = (-15.0 * dq + 7.0 * dv - da) / h**4
-        c5 = (6.0 * dq - 3.0 * dv + 0.5 * da) / h**5
-    position = q[i] + (v[i] + (c2 + (c3 + (c4 + c5 * s) * s) * s) * s) * s
-    velocity = v[i] + (2.0 * c2 + (3.0 * c3 + (4.0 * c4 + 5.0 * c5 * s) * s) * s) * s
-    acceleration = 2.0 * c2 + (6.0 * c3 + (12.0 * c4 + 20.0 * c5 * s) * s) * s
+    within = np.minimum(times, t[-1])
+    position, velocity, acceleration = Interpolation(t, q, v, plan.accelerations).at(within)
     acceleration[[0, -1]] = 0.0
     return Trajectory(plan.joint_names, times, position, velocity, acceleration), t
-
-
-def _differences(times: Array, values: Array) -> Array:
-    """Return central differences, and 0 at both ends."""
-    result = np.zeros_like(values)
-    result[1:-1] = (values[2:] - values[:-2]) / (times[2:] - times[:-2])[:, None]
-    return result
 
 
 def draw(path: Path, study: Study) -> None:

@@ -11,13 +11,13 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import LineMotion, Pieces
 
-CANDIDATES = 24
+CANDIDATE_STARTS = 24
 """Starts that are tried at once; the earliest that is allowed is improved once, as finely."""
 
-ROUNDING = 1e-9
+LIMIT_TOLERANCE_SHARE = 1e-9
 """Relative excess of a limit that is taken for rounding."""
 
-POSITION_ROUNDING = 1e-12
+POSITION_TOLERANCE = 1e-12
 """The same for positions, rad."""
 
 
@@ -41,7 +41,7 @@ def blend_start(
     if not earliest < found or first.braking == 0.0 or second.braking == 0.0:
         return found
     check = _Check(first, second, limits, speed, accel, tool)
-    starts = np.linspace(earliest, found, CANDIDATES, endpoint=False)
+    starts = np.linspace(earliest, found, CANDIDATE_STARTS, endpoint=False)
     for _ in range(2):
         allowed = check(starts)
         if not allowed.any():
@@ -50,7 +50,7 @@ def blend_start(
         found = float(starts[index])
         if index == 0:
             break
-        starts = np.linspace(starts[index - 1], found, CANDIDATES, endpoint=False)[1:]
+        starts = np.linspace(starts[index - 1], found, CANDIDATE_STARTS, endpoint=False)[1:]
     return found
 
 
@@ -75,8 +75,8 @@ class _Check:
             first.direction,
             second.direction,
             first.origin,
-            limits.position_min - POSITION_ROUNDING,
-            limits.position_max + POSITION_ROUNDING,
+            limits.position_min - POSITION_TOLERANCE,
+            limits.position_max + POSITION_TOLERANCE,
             limits.velocity * speed,
             limits.acceleration * accel,
             limits.jerk * accel,
@@ -96,7 +96,7 @@ class _Check:
             rows = [np.array([*row, extra]) for row, extra in zip(rows, of_tool, strict=True)]
         self._along, self._onward, self._origin, self._low, self._high, *bounds = rows
         self._velocity, self._acceleration, self._jerk = (
-            bound * (1.0 + ROUNDING) for bound in bounds
+            bound * (1.0 + LIMIT_TOLERANCE_SHARE) for bound in bounds
         )
 
     def __call__(self, starts: Array) -> Array:

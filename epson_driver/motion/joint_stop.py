@@ -14,21 +14,23 @@ from ruckig import Trajectory as RuckigTrajectory
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import solve
 
-ATTEMPTS = 40
-"""Ways back that are tried, each twice as long as the one before, from `SHORTEST_WAY`."""
+MAX_ATTEMPTS = 40
+"""Ways back that are tried, each twice as long as the one before, from `MIN_WAY_BACK`."""
 
-SHORTEST_WAY = 1e-9
-POSITION_ROUNDING = 1e-12
+MIN_WAY_BACK = 1e-9
+POSITION_TOLERANCE = 1e-12
 """rad."""
 
 
 class JointStop:
     """A stop as a function of the time since it began. `duration` is in s, `end` in rad."""
 
-    def __init__(self, courses: list[RuckigTrajectory]) -> None:
-        self.courses = courses
-        self.duration: float = max(course.duration for course in courses)
-        self.end: Array = np.array([course.at_time(course.duration)[0][0] for course in courses])
+    def __init__(self, trajectories: list[RuckigTrajectory]) -> None:
+        self.trajectories = trajectories
+        self.duration: float = max(trajectory.duration for trajectory in trajectories)
+        self.end: Array = np.array(
+            [trajectory.at_time(trajectory.duration)[0][0] for trajectory in trajectories]
+        )
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
@@ -36,7 +38,10 @@ class JointStop:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
         states = np.array(
-            [course.at_time(min(max(time, 0.0), course.duration)) for course in self.courses]
+            [
+                trajectory.at_time(min(max(time, 0.0), trajectory.duration))
+                for trajectory in self.trajectories
+            ]
         )
         return states[:, 0, 0], states[:, 1, 0], states[:, 2, 0]
 
@@ -44,14 +49,14 @@ class JointStop:
 def stop_joints(
     limits: JointLimits, position: Array, velocity: Array, acceleration: Array
 ) -> JointStop:
-    """Return the stop of joints that move on a course within the limits; shapes (n,)."""
+    """Return the stop of joints that move within the limits; shapes (n,)."""
     states = zip(position, velocity, acceleration, strict=True)
     return JointStop([_stop(limits, joint, state) for joint, state in enumerate(states)])
 
 
 def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) -> RuckigTrajectory:
-    low = min(limits.position_min[joint], state[0]) - POSITION_ROUNDING
-    high = max(limits.position_max[joint], state[0]) + POSITION_ROUNDING
+    low = min(limits.position_min[joint], state[0]) - POSITION_TOLERANCE
+    high = max(limits.position_max[joint], state[0]) + POSITION_TOLERANCE
     inp = InputParameter(1)
     inp.max_velocity = [limits.velocity[joint]]
     inp.max_acceleration = [limits.acceleration[joint]]
@@ -61,23 +66,23 @@ def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) ->
     )
     inp.target_velocity = [0.0]
     inp.control_interface = ControlInterface.Velocity
-    course = solve(inp)
-    if _within(course, low, high):
-        return course
-    end = course.at_time(course.duration)[0][0]
+    trajectory = solve(inp)
+    if _within(trajectory, low, high):
+        return trajectory
+    end = trajectory.at_time(trajectory.duration)[0][0]
     limit, inward = (high, -1.0) if end > high or state[1] > 0.0 else (low, 1.0)
     inp.control_interface = ControlInterface.Position
-    for attempt in range(ATTEMPTS):
-        target = limit + inward * SHORTEST_WAY * 2.0**attempt
+    for attempt in range(MAX_ATTEMPTS):
+        target = limit + inward * MIN_WAY_BACK * 2.0**attempt
         if not low <= target <= high:
             break
         inp.target_position = [target]
         back = solve(inp)
         if _within(back, low, high):
             return back
-    return course
+    return trajectory
 
 
-def _within(course: RuckigTrajectory, low: float, high: float) -> bool:
-    (extrema,) = course.position_extrema
+def _within(trajectory: RuckigTrajectory, low: float, high: float) -> bool:
+    (extrema,) = trajectory.position_extrema
     return bool(extrema.min >= low and extrema.max <= high)

@@ -14,13 +14,13 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
 
-SHORTEST_MOVE = 1e-9
+MIN_MOVE = 1e-9
 """A line shorter than this (rad, in the joint that moves most) is no move."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """A course as pieces of constant jerk, each until the next begins; the last one is the rest.
+    """A move as pieces of constant jerk, each until the next begins; the last one is the rest.
 
     Arrays of shape (8,): when each begins (s), and the way, its derivatives and the jerk then.
     """
@@ -32,7 +32,7 @@ class Pieces:
     jerks: Array
 
 
-HALVINGS = 20
+SPEED_HALVINGS = 20
 """How well a move keeps to a duration: its speed is found to a millionth."""
 
 
@@ -48,22 +48,22 @@ class LineMotion:
         limits: JointLimits,
         origin: Array,
         direction: Array,
-        course: RuckigTrajectory | None,
+        trajectory: RuckigTrajectory | None,
         end: Array,
     ) -> None:
         self._limits = limits
         self.origin = origin
         self.direction = direction
         self.end = end
-        self._course = course
-        self.duration: float = 0.0 if course is None else course.duration
+        self._trajectory = trajectory
+        self.duration: float = 0.0 if trajectory is None else trajectory.duration
 
     @property
     def braking(self) -> float:
         """When the deceleration of a move from rest to rest begins, s."""
-        if self._course is None:
+        if self._trajectory is None:
             return 0.0
-        times = self._course.profiles[0][0].t
+        times = self._trajectory.profiles[0][0].t
         cruise = 3
         # Speeding up and slowing down are mirror images.
         return float(sum(times[: cruise + 1])) if times[cruise] > 0.0 else self.duration / 2.0
@@ -71,9 +71,9 @@ class LineMotion:
     @property
     def pieces(self) -> Pieces:
         """The way along the line as pieces of constant jerk. Raises ValueError for no move."""
-        if self._course is None:
+        if self._trajectory is None:
             raise ValueError('a move of no length has no pieces')
-        profile = self._course.profiles[0][0]
+        profile = self._trajectory.profiles[0][0]
         times = np.concatenate([[0.0], np.cumsum(profile.t)])
         velocities, accelerations = np.array(profile.v), np.array(profile.a)
         velocities[-1] = accelerations[-1] = 0.0
@@ -82,26 +82,26 @@ class LineMotion:
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
-        if self._course is None or time >= self.duration:
+        if self._trajectory is None or time >= self.duration:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
-        (s,), (v,), (a,) = self._course.at_time(max(time, 0.0))
+        (s,), (v,), (a,) = self._trajectory.at_time(max(time, 0.0))
         direction = self.direction
         return self.origin + s * direction, v * direction, a * direction
 
     def stop(self, time: float) -> 'LineMotion':
         """Return the fastest stop along the line from this motion's state at `time`."""
-        if self._course is None or time >= self.duration:
+        if self._trajectory is None or time >= self.duration:
             return LineMotion(self._limits, self.end, self.direction, None, self.end)
-        state = self._course.at_time(max(time, 0.0))
+        state = self._trajectory.at_time(max(time, 0.0))
         inp = _bounds_along(self.direction, self._limits, 1.0, 1.0)
         inp.control_interface = ControlInterface.Velocity
         inp.current_position, inp.current_velocity, inp.current_acceleration = state
         inp.target_velocity = [0.0]
-        course = solve(inp)
-        (s,), _, _ = course.at_time(course.duration)
+        trajectory = solve(inp)
+        (s,), _, _ = trajectory.at_time(trajectory.duration)
         end = self.origin + s * self.direction
-        return LineMotion(self._limits, self.origin, self.direction, course, end)
+        return LineMotion(self._limits, self.origin, self.direction, trajectory, end)
 
 
 def go(
@@ -118,7 +118,7 @@ def go(
     check_target(target, limits)
     difference = target - start
     length = float(np.max(np.abs(difference)))
-    if length < SHORTEST_MOVE:
+    if length < MIN_MOVE:
         return LineMotion(limits, start.copy(), np.zeros_like(start), None, target.copy())
     direction = difference / length
     inp = _bounds_along(direction, limits, speed, accel)
@@ -165,7 +165,7 @@ def go_in(
     low, high = 0.0, speed
     if motion.duration >= duration or motion.duration == 0.0:
         return motion
-    for _ in range(HALVINGS):
+    for _ in range(SPEED_HALVINGS):
         middle = 0.5 * (low + high)
         slower = go(limits, start, target, middle, accel)
         if slower.duration > duration:
@@ -188,9 +188,9 @@ def _bounds_along(
 
 
 def solve(inp: InputParameter) -> RuckigTrajectory:
-    """Return the fastest course of one joint. Raises RuntimeError if there is none."""
-    course = RuckigTrajectory(1)
-    result = Ruckig(1).calculate(inp, course)
+    """Return the fastest trajectory of one joint. Raises RuntimeError if there is none."""
+    trajectory = RuckigTrajectory(1)
+    result = Ruckig(1).calculate(inp, trajectory)
     if result not in (Result.Working, Result.Finished):
         raise RuntimeError(f'ruckig: {result} for {inp}')
-    return course
+    return trajectory

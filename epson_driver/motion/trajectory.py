@@ -9,7 +9,7 @@ import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
 
-LIMIT_TOLERANCE = 1e-6
+LIMIT_TOLERANCE_SHARE = 1e-6
 """Relative excess of a limit that is taken for rounding: plans are often made at the limit."""
 
 _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
@@ -98,7 +98,7 @@ def _times(trajectory: Trajectory) -> Iterator[str]:
 def _beyond(
     values: Array, low: Array, high: Array, quantity: str, per: str, limits: JointLimits
 ) -> Iterator[str]:
-    slack = LIMIT_TOLERANCE * (high - low)
+    slack = LIMIT_TOLERANCE_SHARE * (high - low)
     for point, joint in np.argwhere((values < low - slack) | (values > high + slack)):
         unit = limits.units[joint] + per
         value = f'{values[point, joint]:.6g} {unit}'
@@ -112,7 +112,7 @@ def _too_fast(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     if np.any(steps <= 0.0):
         return
     speeds = np.abs(np.diff(trajectory.positions, axis=0)) / steps[:, None]
-    for segment, joint in np.argwhere(speeds > limits.velocity * (1.0 + LIMIT_TOLERANCE)):
+    for segment, joint in np.argwhere(speeds > limits.velocity * (1.0 + LIMIT_TOLERANCE_SHARE)):
         yield (
             f'points {segment} to {segment + 1}, {limits.names[joint]}: '
             f'{speeds[segment, joint]:.6g} {limits.units[joint]}/s would be needed, '

@@ -3,5 +3,5 @@
 """A pick-and-place planner: what stands around the arm, a way through it, and the check.
 
 Needs the libraries of `pip install 'epson_driver[planning]'`: OMPL, pinocchio with coal, and
-py-opw-kinematics. Nothing else of the package imports this room but the demo.
+py-opw-kinematics. Nothing else of the package imports this one but the demo.
 """

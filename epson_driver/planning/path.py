@@ -13,22 +13,22 @@ import numpy as np
 
 from epson_driver.motion import Array
 
-DENSE = 0.01
+DENSE_SPACING_RAD = 0.01
 """Points of a piece are at most so far apart, rad (over all joints, Euclidean)."""
 
-ROUND = 0.45
+MAX_ROUNDED_SHARE = 0.45
 """A corner is rounded over this share of the pieces on both sides at most."""
 
-LONGEST_ROUND = 0.6
+MAX_ROUNDED_RAD = 0.6
 """And over so much of each, rad."""
 
-SHARPEST = 0.03
+MIN_ROUNDED_RAD = 0.03
 """A corner is left as it is if it cannot be rounded over so much, rad."""
 
 
 def line(start: Array, goal: Array) -> Array:
     """Return the dense points of a straight line in joint space."""
-    count = int(np.ceil(np.linalg.norm(goal - start) / DENSE)) + 1
+    count = int(np.ceil(np.linalg.norm(goal - start) / DENSE_SPACING_RAD)) + 1
     return np.linspace(start, goal, max(count, 2))
 
 
@@ -42,9 +42,9 @@ def rounded(pieces: Sequence[Array], allowed: Callable[[Array], bool]) -> Array:
             parts.append(_between(piece, way, begin, way[-1]))
             break
         following, next_way = pieces[index + 1], lengths[index + 1]
-        over = min(ROUND * min(way[-1], next_way[-1]), LONGEST_ROUND)
+        over = min(MAX_ROUNDED_SHARE * min(way[-1], next_way[-1]), MAX_ROUNDED_RAD)
         bend = None
-        while over > SHARPEST and bend is None:
+        while over > MIN_ROUNDED_RAD and bend is None:
             bend = _bend(
                 _at(piece, way, way[-1] - over), piece[-1], _at(following, next_way, over)
             )
@@ -68,7 +68,7 @@ def thinned(path: Array, spacing: float) -> Array:
 
 
 def dense(path: Array) -> Array:
-    """Return a path with its points no further apart than DENSE."""
+    """Return a path with its points no further apart than DENSE_SPACING_RAD."""
     return np.concatenate([path[:1], *(line(start, goal)[1:] for start, goal in pairwise(path))])
 
 
@@ -86,7 +86,7 @@ def _bend(start: Array, corner: Array, end: Array) -> Array:
         end,
     )
     length = np.linalg.norm(corner - start) + np.linalg.norm(end - corner)
-    s = np.linspace(0.0, 1.0, int(np.ceil(1.5 * length / DENSE)) + 2)[:, None]
+    s = np.linspace(0.0, 1.0, int(np.ceil(1.5 * length / DENSE_SPACING_RAD)) + 2)[:, None]
     weights = (1, 5, 10, 10, 5, 1)
     return np.asarray(
         sum(

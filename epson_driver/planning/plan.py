@@ -17,42 +17,42 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode
 from epson_driver.planning.path import dense, line, rounded, thinned
-from epson_driver.planning.planner import find_way
-from epson_driver.planning.scene import MARGIN, SELF_MARGIN, Check, Scene
-from epson_driver.planning.task import APPROACH, HOME, Task, quarter_turns, raised
+from epson_driver.planning.path_search import find_path
+from epson_driver.planning.scene import OBSTACLE_MARGIN_M, SELF_MARGIN_M, Check, Scene
+from epson_driver.planning.task import APPROACH_M, HOME_RAD, Task, quarter_turns, raised
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 
-SPEED = 0.6
+LIMIT_SHARE = 0.6
 """The share of the joints' limits of velocity, acceleration and jerk that a plan uses."""
 
-INSIDE = 0.02
+RANGE_MARGIN_RAD = 0.02
 """So far from the ends of their ranges the joints stay, rad."""
 
-STRAIGHT_STEP = 0.004
+STRAIGHT_STEP_M = 0.004
 """Straight down and up is followed in steps of so much, m."""
 
-JUMP = 0.2
+MAX_STEP_RAD = 0.2
 """Joints that change more than this within such a step, rad, have jumped to another solution."""
 
-SPACING = 0.12
+POINT_SPACING_RAD = 0.12
 """Points for the smoother are so far apart, rad (over all joints, Euclidean)."""
 
-KEPT = 0.005
-"""The motion itself keeps so much away from obstacles, m, and its SELF_MARGIN from itself."""
+MOTION_MARGIN_M = 0.005
+"""The motion itself keeps so much away from obstacles, m, and its SELF_MARGIN_M from itself."""
 
-PERIODS = (0.1, 0.06, 0.03)
+POINT_PERIODS_S = (0.1, 0.06, 0.03)
 """Points that are sent are so far apart in time, s; the later ones if the motion through the
 first ones comes too near to something.
 """
 
-LOOK_AHEAD = 1.0
+LOOK_AHEAD_S = 1.0
 """What the simulated controller knows ahead of the arm, s (its profile's motion.look_ahead)."""
 
-TRIES = 5
+MAX_SEARCHES = 5
 """So many ways are searched for one motion."""
 
-GOALS = 3
+MAX_GOALS = 3
 """So many of the joint positions for a pose are tried, the nearest first."""
 
 
@@ -105,14 +105,14 @@ class _Planner:
         self._limits = model.limits
         self._inside = replace(
             model.limits,
-            position_min=model.limits.position_min + INSIDE,
-            position_max=model.limits.position_max - INSIDE,
+            position_min=model.limits.position_min + RANGE_MARGIN_RAD,
+            position_max=model.limits.position_max - RANGE_MARGIN_RAD,
         )
         self._gentle = replace(
             self._inside,
-            velocity=SPEED * model.limits.velocity,
-            acceleration=SPEED * model.limits.acceleration,
-            jerk=SPEED * model.limits.jerk,
+            velocity=LIMIT_SHARE * model.limits.velocity,
+            acceleration=LIMIT_SHARE * model.limits.acceleration,
+            jerk=LIMIT_SHARE * model.limits.jerk,
         )
         self._arm = Kinematics(model)
         self._scene = Scene(model.name, task.obstacles, task.part, task.supports)
@@ -120,7 +120,7 @@ class _Planner:
 
     def plan(self) -> Plan:
         pick, place = self._task.pick, self._task.place
-        home = np.array([HOME])
+        home = np.array([HOME_RAD])
         if not self._check(pick).valid(home[0]):
             raise PlanningError('the arm would collide where it begins')
         failed = 'the part is out of reach'
@@ -145,7 +145,7 @@ class _Planner:
 
     def _check(self, standing: Array | None, *, touching: bool = True) -> Check:
         return self._scene.check(
-            standing, margin=MARGIN, self_margin=SELF_MARGIN, touching=touching
+            standing, margin=OBSTACLE_MARGIN_M, self_margin=SELF_MARGIN_M, touching=touching
         )
 
     def _descents(self, pose: Array, near: Array) -> Iterator[Array]:
@@ -157,24 +157,24 @@ class _Planner:
         above = [
             (joints, turned)
             for turned in quarter_turns(pose)
-            for joints in self._arm.inverse(raised(turned, APPROACH), near)
+            for joints in self._arm.inverse(raised(turned, APPROACH_M), near)
         ]
         above.sort(key=lambda each: float(np.abs(each[0] - near).max()))
         found = 0
         for joints, turned in above:
             way = self._straight(joints, turned)
-            if way is not None and all(check.way_valid(way) for check in checks):
+            if way is not None and all(check.path_valid(way) for check in checks):
                 yield way
                 found += 1
-                if found == GOALS:
+                if found == MAX_GOALS:
                     return
 
     def _straight(self, joints: Array, pose: Array) -> Array | None:
         """Return joint positions straight down to a pose, or None if the arm cannot go there."""
         way = [joints]
-        for height in np.linspace(APPROACH, 0.0, ceil(APPROACH / STRAIGHT_STEP) + 1)[1:]:
+        for height in np.linspace(APPROACH_M, 0.0, ceil(APPROACH_M / STRAIGHT_STEP_M) + 1)[1:]:
             solutions = self._arm.inverse(raised(pose, float(height)), way[-1])
-            if not len(solutions) or np.abs(solutions[0] - way[-1]).max() > JUMP:
+            if not len(solutions) or np.abs(solutions[0] - way[-1]).max() > MAX_STEP_RAD:
                 return None
             way.append(solutions[0])
         inside = (way > self._inside.position_min) & (way < self._inside.position_max)
@@ -192,35 +192,35 @@ class _Planner:
         """Return the motion along `begin`, some way, and `end`, each of shape (k, n), or None."""
         free = self._check(standing, touching=False)
         near = self._check(standing)
-        for _ in range(TRIES):
+        for _ in range(MAX_SEARCHES):
             self._searches += 1
             self._tell(f'{name}: search {self._searches}')
             seed = 1000 * self._task.seed + self._searches
-            corners = find_way(begin[-1], end[0], self._inside, free.valid, seed)
+            corners = find_path(begin[-1], end[0], self._inside, free.valid, seed)
             if corners is None:
                 continue
             pieces = [piece for piece in (begin,) if len(piece) > 1]
             pieces += [line(one, other) for one, other in pairwise(corners)]
             pieces += [piece for piece in (end,) if len(piece) > 1]
-            path = rounded(pieces, near.way_valid)
-            knots = thinned(path, SPACING)
+            path = rounded(pieces, near.path_valid)
+            knots = thinned(path, POINT_SPACING_RAD)
             times = np.arange(len(knots), dtype=float)  # these do not count
             fast = smoothed(
                 Trajectory(self._limits.names, times, knots), self._gentle, Mode.TIME_OPTIMAL
             )
-            for period in PERIODS:
+            for period in POINT_PERIODS_S:
                 sent = _every(fast, period)
-                expected = smoothed(sent, self._limits, Mode.TIME_PRESERVING, LOOK_AHEAD)
+                expected = smoothed(sent, self._limits, Mode.TIME_PRESERVING, LOOK_AHEAD_S)
                 if self._keeps_away(expected, standing):
                     return Motion(name, sent, expected, standing, reaches)
         return None
 
     def _keeps_away(self, motion: Trajectory, standing: Array | None) -> bool:
-        check = self._scene.check(standing, margin=KEPT, self_margin=SELF_MARGIN / 2)
+        check = self._scene.check(standing, margin=MOTION_MARGIN_M, self_margin=SELF_MARGIN_M / 2)
         inside = (motion.positions >= self._limits.position_min) & (
             motion.positions <= self._limits.position_max
         )
-        return bool(inside.all()) and check.way_valid(dense(motion.positions))
+        return bool(inside.all()) and check.path_valid(dense(motion.positions))
 
 
 def _every(motion: Trajectory, period: float) -> Trajectory:

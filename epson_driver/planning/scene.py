@@ -17,22 +17,23 @@ import numpy as np
 import pinocchio as pin
 
 from epson_driver.motion import Array
+from epson_driver.planning.links import convex_links
 from epson_driver.planning.shapes import Box, Shape
 from epson_driver.share import share_file, share_folder
 
-GRIPPER_LENGTH, GRIPPER_RADIUS = 0.08, 0.018
+GRIPPER_LENGTH_M, GRIPPER_RADIUS_M = 0.08, 0.018
 """A suction cup on tool0, along its z, m: no product, just something that grips from above."""
 
 TABLE = Box('table', (1.3, 1.4, 0.03), (0.15, 0.0, -0.015))
 """Its top is the plane that the robot stands on."""
 
-MARGIN = 0.010
+OBSTACLE_MARGIN_M = 0.010
 """What a plan keeps away from obstacles, m."""
 
-SELF_MARGIN = 0.002
+SELF_MARGIN_M = 0.002
 """What two links keep from each other in a plan, m: their meshes are a little larger already."""
 
-CONTACT = 0.001
+MAX_CONTACT_DEPTH_M = 0.001
 """Where the part and what it stands on or hangs on touch, they may overlap so much, m."""
 
 PART, GRIPPER = 'part', 'gripper'
@@ -43,7 +44,7 @@ class Clearance:
     """Smallest distances, m: of arm and part to what is around them, and of links to each other.
 
     Below zero: a collision, `pair` names one. Contact that is meant (the part on its support)
-    counts only as a collision if it is deeper than CONTACT.
+    counts only as a collision if it is deeper than MAX_CONTACT_DEPTH_M.
     """
 
     obstacles: float
@@ -72,14 +73,8 @@ class Scene:
         self.obstacles = (TABLE, *obstacles)
         self.part = part
         self.supports = frozenset(supports)
-        urdf = share_file('urdf', f'{robot}.urdf').read_text(encoding='utf-8')
-        self.urdf = urdf = urdf.replace('package://epson_driver/', f'{share_folder()}/')
-        self.model = pin.buildModelFromXML(urdf)
-        self._arm = pin.buildGeomFromUrdfString(self.model, urdf, pin.GeometryType.COLLISION)
-        for link in self._arm.geometryObjects:
-            if isinstance(link.geometry, coal.BVHModelBase):
-                link.geometry.buildConvexHull(True, 'Qt')
-                link.geometry = link.geometry.convex
+        self.urdf = share_file('urdf', f'{robot}.urdf')
+        self.model, self._arm, _ = convex_links(self.urdf)
         srdf = share_folder('config', 'moveit', robot) / f'{robot}.srdf'
         self._arm.addAllCollisionPairs()
         if srdf.is_file():
@@ -125,12 +120,12 @@ class Scene:
             GRIPPER,
             self.model.frames[self._tool].parentJoint,
             self._tool,
-            self.model.frames[self._tool].placement * _along_z(GRIPPER_LENGTH / 2),
-            coal.Cylinder(GRIPPER_RADIUS, GRIPPER_LENGTH),
+            self.model.frames[self._tool].placement * _along_z(GRIPPER_LENGTH_M / 2),
+            coal.Cylinder(GRIPPER_RADIUS_M, GRIPPER_LENGTH_M),
         )
         moving = [*links, GRIPPER]
         geometry.addGeometryObject(hand)
-        in_hand = _along_z(GRIPPER_LENGTH + self.part[2] / 2)
+        in_hand = _along_z(GRIPPER_LENGTH_M + self.part[2] / 2)
         if standing is None:
             held = pin.GeometryObject(
                 PART,
@@ -195,7 +190,7 @@ class Check:
         self._own |= np.array([set(pair) <= moving for pair in self._pairs])
         for index, request in enumerate(self._results.collisionRequests):
             if touching and self._contact[index]:
-                request.security_margin = -CONTACT
+                request.security_margin = -MAX_CONTACT_DEPTH_M
             else:
                 request.security_margin = self_margin if self._own[index] else margin
 
@@ -205,7 +200,7 @@ class Check:
             self._model, self._data, self._geometry, self._results, joints, True
         )
 
-    def way_valid(self, path: Array) -> bool:
+    def path_valid(self, path: Array) -> bool:
         """Return whether all of a path is valid, shape (k, n), at the points given."""
         return all(self.valid(joints) for joints in path)
 
@@ -213,7 +208,7 @@ class Check:
         """Return how near anything is, whatever the margins."""
         pin.computeDistances(self._model, self._data, self._geometry, self._results, joints)
         distances = np.array([r.min_distance for r in self._results.distanceResults])
-        meant = self._contact & (distances >= -CONTACT)
+        meant = self._contact & (distances >= -MAX_CONTACT_DEPTH_M)
         distances[meant] = np.inf
         obstacles = np.where(self._own, np.inf, distances)
         links = np.where(self._own, distances, np.inf)

@@ -12,19 +12,19 @@ from math import cos, hypot, pi, sin
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.planning.scene import GRIPPER_LENGTH, TABLE
+from epson_driver.planning.scene import GRIPPER_LENGTH_M, TABLE
 from epson_driver.planning.shapes import Cylinder, Shape, standing, tray
 
-HOME = (0.0, pi / 6, -pi / 12, 0.0, -7 * pi / 12, 0.0)
+HOME_RAD = (0.0, pi / 6, -pi / 12, 0.0, -7 * pi / 12, 0.0)
 """Where the arm begins and ends, rad: leaning back, the tool down."""
 
-APPROACH = 0.10
+APPROACH_M = 0.10
 """From so far above the arm goes straight down to the part, and straight up again, m."""
 
-REACH = (0.30, 0.46)
+REACH_M = (0.30, 0.46)
 """The part's distance from joint 1's axis, m."""
 
-ROOM, APART = 0.24, 0.11
+PILLAR_TO_PART_M, PILLAR_TO_PILLAR_M = 0.24, 0.11
 """From the middle of a pillar to the part and its place, and to other pillars, m: beside the
 widest tray and the widest pillar some room is left for the hand."""
 
@@ -55,7 +55,7 @@ def draw_task(seed: int) -> Task:
     poses, spots = [], []
     for name, sign in (('pick', side), ('place', -side)):
         angle = sign * random.uniform(0.6, 1.35)
-        radius = random.uniform(*REACH)
+        radius = random.uniform(*REACH_M)
         x, y, yaw = radius * cos(angle), radius * sin(angle), random.uniform(-pi / 4, pi / 4)
         floor = 0.0
         if random.random() < 0.6:
@@ -71,7 +71,7 @@ def draw_task(seed: int) -> Task:
     for _ in range(100):  # of some tasks there is no room for all of them
         pillar = _pillar(f'pillar {len(pillars) + 1}', random)
         others = [(other.centre[0], other.centre[1]) for other in pillars]
-        if _far(pillar, spots, ROOM) and _far(pillar, others, APART):
+        if _far(pillar, spots, PILLAR_TO_PART_M) and _far(pillar, others, PILLAR_TO_PILLAR_M):
             pillars.append(pillar)
         if len(pillars) == wanted:
             break
@@ -101,7 +101,7 @@ def gripping(x: float, y: float, top: float, yaw: float) -> Array:
     """Return the pose of tool0 that grips something from above whose top is at `top`, (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3] = [[cos(yaw), sin(yaw), 0.0], [sin(yaw), -cos(yaw), 0.0], [0.0, 0.0, -1.0]]
-    pose[:3, 3] = x, y, top + GRIPPER_LENGTH
+    pose[:3, 3] = x, y, top + GRIPPER_LENGTH_M
     return pose
 
 

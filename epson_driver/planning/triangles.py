@@ -9,15 +9,16 @@ import numpy as np
 import pinocchio as pin
 
 from epson_driver.motion import Array
+from epson_driver.planning.links import visual_links
 from epson_driver.planning.scene import (
-    GRIPPER_LENGTH,
-    GRIPPER_RADIUS,
+    GRIPPER_LENGTH_M,
+    GRIPPER_RADIUS_M,
     TABLE,
     Scene,
 )
 from epson_driver.planning.shapes import Box, Cylinder, Shape
 
-SIDES = 36
+CYLINDER_SIDES = 36
 """Of what stands for a cylinder."""
 
 Triangles = tuple[Array, Array]
@@ -33,9 +34,7 @@ class Picture:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._data = scene.model.createData()
-        self._geometry = pin.buildGeomFromUrdfString(
-            scene.model, scene.urdf, pin.GeometryType.VISUAL
-        )
+        _, self._geometry, _ = visual_links(scene.urdf)
         self._placed = pin.GeometryData(self._geometry)
         self._links = [_mesh(link) for link in self._geometry.geometryObjects]
 
@@ -49,7 +48,7 @@ class Picture:
             for (corners, colours), placement in zip(self._links, self._placed.oMg, strict=True)
         ]
         tool = self._scene.tool_pose(joints)
-        hand = Cylinder('', GRIPPER_RADIUS, GRIPPER_LENGTH, (0.0, 0.0, GRIPPER_LENGTH / 2))
+        hand = Cylinder('', GRIPPER_RADIUS_M, GRIPPER_LENGTH_M, (0.0, 0.0, GRIPPER_LENGTH_M / 2))
         corners = _cylinder(hand)
         found.append((_moved(corners, tool), np.tile(GRIPPER_COLOUR, (len(corners), 1))))
         if holds:
@@ -58,7 +57,7 @@ class Picture:
 
     def part(self, tool: Array) -> Triangles:
         """Return the part where it is gripped by a tool0 at this pose, shape (4, 4)."""
-        centre = (0.0, 0.0, GRIPPER_LENGTH + self._scene.part[2] / 2)
+        centre = (0.0, 0.0, GRIPPER_LENGTH_M + self._scene.part[2] / 2)
         corners = _moved(_box(Box('', self._scene.part, centre)), tool)
         return corners, np.tile(PART_COLOUR, (len(corners), 1))
 
@@ -111,7 +110,7 @@ def _box(box: Box) -> Array:
 
 
 def _cylinder(cylinder: Cylinder) -> Array:
-    angles = np.linspace(0.0, 2 * np.pi, SIDES + 1)
+    angles = np.linspace(0.0, 2 * np.pi, CYLINDER_SIDES + 1)
     ring = cylinder.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     half = cylinder.length / 2
     found = []

@@ -10,16 +10,16 @@ from epson_driver.motion import Array
 from epson_driver.planning.path import dense
 from epson_driver.planning.plan import Motion, Plan
 
-POSITION_ALLOWED = 1e-3
+POSITION_TOLERANCE_M = 1e-3
 """How far from a pose the tool may end, m."""
 
-ANGLE_ALLOWED = np.radians(0.2)
+ANGLE_TOLERANCE_RAD = np.radians(0.2)
 """And how far turned away from it, rad."""
 
-STANDING = 2e-6
+STANDING_CHANGE_RAD = 2e-6
 """Joint states that differ by less, rad, are from an arm that stands: some encoder pulses."""
 
-STOP = 0.02
+MIN_STOP_S = 0.02
 """It must stand for so long, s: joint states that came late and at once are no stop."""
 
 
@@ -44,7 +44,7 @@ class Verdict:
     @property
     def reached(self) -> bool:
         """Whether the pose at the end was reached."""
-        return self.missed <= POSITION_ALLOWED and self.turned <= ANGLE_ALLOWED
+        return self.missed <= POSITION_TOLERANCE_M and self.turned <= ANGLE_TOLERANCE_RAD
 
 
 def judge(plan: Plan, motion: Motion, times: Array, positions: Array) -> Verdict:
@@ -52,7 +52,7 @@ def judge(plan: Plan, motion: Motion, times: Array, positions: Array) -> Verdict
     check = plan.scene.check(motion.standing)
     found = [check.clearance(joints) for joints in positions]
     worst = min(found, key=lambda each: min(each.obstacles, each.links))
-    between = check.way_valid(dense(positions))
+    between = check.path_valid(dense(positions))
     missed, turned = 0.0, 0.0
     if motion.reaches is not None:
         tool = plan.scene.tool_pose(positions[-1])
@@ -70,14 +70,14 @@ def judge(plan: Plan, motion: Motion, times: Array, positions: Array) -> Verdict
 
 def stops(times: Array, positions: Array) -> int:
     """Return how often the arm stood for a while between its first and its last movement."""
-    still = np.abs(np.diff(positions, axis=0)).max(axis=1) < STANDING
+    still = np.abs(np.diff(positions, axis=0)).max(axis=1) < STANDING_CHANGE_RAD
     moving = np.flatnonzero(~still)
     if not moving.size:
         return 0
     edges = np.diff(still[: moving[-1] + 1].astype(int), prepend=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     ends = ends[len(ends) - len(begins) :]
-    stood = times[ends] - times[begins] >= STOP
+    stood = times[ends] - times[begins] >= MIN_STOP_S
     return int(np.sum(stood & (begins > moving[0])))
 
 

@@ -11,7 +11,8 @@ from epson_driver.cli import smooth
 from epson_driver.cli.smooth_report import column, point_to_point, spline
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import Trajectory, problems
-from epson_driver.motion.smoothed import measure, passed
+from epson_driver.motion.motion_figures import measure
+from epson_driver.motion.passages import passed
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 

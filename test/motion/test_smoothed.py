@@ -1,36 +1,18 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whole trajectories through the smoother, and the figures of motions that are known."""
+"""Whole trajectories through the smoother."""
 
 import dataclasses
 
 import numpy as np
 import pytest
+from support.motion_harness import CURVE, LIMITS, NAMES, PLAN
 
 from epson_driver.motion import JointLimits, Trajectory
-from epson_driver.motion import smoothed as smoothed_module
-from epson_driver.motion.smoothed import (
-    commanded_rests,
-    measure,
-    passages,
-    passed,
-    retimed,
-    smoothed,
-)
+from epson_driver.motion.motion_figures import measure
+from epson_driver.motion.passages import passed
+from epson_driver.motion.smoothed import retimed, smoothed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
-
-NAMES = ('a', 'b')
-LIMITS = JointLimits(
-    NAMES,
-    np.full(2, -3.0),
-    np.full(2, 3.0),
-    np.array([8.0, 4.0]),
-    np.array([50.0, 40.0]),
-    np.array([500.0, 400.0]),
-)
-SHARE = np.linspace(0.0, 1.0, 12)[:, None]
-CURVE = np.hstack([2.0 * SHARE - 1.0, np.sin(4.0 * SHARE)])
-PLAN = Trajectory(NAMES, np.linspace(0.0, 2.2, 12), CURVE)
 
 
 @pytest.mark.parametrize('mode', Mode)
@@ -98,70 +80,6 @@ def test_numbers_that_make_no_sense_are_refused():
         measure(still, None, LIMITS)
     with pytest.raises(ValueError, match='no velocities'):
         passed(CURVE, still)
-
-
-def motion_of(times, position):
-    """Return a motion of joint a alone, from a function of time."""
-    q = position(times)
-    v = np.gradient(q, times)
-    columns = [np.stack([each, 0.0 * each], axis=1) for each in (q, v, np.gradient(v, times))]
-    return Trajectory(NAMES, times, *columns)
-
-
-TIMES = np.arange(0.0, 4.0005, 0.001)
-
-
-def pulses(times):
-    """Four moves with a rest between, each half of its second long."""
-    share = np.clip(times % 1.0 / 0.5, 0.0, 1.0)
-    return times // 1.0 + share - np.sin(2 * np.pi * share) / (2 * np.pi)
-
-
-def test_stops_are_counted_and_those_that_were_commanded_told_apart():
-    motion = motion_of(TIMES, lambda times: 0.2 * pulses(times))
-    assert measure(motion, None, LIMITS).stops == 3
-    at = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 3.6])
-    where = np.array([0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.1, 4.0, 4.0])
-    command = Trajectory(NAMES, at, 0.2 * np.stack([where, 0.0 * where], axis=1))
-    assert commanded_rests(command, LIMITS) == 3 - 1  # the third is slow, but no rest
-    figures = measure(motion, command, LIMITS)
-    assert (figures.stops, figures.commanded_stops) == (1, 2)
-
-
-def test_turning_round_is_no_stop():
-    motion = motion_of(TIMES, lambda times: 0.5 * (1 - np.cos(2 * np.pi * times / 4.0 * 2)))
-    assert measure(motion, None, LIMITS).stops == 0
-
-
-def test_multiples_of_the_limits():
-    motion = motion_of(TIMES, lambda times: np.sin(2.0 * times))
-    figures = measure(motion, None, LIMITS)
-    assert figures.velocity == pytest.approx(2.0 / 8.0, rel=1e-3)
-    assert figures.acceleration == pytest.approx(4.0 / 50.0, rel=1e-2)
-    assert figures.duration == pytest.approx(4.0)
-
-
-def test_passages_are_found_between_samples_and_in_order():
-    times = np.arange(0.0, 2.005, 0.01)
-    motion = motion_of(times, lambda times: np.sin(np.pi * times))  # up, down, and up again
-    a = [0.0, 0.5, 1.0, 0.5, -1.0, 0.0]
-    waypoints = np.stack([a, [0.0, 0.0, 0.0, 0.0, 0.1, 0.0]], axis=1)
-    errors, when = passed(waypoints, motion)
-    expected = np.array([0.0, 1 / 6, 0.5, 5 / 6, 1.5, 2.0])
-    assert np.abs(when - expected)[[0, 1, 2, 3, 5]].max() < 0.02
-    assert abs(when[4] - 1.5) < 0.15  # 0.1 rad away all that time
-    assert errors[[0, 1, 2, 3, 5]].max() < 1e-4
-    assert errors[4] == pytest.approx(0.1)
-    assert passages(waypoints, motion.positions)[0] == 0
-
-
-def test_long_motions_are_searched_sparingly_with_the_same_result(monkeypatch):
-    motion = smoothed(PLAN, LIMITS, period=0.001)
-    expected = passed(CURVE, motion)
-    monkeypatch.setattr(smoothed_module, 'MOST', 1000)
-    errors, times = passed(CURVE, motion)
-    assert errors == pytest.approx(expected[0])
-    assert times == pytest.approx(expected[1])
 
 
 def test_retimed_is_the_same_plan_in_other_times():

@@ -128,7 +128,7 @@ def test_stop_comes_to_rest_on_the_path() -> None:
     for _ in range(1000):
         smoother.step(DT)
     smoother.stop()
-    assert smoother.waiting == 0
+    assert smoother.points_ahead == 0
     position, velocity, acceleration = rest(smoother)
     assert len(position) * DT < 0.3
     assert_inside(LIMITS, velocity, acceleration)
@@ -230,7 +230,7 @@ def test_a_stop_in_the_moment_of_the_beginning_or_the_end(late: float, stops: bo
         answer = plan(request, LIMITS)
         assert answer is not None
         assert smoother.take(answer)
-        smoother.step(answer.law.duration - late if at_end else late)
+        smoother.step(answer.timing.duration - late if at_end else late)
         here = smoother.motion.position
         if stops:
             smoother.stop()
@@ -288,11 +288,11 @@ def test_other_limits_from_a_rest_on(first: float, then: float) -> None:
     for _ in range(300):
         smoother.step(DT)
     with pytest.raises(RuntimeError, match='cannot change: only at rest'):
-        smoother.keep_to(slow(then))
+        smoother.change_limits(slow(then))
     smoother.scale = 0.0
     while not smoother.at_rest:
         smoother.step(DT)
-    smoother.keep_to(slow(then))
+    smoother.change_limits(slow(then))
     smoother.scale = 1.0
     position, velocity, acceleration = rest(smoother)
     assert_inside(slow(then), velocity, acceleration)
@@ -452,7 +452,7 @@ def test_memory_does_not_grow_with_the_stream() -> None:
             smoother.take(answer)
             sizes.append(len(pickle.dumps((request, answer))))
         smoother.step(0.02)
-    assert smoother.waiting < 60
+    assert smoother.points_ahead < 60
     assert max(sizes[-10:]) < 2 * max(sizes[:20])
 
 

@@ -6,7 +6,7 @@ Invariant 2 of docs/invariants.md.
 """
 
 import pytest
-from smoother_runs import exact_extrema, random_run, sampled_extrema
+from support.smoother_harness import assert_within_all_limits
 
 pytestmark = pytest.mark.invariant(2)
 
@@ -18,20 +18,6 @@ BLOCKS, SIZE = 20, 100
 
 SLOW_BLOCKS = 3
 """Those of `make test-all`."""
-
-
-def assert_within_all_limits(seed: int, dt: float) -> None:
-    run = random_run(seed, dt)
-    exact, sampled = exact_extrema(run), sampled_extrema(run)
-    what = f'seed {seed}: {exact}; sampled every {dt} s: {sampled}'
-    assert exact.worst <= 1.0 + 1e-6, what
-    assert exact.outside <= 1e-10, what
-    assert exact.position_jump <= 1e-11, what
-    assert exact.velocity_jump <= 1e-8, what
-    assert exact.acceleration_jump <= 1e-4, what  # a start that is taken back within 1 µs
-    assert sampled.worst <= 1.0 + 1e-4, what
-    assert sampled.outside <= 1e-10, what
-    assert run.smoother.violations == 0, what
 
 
 @pytest.mark.parametrize('first', range(0, QUICK, 3))

@@ -9,8 +9,7 @@ import logging
 
 import numpy as np
 import pytest
-from smoother_runs import ARM
-from test_smoother_extrema import assert_within_all_limits
+from support.smoother_harness import ARM, assert_within_all_limits
 
 from epson_driver.motion import Trajectory
 from epson_driver.motion.smoothed import smoothed

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of the smoother: path, laws, the judge, the linear solver."""
+"""The parts of the smoother: path, timings, the verification, the linear solver."""
 
 import dataclasses
 
@@ -11,13 +11,17 @@ from hypothesis import strategies as st
 
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import filtered, optimal, ruckig_move
-from epson_driver.motion.smoother.banded import solve_pentadiagonal
-from epson_driver.motion.smoother.check import loads
 from epson_driver.motion.smoother.joint_motion import fastest_move, fastest_stop
-from epson_driver.motion.smoother.law import Law, from_accelerations, from_pieces
+from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path, through
+from epson_driver.motion.smoother.pentadiagonal import solve_pentadiagonal
 from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.profile import Course
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.time_parametrisation import (
+    TimeParametrisation,
+    from_accelerations,
+    from_pieces,
+)
 
 LIMITS = JointLimits(
     ('a', 'b'),
@@ -82,69 +86,71 @@ def test_a_path_between_points_at_a_limit_stays_inside() -> None:
     assert np.all(positions >= LIMITS.position_min - 1e-6)
 
 
-def test_a_law_is_the_integral_of_its_jerks() -> None:
-    law = from_pieces((1.0, 0.0, 0.0), np.full(4, 0.1), np.array([10.0, -10.0, -10.0, 10.0]))
-    times = np.linspace(0.0, law.duration, 4001)
-    u, v, a, _ = law.sample(times)
+def test_a_timing_is_the_integral_of_its_jerks() -> None:
+    timing = from_pieces((1.0, 0.0, 0.0), np.full(4, 0.1), np.array([10.0, -10.0, -10.0, 10.0]))
+    times = np.linspace(0.0, timing.duration, 4001)
+    u, v, a, _ = timing.sample(times)
     assert v[:-1] + np.diff(u) / np.diff(times) == pytest.approx(
         v[:-1] + (v[1:] + v[:-1]) / 2, abs=1e-6
     )
-    assert np.diff(a) / np.diff(times) == pytest.approx(law.sample(times[:-1] + 1e-6)[3], abs=1e-6)
-    assert law.at(law.duration + 1.0) == (law.end, 0.0, 0.0)
+    assert np.diff(a) / np.diff(times) == pytest.approx(
+        timing.sample(times[:-1] + 1e-6)[3], abs=1e-6
+    )
+    assert timing.at(timing.duration + 1.0) == (timing.end, 0.0, 0.0)
     assert v[-1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_law_from_accelerations_ends_exactly_at_its_end() -> None:
+def test_a_timing_from_accelerations_ends_exactly_at_its_end() -> None:
     times = np.linspace(0.0, 1.0, 101)
-    law = from_accelerations((0.0, 0.3, 0.5), 0.4, times, 2.0 * np.cos(3.0 * times))
-    u, v, a, _ = law.sample(np.array([0.0, 1.0 - 1e-9]))
+    timing = from_accelerations((0.0, 0.3, 0.5), 0.4, times, 2.0 * np.cos(3.0 * times))
+    u, v, a, _ = timing.sample(np.array([0.0, 1.0 - 1e-9]))
     assert (u[0], v[0], a[0]) == (0.0, 0.3, 0.5)
     assert (u[1], v[1], a[1]) == pytest.approx((0.4, 0.0, 0.0), abs=1e-6)
 
 
 @pytest.mark.parametrize('proposer', [optimal, filtered, ruckig_move])
-def test_each_proposer_finds_a_law_that_the_judge_allows(proposer: object) -> None:
+def test_each_proposer_finds_a_timing_that_the_verification_allows(proposer: object) -> None:
     problem = unbound(bow())
-    law = proposer.propose(problem, Course(problem))  # type: ignore[attr-defined]
-    assert law is not None
-    assert loads(problem.path, law, LIMITS).allowed
+    timing = proposer.propose(problem, SpeedBounds(problem))  # type: ignore[attr-defined]
+    assert timing is not None
+    assert limit_usage(problem.path, timing, LIMITS).allowed
 
 
-def test_the_optimal_law_is_the_fastest_and_uses_the_limits() -> None:
+def test_the_optimal_timing_is_the_fastest_and_uses_the_limits() -> None:
     problem = unbound(bow())
-    course = Course(problem)
-    best, other = optimal.propose(problem, course), filtered.propose(problem, course)
+    bounds = SpeedBounds(problem)
+    best, other = optimal.propose(problem, bounds), filtered.propose(problem, bounds)
     assert best is not None
     assert other is not None
     assert best.duration < other.duration
-    load = loads(problem.path, best, LIMITS)
+    load = limit_usage(problem.path, best, LIMITS)
     assert load.jerk.max() > 0.9
 
 
-def test_on_a_straight_line_the_optimal_law_is_ruckigs() -> None:
+def test_on_a_straight_line_the_optimal_timing_is_ruckigs() -> None:
     path = through(at_rest((-1.0, -1.0)), np.array([[1.0, 1.0]]), LIMITS, clamped=False)
     problem = unbound(path)
-    best = optimal.propose(problem, Course(problem))
-    exact = ruckig_move.propose(problem, Course(problem))
+    best = optimal.propose(problem, SpeedBounds(problem))
+    exact = ruckig_move.propose(problem, SpeedBounds(problem))
     assert best is not None
     assert exact is not None
     whole = ruckig_move.move(
-        (0.0, 0.0, 0.0), path.end, *ruckig_move._slope_bounds(problem, path.end)
+        (0.0, 0.0, 0.0), path.end, *ruckig_move.slope_bounds(problem, path.end)
     )
     assert whole is not None
     assert best.duration == pytest.approx(whole.duration, rel=0.03)
 
 
-def test_the_judge_sees_every_excess() -> None:
+def test_the_verification_sees_every_excess() -> None:
     path = bow()
     problem = unbound(path)
-    law = optimal.propose(problem, Course(problem))
-    assert law is not None
+    timing = optimal.propose(problem, SpeedBounds(problem))
+    assert timing is not None
     for quantity in ('velocity', 'acceleration', 'jerk'):
-        used = float(getattr(loads(path, law, LIMITS), quantity).max())
+        used = float(getattr(limit_usage(path, timing, LIMITS), quantity).max())
         values = {name: getattr(LIMITS, name) for name in LIMITS.__dataclass_fields__}
         tighter = JointLimits(**(values | {quantity: values[quantity] * used * 0.99}))
-        assert not loads(path, law, tighter).allowed
+        assert not limit_usage(path, timing, tighter).allowed
     narrow = JointLimits(
         LIMITS.names,
         LIMITS.position_min / 4.0,
@@ -153,13 +159,13 @@ def test_the_judge_sees_every_excess() -> None:
         LIMITS.acceleration,
         LIMITS.jerk,
     )
-    assert not loads(path, law, narrow).allowed
+    assert not limit_usage(path, timing, narrow).allowed
 
 
-def sampled_loads(path: Path, law: Law) -> list[float]:
+def sampled_usage(path: Path, timing: TimeParametrisation) -> list[float]:
     """Return the largest multiples of the limits of velocity, acceleration, jerk in samples."""
-    times = np.linspace(0.0, law.duration, 100_001)
-    u, v, a, j = (values[:, None] for values in law.sample(times))
+    times = np.linspace(0.0, timing.duration, 100_001)
+    u, v, a, j = (values[:, None] for values in timing.sample(times))
     _, first, second, third = path.sample(u[:, 0])
     values = (
         first * v / LIMITS.velocity,
@@ -171,79 +177,81 @@ def sampled_loads(path: Path, law: Law) -> list[float]:
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('gap', [3e-4, 1e-3, 3e-3])
-def test_the_judge_sees_what_happens_on_a_segment_that_is_driven_in_no_time(gap: float) -> None:
+def test_the_verification_sees_what_happens_on_a_segment_that_is_driven_in_no_time(
+    gap: float,
+) -> None:
     """Invariant 2: no sample can miss what no sample is needed for."""
     points = np.array([[0.8, 0.6], [0.8 + gap, 0.6 - gap / 2.0], [1.6, -0.4]])
     path = through(at_rest((-0.5, 0.2)), points, LIMITS, clamped=False)
     part = 0.08
     durations = np.array([2.0, 4.0, 2.0]) * part
     jerk = path.end / 16.0 / part**3
-    # three pieces of the law in all: the segment is somewhere within one of them
+    # three pieces of the timing in all: the segment is somewhere within one of them
     fast = from_pieces((0.0, 0.0, 0.0), durations, np.array([jerk, -jerk, jerk]))
     assert fast.end == pytest.approx(path.end, rel=1e-9)
     for pace in (1.0, 0.5, 0.2):
-        law = slowed(fast, pace)
-        sampled = sampled_loads(path, law)
-        judged = loads(path, law, LIMITS)
-        assert not judged.allowed
+        timing = slowed(fast, pace)
+        sampled = sampled_usage(path, timing)
+        usage = limit_usage(path, timing, LIMITS)
+        assert not usage.allowed
         names = ('velocity', 'acceleration', 'jerk')
         for most, name in zip(sampled, names, strict=True):
-            bound = float(getattr(judged, name).max())
+            bound = float(getattr(usage, name).max())
             assert bound >= most * (1.0 - 1e-6)
             assert bound <= max(most * 1.03, 1.0)
 
 
-def test_the_judge_allows_exactly_what_the_limits_allow() -> None:
-    """Slowed down until it is allowed, a law uses a limit to the full: nothing is given away."""
+def test_the_verification_allows_exactly_what_the_limits_allow() -> None:
+    """Slowed down until it is allowed, a timing uses a limit to the full: none is given away."""
     path = bow()
-    law = ruckig_move.move((0.0, 0.0, 0.0), path.end, 0.5, 3.0, 40.0)
-    assert law is not None
+    timing = ruckig_move.move((0.0, 0.0, 0.0), path.end, 0.5, 3.0, 40.0)
+    assert timing is not None
     low, high = 0.01, 1.0
     for _ in range(40):
         pace = (low + high) / 2.0
-        if loads(path, slowed(law, pace), LIMITS).allowed:
+        if limit_usage(path, slowed(timing, pace), LIMITS).allowed:
             low = pace
         else:
             high = pace
-    assert max(sampled_loads(path, slowed(law, low))) == pytest.approx(1.0, abs=1e-4)
+    assert max(sampled_usage(path, slowed(timing, low))) == pytest.approx(1.0, abs=1e-4)
 
 
-def slowed(law: Law, pace: float) -> Law:
-    return Law(
-        law.times / pace,
-        law.positions,
-        law.velocities * pace,
-        law.accelerations * pace**2,
-        law.jerks * pace**3,
+def slowed(timing: TimeParametrisation, pace: float) -> TimeParametrisation:
+    return TimeParametrisation(
+        timing.times / pace,
+        timing.positions,
+        timing.velocities * pace,
+        timing.accelerations * pace**2,
+        timing.jerks * pace**3,
     )
 
 
 @pytest.mark.parametrize('quantity', ['positions', 'velocities', 'accelerations'])
 @pytest.mark.parametrize('where', [3, -1])
-def test_the_judge_sees_a_jump_of_the_law(quantity: str, where: int) -> None:
+def test_the_verification_sees_a_jump_of_the_timing(quantity: str, where: int) -> None:
     path = bow()
     problem = unbound(path)
-    law = ruckig_move.propose(problem, Course(problem))
-    assert law is not None
-    assert loads(path, law, LIMITS).allowed
-    values = getattr(law, quantity).copy()
+    timing = ruckig_move.propose(problem, SpeedBounds(problem))
+    assert timing is not None
+    assert limit_usage(path, timing, LIMITS).allowed
+    values = getattr(timing, quantity).copy()
     values[where] += 1e-5
-    assert not loads(path, dataclasses.replace(law, **{quantity: values}), LIMITS).allowed
+    assert not limit_usage(path, dataclasses.replace(timing, **{quantity: values}), LIMITS).allowed
 
 
-def test_the_judge_sees_a_position_limit_grazed_between_two_instants() -> None:
+def test_the_verification_sees_a_position_limit_grazed_between_two_instants() -> None:
     path = through(
         at_rest((0.0, 0.0)), np.array([[1.0, 0.5], [1.99, 1.0], [1.0, 1.5]]), LIMITS, clamped=False
     )
     problem = unbound(path)
-    law = ruckig_move.move((0.0, 0.0, 0.0), path.end, 0.2, 0.5, 5.0)
-    assert law is not None
+    timing = ruckig_move.move((0.0, 0.0, 0.0), path.end, 0.2, 0.5, 5.0)
+    assert timing is not None
     highest = float(path.sample(np.linspace(0.0, path.end, 200_001))[0].max())
     for excess, allowed in ((2e-9, False), (-2e-9, True)):
         grazed = dataclasses.replace(
             problem.limits, position_max=np.array([highest - excess, 2.0])
         )
-        assert loads(path, law, grazed).inside is allowed
+        assert limit_usage(path, timing, grazed).inside is allowed
 
 
 @given(st.integers(0, 10_000))

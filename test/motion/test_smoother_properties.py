@@ -245,7 +245,7 @@ def kept(*pieces: tuple[str, int], **values: object) -> Scenario:
 )  # fmt: skip
 # after a short way on a path whose rest leaves the position limits, no way on was found
 @example(kept(('sparse', 6), ('reversing', 7), seed=8148, joints=5, burst=20, acceleration=40.0))
-# a proposer made laws of many hours
+# a proposer made timings of many hours
 @example(
     kept(
         ('dense', 5), ('smooth', 20), ('tiny', 6), ('repeated', 7),

@@ -12,6 +12,7 @@ import yaml
 from srdf_rules import faults
 
 from epson_driver.bringup import semantic_description
+from epson_driver.planning.links import PACKAGE_URI
 from epson_driver.robots import load_robot_model
 
 pytest.importorskip('pinocchio')
@@ -20,7 +21,7 @@ pytest.importorskip('trimesh')
 import pinocchio
 
 from generate import moveit
-from generate.self_collision import PACKAGE_URI, CollisionBodies, random_configurations
+from generate.self_collision import CollisionBodies, random_configurations
 
 ROOT = Path(__file__).parents[2]
 MODELS = moveit.six_axis_models()

@@ -11,11 +11,11 @@ from support.planning_harness import MODEL, PART, PILLAR, scene, task
 pytest.importorskip('ompl')  # no wheel for Python 3.14
 
 from epson_driver.motion import problems
-from epson_driver.motion.smoothed import measure
+from epson_driver.motion.motion_figures import measure
 from epson_driver.planning.path import dense
-from epson_driver.planning.plan import KEPT, SPEED, PlanningError, plan_task
+from epson_driver.planning.plan import LIMIT_SHARE, MOTION_MARGIN_M, PlanningError, plan_task
 from epson_driver.planning.shapes import tray
-from epson_driver.planning.task import HOME, draw_task, gripping, quarter_turns
+from epson_driver.planning.task import HOME_RAD, draw_task, gripping, quarter_turns
 from epson_driver.planning.verdict import apart, judge
 
 
@@ -51,7 +51,7 @@ def test_every_limit_is_kept(plan):
     for motion in plan.motions:
         assert list(problems(motion.sent, MODEL.limits)) == []
         figures = measure(motion.expected, None, MODEL.limits)
-        assert figures.velocity <= SPEED * 1.2  # 1 is the limit
+        assert figures.velocity <= LIMIT_SHARE * 1.2  # 1 is the limit
         assert figures.acceleration <= 1.0
         assert figures.jerk <= 1.02
         assert figures.stops == 0
@@ -61,8 +61,8 @@ def test_every_limit_is_kept(plan):
 
 def test_the_motions_are_one_way_from_home_to_home(plan):
     ends = [motion.sent.positions[[0, -1]] for motion in plan.motions]
-    assert ends[0][0] == pytest.approx(HOME)
-    assert ends[-1][1] == pytest.approx(HOME)
+    assert ends[0][0] == pytest.approx(HOME_RAD)
+    assert ends[-1][1] == pytest.approx(HOME_RAD)
     for one, other in pairwise(ends):
         assert one[1] == pytest.approx(other[0], abs=1e-9)
     tools = [plan.scene.tool_pose(end[1]) for end in ends]
@@ -74,17 +74,17 @@ def test_the_motion_keeps_its_distance(plan):
     for motion in plan.motions:
         check = plan.scene.check(motion.standing)
         nearest = min(check.clearance(joints).obstacles for joints in motion.expected.positions)
-        assert nearest >= KEPT - 1e-6
-        assert check.way_valid(dense(motion.expected.positions))
+        assert nearest >= MOTION_MARGIN_M - 1e-6
+        assert check.path_valid(dense(motion.expected.positions))
 
 
 def test_the_same_motion_without_the_pillar_in_mind_hits_it():
     free = plan_task(task(), MODEL)
     world = scene(PILLAR)
     carried = free.motions[1].expected.positions
-    assert not world.check(None).way_valid(dense(carried))
+    assert not world.check(None).path_valid(dense(carried))
     around = plan_task(task(PILLAR), MODEL)
-    assert world.check(None).way_valid(dense(around.motions[1].expected.positions))
+    assert world.check(None).path_valid(dense(around.motions[1].expected.positions))
 
 
 def test_a_part_out_of_reach_is_said_so():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.planning_harness import LEFT, MODEL, PART, PILLAR, scene
 
-from epson_driver.planning.scene import CONTACT
+from epson_driver.planning.scene import MAX_CONTACT_DEPTH_M
 from epson_driver.planning.shapes import Box, Cylinder, tray
-from epson_driver.planning.task import HOME, gripping, raised
+from epson_driver.planning.task import HOME_RAD, gripping, raised
 from epson_driver.robots.kinematics import Kinematics
 
 ELSEWHERE = gripping(-0.3, 0.5, PART[2], 0.0)
@@ -22,8 +22,8 @@ def test_tool0_is_where_the_kinematics_have_it():
 
 def test_an_arm_at_home_is_free():
     check = scene(PILLAR).check(ELSEWHERE, margin=0.01, self_margin=0.002)
-    assert check.valid(np.array(HOME))
-    clearance = check.clearance(np.array(HOME))
+    assert check.valid(np.array(HOME_RAD))
+    clearance = check.clearance(np.array(HOME_RAD))
     assert not clearance.collides
     assert clearance.obstacles > 0.01
 
@@ -31,8 +31,8 @@ def test_an_arm_at_home_is_free():
 def test_a_wall_through_the_arm_is_a_collision():
     wall = Box('wall', (0.02, 2.0, 2.0), (0.15, 0.0, 0.5))
     check = scene(wall).check(ELSEWHERE)
-    assert not check.valid(np.array(HOME))
-    clearance = check.clearance(np.array(HOME))
+    assert not check.valid(np.array(HOME_RAD))
+    clearance = check.clearance(np.array(HOME_RAD))
     assert clearance.collides
     assert 'wall' in clearance.pair
 
@@ -62,7 +62,11 @@ def test_what_folds_into_itself_collides():
 def test_the_part_may_stand_on_its_support_but_not_in_it():
     arm = Kinematics(MODEL)
     pose = gripping(0.3, 0.3, PART[2], 0.0)
-    for depth, touching in ((0.0, True), (CONTACT / 2, True), (2 * CONTACT, False)):
+    for depth, touching in (
+        (0.0, True),
+        (MAX_CONTACT_DEPTH_M / 2, True),
+        (2 * MAX_CONTACT_DEPTH_M, False),
+    ):
         joints = arm.inverse(raised(pose, -depth), LEFT)[0]
         check = scene().check(None)
         assert check.valid(joints) == touching
@@ -82,7 +86,7 @@ def test_a_part_that_stands_in_the_way_is_an_obstacle():
 
 
 def test_the_robot_may_stand_on_its_table():
-    clearance = scene().check(ELSEWHERE).clearance(np.array(HOME))
+    clearance = scene().check(ELSEWHERE).clearance(np.array(HOME_RAD))
     assert clearance.obstacles > 0.05  # all links but the base
 
 

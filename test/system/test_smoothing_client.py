@@ -8,7 +8,7 @@ import numpy as np
 from support.cell import START
 from support.ros_peer import trajectory
 
-from epson_driver.motion.smoothed import passages
+from epson_driver.motion.passages import passages
 
 POINTS = [
     START,

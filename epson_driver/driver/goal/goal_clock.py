@@ -17,65 +17,34 @@ import numpy as np
 
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.interpolation import Interpolation
 
 
 class Reference:
     """A trajectory as a function of time, interpolated as joint_trajectory_controller does.
 
-    Linear between positions; cubic if there are velocities, quintic if there are accelerations,
-    too. `start` (shape (n,), rad) is where the arm stands at 0 s.
+    `start` (shape (n,), rad) is where the arm stands at 0 s.
     """
 
     def __init__(self, trajectory: Trajectory, start: Array) -> None:
-        parts = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-        self._times = trajectory.times
-        self._parts = [part for part in parts if part is not None]
-        if trajectory.velocities is None:
-            self._parts = self._parts[:1]
-        if trajectory.times[0] > 0.0:
-            self._times = np.concatenate([[0.0], trajectory.times])
+        times, positions = trajectory.times, trajectory.positions
+        velocities, accelerations = trajectory.velocities, trajectory.accelerations
+        if times[0] > 0.0:
             rest = np.zeros_like(start)
-            first = (start, rest, rest)
-            self._parts = [
-                np.vstack([row, part]) for row, part in zip(first, self._parts, strict=False)
-            ]
+            times = np.concatenate([[0.0], times])
+            positions = np.vstack([start, positions])
+            velocities = None if velocities is None else np.vstack([rest, velocities])
+            accelerations = None if accelerations is None else np.vstack([rest, accelerations])
+        self._last = positions[-1]
+        self._end = float(times[-1])
+        self._interpolation = Interpolation(times, positions, velocities, accelerations)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return positions and velocities, shape (n,), rad and rad/s, at `time` s."""
-        times, last = self._times, len(self._times) - 1
-        if time >= times[last]:
-            return self._parts[0][last], np.zeros_like(self._parts[0][last])
-        begin = max(int(np.searchsorted(times, time, side='right')) - 1, 0)
-        step = float(times[begin + 1] - times[begin])
-        share = max(time - float(times[begin]), 0.0) / step
-        # a Hermite polynomial of the share s in 0 … 1: derivatives count in steps
-        ends = [part[begin : begin + 2] * step**order for order, part in enumerate(self._parts)]
-        coefficients = _polynomial(ends)
-        powers = np.arange(len(coefficients))
-        positions = (share**powers) @ coefficients
-        slopes = (powers[1:] * share ** powers[:-1]) @ coefficients[1:]
-        return positions, slopes / step
-
-
-def _polynomial(ends: list[Array]) -> Array:
-    """Return coefficients, shape (degree + 1, n), from values and derivatives at 0 and 1."""
-    p0, way = ends[0][0], ends[0][1] - ends[0][0]
-    if len(ends) == 1:
-        return np.array([p0, way])
-    v0, v1 = ends[1]
-    if len(ends) == 2:
-        return np.array([p0, v0, 3 * way - 2 * v0 - v1, -2 * way + v0 + v1])
-    a0, a1 = ends[2]
-    return np.array(
-        [
-            p0,
-            v0,
-            a0 / 2,
-            10 * way - 6 * v0 - 4 * v1 - (3 * a0 - a1) / 2,
-            -15 * way + 8 * v0 + 7 * v1 + (3 * a0 - 2 * a1) / 2,
-            6 * way - 3 * (v0 + v1) - (a0 - a1) / 2,
-        ]
-    )
+        if time >= self._end:
+            return self._last, np.zeros_like(self._last)
+        positions, velocities, _ = self._interpolation.at(max(time, 0.0))
+        return positions, velocities
 
 
 class GoalClock:

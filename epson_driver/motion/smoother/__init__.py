@@ -4,6 +4,7 @@
 
 from epson_driver.motion.smoother.output_guard import Motion
 from epson_driver.motion.smoother.planner import Plan, Request, plan
-from epson_driver.motion.smoother.smoother import MERGE_TOLERANCE, Mode, Smoother
+from epson_driver.motion.smoother.smoother import Smoother
+from epson_driver.motion.smoother.waypoints import MERGE_TOLERANCE, Mode
 
 __all__ = ['MERGE_TOLERANCE', 'Mode', 'Motion', 'Plan', 'Request', 'Smoother', 'plan']

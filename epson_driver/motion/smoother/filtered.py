@@ -9,35 +9,43 @@ path. Where the result exceeds a limit, the speed bound is lowered, and all is d
 import numpy as np
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.check import Loads, loads
-from epson_driver.motion.smoother.law import Law, from_accelerations
+from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
 from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.profile import Course
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.time_parametrisation import (
+    TimeParametrisation,
+    from_accelerations,
+)
 
-ROUNDS = 5
-LONGEST = 20.0
-"""A law that takes longer than this (s) is not tried: the path is no good for this proposer."""
+MAX_ROUNDS = 5
+MAX_DURATION_S = 20.0
+"""A timing that takes longer than this (s) is not tried: the path is no good for this proposer."""
 
-STEP = 0.004
-"""Time between the samples of the law, s."""
+SAMPLE_STEP_S = 0.004
+"""Time between the samples of the timing, s."""
 
 
-def propose(problem: Problem, course: Course) -> Law | None:
-    """Return a verified law, or None if none was found."""
-    factor = np.ones_like(course.positions)
-    for _ in range(ROUNDS):
-        law = filtered(problem, course, factor)
-        if law is None:
+def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
+    """Return a verified timing, or None if none was found."""
+    factor = np.ones_like(bounds.positions)
+    for _ in range(MAX_ROUNDS):
+        timing = filtered(problem, bounds, factor)
+        if timing is None:
             return None
-        result = loads(problem.path, law, problem.limits)
+        result = limit_usage(problem.path, timing, problem.limits)
         if result.allowed:
-            return law
-        factor *= _tightened(course.positions, result, law, problem)
+            return timing
+        factor *= _tightened(bounds.positions, result, timing, problem)
     return None
 
 
-def filtered(problem: Problem, course: Course, factor: Array | float = 1.0) -> Law | None:
-    """Return the law of one round, not verified; `factor` lowers the speed bounds, shape (m,)."""
+def filtered(
+    problem: Problem, bounds: SpeedBounds, factor: Array | float = 1.0
+) -> TimeParametrisation | None:
+    """Return the timing of one round, not verified.
+
+    `factor` lowers the speed bounds, shape (m,).
+    """
     window = float(np.max(problem.limits.acceleration / problem.limits.jerk))
     u, v, a = problem.start
     # the past that the moving average needs: constant acceleration, so that its mean is the start
@@ -45,11 +53,11 @@ def filtered(problem: Problem, course: Course, factor: Array | float = 1.0) -> L
     begin = u + speed * window / 2.0 - a * window**2 / 6.0
     if begin >= problem.end:
         return None
-    profile = course.profile(begin, speed, factor)
+    profile = bounds.profile(begin, speed, factor)
     duration = profile.times[-1] + window
-    if duration > LONGEST:
+    if duration > MAX_DURATION_S:
         return None
-    count = int(np.ceil(duration / STEP))
+    count = int(np.ceil(duration / SAMPLE_STEP_S))
     step = duration / count
     times = np.arange(count + 1) * step
     now = np.interp(times, profile.times, profile.speeds)
@@ -61,15 +69,17 @@ def filtered(problem: Problem, course: Course, factor: Array | float = 1.0) -> L
     return from_accelerations(problem.start, problem.end, times, (now - before) / window)
 
 
-def _tightened(us: Array, result: Loads, law: Law, problem: Problem) -> Array:
-    """Return factors ≤ 1 on the speed bounds where the law exceeds a limit and around there."""
+def _tightened(
+    us: Array, result: LimitUsage, timing: TimeParametrisation, problem: Problem
+) -> Array:
+    """Return factors ≤ 1 on the speed bounds where the timing exceeds a limit and around there."""
     ratio = np.maximum(
         np.maximum(result.velocity, np.sqrt(result.acceleration)), np.cbrt(result.jerk)
     )
     too_much = ratio > 1.0
     window = float(np.max(problem.limits.acceleration / problem.limits.jerk))
     factor = np.ones_like(us)
-    speed = float(np.max(law.velocities))
+    speed = float(np.max(timing.velocities))
     for u, value in zip(result.positions[too_much], ratio[too_much], strict=True):
         near = np.abs(us - u) < window * speed
         factor[near] = np.minimum(factor[near], 0.97 / value)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An interior-point method for the fastest law along a path.
+"""An interior-point method for the fastest timing along a path.
 
 Minimised is the sum over m samples of w (1/√x + (x/c²)^p / (2 p c)): the time, and the cost of
 being faster than the speed c that is wanted (its minimum is at x = c²). Subject to
@@ -17,19 +17,19 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.banded import solve_pentadiagonal
+from epson_driver.motion.smoother.pentadiagonal import solve_pentadiagonal
 
-ITERATIONS = 40
-TOLERANCE = 2e-3
+MAX_ITERATIONS = 40
+RELATIVE_TOLERANCE = 2e-3
 """When to stop: on the rows, and on what more time could be gained, relative."""
 
-GOOD_ENOUGH = 2e-2
+ACCEPTED_ROW_EXCESS = 2e-2
 """The same for the rows when the iterations are used up."""
 
-STIFFNESS = 8
+SPEED_COST_EXPONENT = 8
 """p."""
 
-SHORTEST_STEP, MOST_SHORT = 1e-3, 3
+MIN_STEP_SHARE, MAX_SHORT_STEPS = 1e-3, 3
 """So many steps shorter than this lead nowhere."""
 
 
@@ -80,7 +80,7 @@ def minimise(program: Program, start: Array) -> Array | None:
     mu = 1.0 / g.size
     dual = mu / slack
     short = 0
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         tangents = rows.copy()
         tangents[:, rooted, 0] += 0.5 * y[:, :1] ** -1.5
         slope, curvature = _cost(program, y[:, 0])
@@ -102,8 +102,8 @@ def minimise(program: Program, start: Array) -> Array | None:
         d_dual = (mu - slack * dual - dual * d_slack) / slack
         ahead = min(_longest(slack, d_slack), _longest(y[:, 0], change[:, 0] / 0.9))
         dual_ahead = _longest(dual, d_dual)
-        short += ahead < SHORTEST_STEP
-        if short > MOST_SHORT:
+        short += ahead < MIN_STEP_SHARE
+        if short > MAX_SHORT_STEPS:
             return None
         c += ahead * step
         slack += ahead * d_slack
@@ -112,15 +112,15 @@ def minimise(program: Program, start: Array) -> Array | None:
         g = excess(y)
         slack = np.maximum(slack, -g)
         gap = float(np.sum(slack * dual))
-        if gap < TOLERANCE and g.max() < TOLERANCE:
+        if gap < RELATIVE_TOLERANCE and g.max() < RELATIVE_TOLERANCE:
             return c
         mu = gap / g.size * (0.15 if min(ahead, dual_ahead) > 0.7 else 0.5)
-    return c if g.max() < GOOD_ENOUGH else None
+    return c if g.max() < ACCEPTED_ROW_EXCESS else None
 
 
 def _cost(program: Program, x: Array) -> tuple[Array, Array]:
     """Return first and second derivative by x of what is minimised, shapes (m,)."""
-    wanted, p = program.wanted, STIFFNESS
+    wanted, p = program.wanted, SPEED_COST_EXPONENT
     over = np.minimum(x / wanted**2, 1e3)
     slope = 0.5 * (over ** (p - 1) / wanted**3 - x**-1.5)
     curvature = 0.75 * x**-2.5 + 0.5 * (p - 1) * over ** (p - 2) / wanted**5

@@ -14,16 +14,16 @@ from epson_driver.motion.limits import Array, JointLimits
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
 
-ROUNDING = 1e-6
+LIMIT_TOLERANCE_SHARE = 1e-6
 """Relative excess of a limit that is taken for rounding: the state to start from may have some."""
 
-POSITION_ROUNDING = 1e-11
+POSITION_TOLERANCE = 1e-11
 """The same for positions, rad."""
 
-ON_TARGET = 1e-9
+TARGET_TOLERANCE = 1e-9
 """How near a move ends to its target, rad."""
 
-AT_REST = 1e-9
+REST_SHARE = 1e-9
 """Share of the limits of velocity and acceleration that is no motion."""
 
 
@@ -31,21 +31,22 @@ class JointMotion:
     """A motion of n joints from a state to rest, each by k pieces of constant jerk.
 
     durations, jerks: shape (n, k), s and rad/s³. It starts in exactly the state given; `duration`
-    is in s, `end` where it rests, rad.
+    is in s, `end` where it rests, rad. `times` are the breakpoints of each joint, shape
+    (n, k + 1), `states` its positions, velocities and accelerations there, shape (3, n, k + 1).
     """
 
     def __init__(self, state: State, durations: Array, jerks: Array) -> None:
         count, pieces = durations.shape
-        self._times = np.concatenate([np.zeros((count, 1)), np.cumsum(durations, axis=1)], axis=1)
-        self._jerks = jerks
-        self._states = np.empty((3, count, pieces + 1))
-        self._states[:, :, 0] = state
+        self.times = np.concatenate([np.zeros((count, 1)), np.cumsum(durations, axis=1)], axis=1)
+        self.jerks = jerks
+        self.states = np.empty((3, count, pieces + 1))
+        self.states[:, :, 0] = state
         for piece in range(pieces):
             t, j = durations[:, piece], jerks[:, piece]
-            p, v, a = self._states[:, :, piece]
-            self._states[:, :, piece + 1] = _after(t, p, v, a, j)
-        self.duration = float(self._times[:, -1].max())
-        self.end: Array = self._states[0, :, -1].copy()
+            p, v, a = self.states[:, :, piece]
+            self.states[:, :, piece + 1] = _after(t, p, v, a, j)
+        self.duration = float(self.times[:, -1].max())
+        self.end: Array = self.states[0, :, -1].copy()
 
     def at(self, time: float) -> State:
         """Return position, velocity, acceleration at a time, shapes (n,)."""
@@ -54,21 +55,21 @@ class JointMotion:
             return self.end.copy(), zeros, zeros.copy()
         time = max(time, 0.0)
         joints = np.arange(len(self.end))
-        piece = np.sum(self._times[:, 1:] <= time, axis=1)
-        resting = piece == self._jerks.shape[1]
+        piece = np.sum(self.times[:, 1:] <= time, axis=1)
+        resting = piece == self.jerks.shape[1]
         piece[resting] -= 1
-        since = time - self._times[joints, piece]
-        p, v, a = self._states[:, joints, piece]
-        position, velocity, acceleration = _after(since, p, v, a, self._jerks[joints, piece])
+        since = time - self.times[joints, piece]
+        p, v, a = self.states[:, joints, piece]
+        position, velocity, acceleration = _after(since, p, v, a, self.jerks[joints, piece])
         position[resting] = self.end[resting]
         velocity[resting] = acceleration[resting] = 0.0
         return position, velocity, acceleration
 
     def within(self, limits: JointLimits) -> bool:
         """Return whether it keeps all limits at every instant, and rests in the end."""
-        position, velocity, acceleration = self._states
-        t, j = np.diff(self._times, axis=1), self._jerks
-        p, v, a = self._states[:, :, :-1]
+        position, velocity, acceleration = self.states
+        t, j = np.diff(self.times, axis=1), self.jerks
+        p, v, a = self.states[:, :, :-1]
         with np.errstate(divide='ignore', invalid='ignore'):
             fastest = _between(-a / j, t)
             # both zeros of v + a t + j t² / 2
@@ -78,15 +79,15 @@ class JointMotion:
         places = np.concatenate(
             [position, *(_after(turn, p, v, a, j)[0] for turn in turns)], axis=1
         )
-        slack = 1.0 + ROUNDING
+        slack = 1.0 + LIMIT_TOLERANCE_SHARE
         return bool(
             np.all(np.abs(j).max(axis=1) <= slack * limits.jerk)
             and np.all(np.abs(acceleration).max(axis=1) <= slack * limits.acceleration)
             and np.all(np.abs(speeds).max(axis=1) <= slack * limits.velocity)
-            and np.all(places.min(axis=1) >= limits.position_min - POSITION_ROUNDING)
-            and np.all(places.max(axis=1) <= limits.position_max + POSITION_ROUNDING)
-            and np.all(np.abs(velocity[:, -1]) <= AT_REST * limits.velocity)
-            and np.all(np.abs(acceleration[:, -1]) <= AT_REST * limits.acceleration)
+            and np.all(places.min(axis=1) >= limits.position_min - POSITION_TOLERANCE)
+            and np.all(places.max(axis=1) <= limits.position_max + POSITION_TOLERANCE)
+            and np.all(np.abs(velocity[:, -1]) <= REST_SHARE * limits.velocity)
+            and np.all(np.abs(acceleration[:, -1]) <= REST_SHARE * limits.acceleration)
         )
 
 
@@ -130,7 +131,7 @@ def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
         motion = _solved(inp, state)
         if motion is not None:
             yield motion
-    yield _motion(state, stop_joints(limits, *state).courses)
+    yield _motion(state, stop_joints(limits, *state).trajectories)
 
 
 def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotion | None:
@@ -140,7 +141,7 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
     motion = _solved(inp, state)
     if motion is None or not motion.within(limits):
         return None
-    return motion if np.max(np.abs(motion.end - target)) <= ON_TARGET else None
+    return motion if np.max(np.abs(motion.end - target)) <= TARGET_TOLERANCE else None
 
 
 def _from(limits: JointLimits, state: State) -> InputParameter:
@@ -161,19 +162,19 @@ def _from(limits: JointLimits, state: State) -> InputParameter:
 
 
 def _solved(inp: InputParameter, state: State) -> JointMotion | None:
-    course = RuckigTrajectory(inp.degrees_of_freedom)
+    trajectory = RuckigTrajectory(inp.degrees_of_freedom)
     try:
-        result = Ruckig(inp.degrees_of_freedom).calculate(inp, course)
+        result = Ruckig(inp.degrees_of_freedom).calculate(inp, trajectory)
     except (RuntimeError, ValueError):  # RuckigError; a code that the enum does not have
         return None
     if result not in (Result.Working, Result.Finished):
         return None
-    return _motion(state, [course])
+    return _motion(state, [trajectory])
 
 
-def _motion(state: State, courses: list[RuckigTrajectory]) -> JointMotion:
-    """Return the motion of all joints of Ruckig's courses."""
-    profiles = [profile for course in courses for profile in course.profiles[0]]
+def _motion(state: State, trajectories: list[RuckigTrajectory]) -> JointMotion:
+    """Return the motion of all joints of Ruckig's trajectories."""
+    profiles = [profile for trajectory in trajectories for profile in trajectory.profiles[0]]
     durations = [[*profile.brake.t, *profile.t] for profile in profiles]
     jerks = [[*profile.brake.j, *profile.j] for profile in profiles]
     return JointMotion(state, np.array(durations), np.array(jerks))

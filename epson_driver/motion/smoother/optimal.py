@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Proposer OPT: the (locally) fastest law.
+"""Proposer OPT: the (locally) fastest timing.
 
 For x(u) = u̇² the limits of a joint with derivatives q′, q″, q‴ by u are
     velocity      |q′| √x ≤ V
@@ -15,33 +15,33 @@ import dataclasses
 import numpy as np
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.check import Loads, loads
 from epson_driver.motion.smoother.interior_point import Program, minimise
-from epson_driver.motion.smoother.law import Law
+from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
 from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.profile import Course
 from epson_driver.motion.smoother.ruckig_move import gentle_stop
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-NODE_TIME = 0.008
-"""Time between the spline's nodes, s, of the law to start from."""
+NODE_SPACING_S = 0.008
+"""Time between the spline's nodes, s, of the timing to start from."""
 
-RAMP_TIMES = (0.024, 0.008)
-"""The longest ramp of constant jerk from or to rest, s; what to try when there is no law so."""
+MAX_RAMP_TIMES_S = (0.024, 0.008)
+"""The longest ramp of constant jerk from or to rest, s; what to try when there is no timing so."""
 
-FEWEST_NODES, MOST_NODES = 8, 250
+MIN_NODES, MAX_NODES = 8, 250
 
-VELOCITY_RESERVE, ACCELERATION_RESERVE, JERK_RESERVE = 5e-4, 1e-2, 4e-2
-"""Of the limits: the spline keeps them at its samples, the law must keep them everywhere."""
+VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
+"""Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
 
 START_INTERVALS = 3
 """Intervals without (jerk: with half) this reserve at the start."""
 
-NODES_WRONG = 1.3
+NODES_TOO_FAR_APART_RATIO = 1.3
 """A limit exceeded by more than this shows that the nodes are too far apart somewhere."""
 
-ROUNDS = 4
-"""Each round begins with the law of the one before, and uses less where that exceeded a limit."""
+MAX_ROUNDS = 4
+"""Each round begins with the timing of the one before and uses less where it exceeded a limit."""
 
 Excess = tuple[Array, Array]
 """u, and how many times a limit was used there."""
@@ -51,57 +51,59 @@ _WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
 _BESIDE = 1e-9
 
 
-def propose(problem: Problem, course: Course) -> Law | None:
-    """Return a verified law faster than most, or None if none was found."""
-    for ramp_time in RAMP_TIMES:
-        law = _propose(problem, course, ramp_time)
-        if law is not None:
-            return law
+def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
+    """Return a verified timing faster than most, or None if none was found."""
+    for ramp_time in MAX_RAMP_TIMES_S:
+        timing = _propose(problem, bounds, ramp_time)
+        if timing is not None:
+            return timing
     return None
 
 
-def _propose(problem: Problem, course: Course, ramp_time: float) -> Law | None:
-    ramps = _ramps(problem, course, ramp_time)
+def _propose(
+    problem: Problem, bounds: SpeedBounds, ramp_time: float
+) -> TimeParametrisation | None:
+    ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
         return None
-    profile = course.profile(problem.start[0], problem.start[1])
+    profile = bounds.profile(problem.start[0], problem.start[1])
     spline = _spline(problem, profile.positions, profile.speeds, profile.times, *ramps)
     if spline is not None:
         spline = _slow_enough(problem, spline)
     excess: list[Excess] = []
-    for turn in range(ROUNDS):
+    for turn in range(MAX_ROUNDS):
         if spline is None:
             return None
         coefficients = minimise(_program(problem, spline, excess), spline.coefficients)
         if coefficients is None:
             return None
         spline = dataclasses.replace(spline, coefficients=coefficients)
-        law = spline.law(problem.start, problem.end)
-        if law is None:
+        timing = spline.timing(problem.start, problem.end)
+        if timing is None:
             return None
-        result = loads(problem.path, law, problem.limits)
+        result = limit_usage(problem.path, timing, problem.limits)
         if result.allowed:
-            return law
+            return timing
         excess.append(_excess(result))
-        if turn == 0 and excess[0][1].max(initial=1.0) > NODES_WRONG:
-            spline = _spline(problem, law.positions, law.velocities, law.times, *ramps)
+        if turn == 0 and excess[0][1].max(initial=1.0) > NODES_TOO_FAR_APART_RATIO:
+            spline = _spline(problem, timing.positions, timing.velocities, timing.times, *ramps)
     return None
 
 
-def _ramps(problem: Problem, course: Course, ramp_time: float) -> tuple[Ramp, Ramp] | None:
+def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
     """Return the ramps from the start (none if it moves) and to the end."""
     ends = np.array([problem.start[0], problem.end])
     _, first, _, _ = problem.path.sample(ends)
     with np.errstate(divide='ignore'):
-        jerks = (1.0 - JERK_RESERVE) * np.min(problem.limits.jerk / np.abs(first), axis=1)
+        jerks = (1.0 - JERK_RESERVE_SHARE) * np.min(problem.limits.jerk / np.abs(first), axis=1)
     way = problem.end - problem.start[0]
     ramps = []
     for end, jerk in zip(ends.tolist(), jerks.tolist(), strict=True):
         # what the ramp begins must end below the bounds that are near
-        near = np.abs(course.positions - end) < 2.0 * jerk * ramp_time**3
-        speed = float(course.bounds[near].min(initial=np.inf))
+        near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
+        speed = float(bounds.speeds[near].min(initial=np.inf))
         longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
-        time = float(np.clip(longest, NODE_TIME, ramp_time))
+        time = float(np.clip(longest, NODE_SPACING_S, ramp_time))
         ramps.append(Ramp(min(jerk, 0.6 * speed / time**2), time))
     if problem.start[1] > 0.0:
         ramps[0] = Ramp(0.0, 0.0)
@@ -111,14 +113,14 @@ def _ramps(problem: Problem, course: Course, ramp_time: float) -> tuple[Ramp, Ra
 
 
 def _spline(
-    problem: Problem, us: Array, vs: Array, times: Array, launch: Ramp, landing: Ramp
+    problem: Problem, us: Array, vs: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline with nodes in equal times of a law given by samples, a little slower."""
-    begin, end = problem.start[0] + launch.length, problem.end - landing.length
+    """Return a spline with nodes in equal times of a timing given by samples, a little slower."""
+    begin, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
-    times = _slow_ends(us, times, launch, landing)
+    times = _slow_ends(us, times, start_ramp, end_ramp)
     first, last = np.interp([begin, end], us, times)
-    count = int(np.clip((last - first) / NODE_TIME, FEWEST_NODES, MOST_NODES))
+    count = int(np.clip((last - first) / NODE_SPACING_S, MIN_NODES, MAX_NODES))
     nodes = np.interp(np.linspace(first, last, count + 1), times, us)
     nodes = 0.98 * nodes + 0.02 * np.linspace(begin, end, count + 1)
     nodes[0], nodes[-1] = begin, end
@@ -128,20 +130,20 @@ def _spline(
         return None
     x = np.maximum(0.8 * np.interp(_middles(nodes), us, vs) ** 2, 1e-8)
     v, a = problem.start[1], problem.start[2]
-    if launch.time > 0.0:
-        v, a = launch.speed, launch.acceleration
+    if start_ramp.time > 0.0:
+        v, a = start_ramp.speed, start_ramp.acceleration
     x[0], x[1] = v**2, v**2 + a * h[0]
-    v, a = landing.speed, landing.acceleration
+    v, a = end_ramp.speed, end_ramp.acceleration
     x[-1], x[-2] = v**2, v**2 + a * h[-1]
-    return SpeedSpline(launch, landing, nodes, x) if x[1] > 0.0 else None
+    return SpeedSpline(start_ramp, end_ramp, nodes, x) if x[1] > 0.0 else None
 
 
-def _slow_ends(us: Array, times: Array, launch: Ramp, landing: Ramp) -> Array:
+def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Array:
     """Return times with those that constant jerk needs from and to rest, where they are longer."""
     steps = np.diff(times)
-    if launch.time > 0.0:
-        steps = np.maximum(steps, np.diff(np.cbrt(6.0 * (us - us[0]) / launch.jerk)))
-    steps = np.maximum(steps, -np.diff(np.cbrt(6.0 * (us[-1] - us) / landing.jerk)))
+    if start_ramp.time > 0.0:
+        steps = np.maximum(steps, np.diff(np.cbrt(6.0 * (us - us[0]) / start_ramp.jerk)))
+    steps = np.maximum(steps, -np.diff(np.cbrt(6.0 * (us[-1] - us) / end_ramp.jerk)))
     return np.append(0.0, np.cumsum(steps))
 
 
@@ -170,7 +172,7 @@ def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
     """
     ramp = float(np.max(problem.limits.acceleration / problem.limits.jerk))
     x = spline.coefficients
-    width = int(np.clip(ramp / NODE_TIME / 2.0, 1, len(spline.nodes) // 4))
+    width = int(np.clip(ramp / NODE_SPACING_S / 2.0, 1, len(spline.nodes) // 4))
     windows = np.lib.stride_tricks.sliding_window_view
     least = windows(np.pad(x, 2 * width, mode='edge'), 2 * width + 1).min(axis=1)
     smooth = windows(least, 2 * width + 1).mean(axis=1)
@@ -195,14 +197,14 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     interval = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(h) - 1)
     _, first, second, third = problem.path.sample(us)
     # the state at the start may itself use all that is allowed
-    starting = (us < nodes[min(START_INTERVALS, len(h))]) & (spline.launch.time == 0.0)
+    starting = (us < nodes[min(START_INTERVALS, len(h))]) & (spline.start_ramp.time == 0.0)
     reserve = np.where(starting, 0.0, 1.0)
     a = np.stack([second, first / 2.0, np.zeros_like(first)], axis=2)
-    a /= ((1.0 - reserve * ACCELERATION_RESERVE)[:, None] * limits.acceleration)[:, :, None]
+    a /= ((1.0 - reserve * ACCELERATION_RESERVE_SHARE)[:, None] * limits.acceleration)[:, :, None]
     j = np.stack([third, 1.5 * second, first / 2.0], axis=2)
-    j /= ((1.0 - (0.5 + 0.5 * reserve) * JERK_RESERVE)[:, None] * limits.jerk)[:, :, None]
+    j /= ((1.0 - (0.5 + 0.5 * reserve) * JERK_RESERVE_SHARE)[:, None] * limits.jerk)[:, :, None]
     v = np.zeros((len(us), 1, 3))
-    v[:, 0, 0] = ((1.0 - reserve * VELOCITY_RESERVE) * problem.fastest(first)) ** -2
+    v[:, 0, 0] = ((1.0 - reserve * VELOCITY_RESERVE_SHARE) * problem.fastest(first)) ** -2
     rows = np.concatenate([v, a, -a, j, -j], axis=1)
     rows /= _share(excess, nodes)[interval][:, None, None]
     return Program(
@@ -215,8 +217,8 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     )
 
 
-def _excess(result: Loads) -> Excess:
-    """Return where a law exceeds the limits, and by how much."""
+def _excess(result: LimitUsage) -> Excess:
+    """Return where a timing exceeds the limits, and by how much."""
     ratio = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
     where = ratio > 1.0
     return result.positions[where], ratio[where]

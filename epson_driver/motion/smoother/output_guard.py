@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The second line of defence: what is given out is held against what was given out before.
 
-It trusts no planner and no judge. Two outputs and the time dt between them tell what the motion
-between them must at least have asked of the joints. For a jerk of J at most
+It trusts neither planner nor verification. Two outputs and the time dt between them tell what the
+motion between them must at least have asked of the joints. For a jerk of J at most
 
 - the acceleration changes by no more than J dt, say by x J dt;
 - the velocity changes as it would with a linear acceleration, give or take (1 - x²) J dt²/4;
@@ -19,10 +19,10 @@ import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
 
-ROUNDING = 1e-6
+LIMIT_TOLERANCE_SHARE = 1e-6
 """Share of a limit that is taken for rounding."""
 
-POSITION_ROUNDING = 5e-9
+POSITION_TOLERANCE = 5e-9
 """The same for positions, rad."""
 
 
@@ -113,8 +113,8 @@ def _bounds(limits: JointLimits, dt: float) -> Array:
 
 def _rounding(limits: JointLimits, dt: float) -> Array:
     """Return what is allowed beyond the bounds, shape (7, n)."""
-    position = np.full_like(limits.jerk, POSITION_ROUNDING)
-    v, a = ROUNDING * limits.velocity, ROUNDING * limits.acceleration
+    position = np.full_like(limits.jerk, POSITION_TOLERANCE)
+    v, a = LIMIT_TOLERANCE_SHARE * limits.velocity, LIMIT_TOLERANCE_SHARE * limits.acceleration
     return np.array([position, position, v, a, a, v + a * dt, position + (v + a * dt) * dt])
 
 

@@ -15,19 +15,9 @@ from math import comb
 import numpy as np
 import numpy.typing as npt
 
+from epson_driver.motion.interpolation import hermite
 from epson_driver.motion.limits import Array, JointLimits
 
-# s⁰ … s⁵ of the quintic in s ∈ [0, 1] from q, q′h, q″h² at both ends.
-_QUINTIC = np.array(
-    [
-        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
-        [-10.0, -6.0, -1.5, 10.0, -4.0, 0.5],
-        [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
-        [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
-    ]
-)
 DEGREE = 5
 """Of a segment."""
 
@@ -44,16 +34,18 @@ def _hull_of(begin: float, end: float) -> Array:
     return matrix
 
 
-PARTS = 16
+HULL_PARTS = 16
 """In so many parts a segment is looked at for where it leaves the position limits."""
 
 _HULL = _hull_of(0.0, 1.0)
-_HULLS = np.concatenate([_hull_of(i / PARTS, (i + 1) / PARTS) for i in range(PARTS)])
+_HULLS = np.concatenate(
+    [_hull_of(i / HULL_PARTS, (i + 1) / HULL_PARTS) for i in range(HULL_PARTS)]
+)
 
-INSIDE = 5e-13
+POSITION_TOLERANCE = 5e-13
 """How far outside a position limit counts as on it, rad."""
 
-AT_LIMIT = 1e-6
+AT_LIMIT_DISTANCE = 1e-6
 """A joint closer than this to its position limit at a knot, rad, must not move there."""
 
 
@@ -84,19 +76,10 @@ class Path:
         self.knots = knots
         self._lengths = np.diff(knots.u)
         h = self._lengths[:, None]
-        ends = np.stack(
-            [
-                np.zeros_like(knots.position[:-1]),
-                knots.first[:-1] * h,
-                knots.second[:-1] * h**2,
-                np.diff(knots.position, axis=0),
-                knots.first[1:] * h,
-                knots.second[1:] * h**2,
-            ],
-            axis=1,
-        )
-        self._coefficients = _QUINTIC @ ends  # (k - 1, 6, n)
-        self._coefficients[:, 0] = knots.position[:-1]  # so that short segments lose no digits
+        self._coefficients = hermite(
+            (knots.position[:-1], knots.first[:-1] * h, knots.second[:-1] * h**2),
+            (knots.position[1:], knots.first[1:] * h, knots.second[1:] * h**2),
+        )  # (k - 1, 6, n)
 
     @property
     def end(self) -> float:
@@ -165,7 +148,10 @@ class Path:
 
     def outside(self, limits: JointLimits) -> npt.NDArray[np.bool_]:
         """Return which joints may leave their position limits where, shape (k - 1, n)."""
-        low, high = limits.position_min - INSIDE, limits.position_max + INSIDE
+        low, high = (
+            limits.position_min - POSITION_TOLERANCE,
+            limits.position_max + POSITION_TOLERANCE,
+        )
         hulls = self.hulls()
         beyond: npt.NDArray[np.bool_] = (hulls < low) | (hulls > high)
         outside: npt.NDArray[np.bool_] = np.any(beyond, axis=1)
@@ -187,7 +173,7 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
 
     The kept knots (one or more) stay as they are, unless the path begins at rest in a single one:
     not `clamped`, its derivatives are free. A joint that would leave its position limits between
-    two points inside of them gets a level course there instead.
+    two points inside of them is kept level there instead.
     """
     chain = np.concatenate([kept.position[-1:], points])
     u = kept.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
@@ -195,7 +181,7 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
     if clamped:
         first[0], second[0] = kept.first[-1], kept.second[-1]
     fixed = 1 if clamped else 0
-    least, most = limits.position_min + AT_LIMIT, limits.position_max - AT_LIMIT
+    least, most = limits.position_min + AT_LIMIT_DISTANCE, limits.position_max - AT_LIMIT_DISTANCE
     turning = ((chain < least) | (chain > most)) & (np.arange(len(chain)) >= fixed)[:, None]
     first[turning] = second[turning] = 0.0
     path = Path(Knots(u, chain, first, second))

@@ -11,46 +11,46 @@ import dataclasses
 import numpy as np
 
 from epson_driver.motion.smoother import optimal, ruckig_move
-from epson_driver.motion.smoother.check import loads
-from epson_driver.motion.smoother.law import Law
+from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path
-from epson_driver.motion.smoother.problem import UNBOUND, Problem
-from epson_driver.motion.smoother.profile import Course
+from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-REACHES = (1.5, 2.0, 3.0, 4.0, 6.0)
+REACHES_IN_BRAKING_DISTANCES = (1.5, 2.0, 3.0, 4.0, 6.0)
 """Where to rest: in ways of the hardest braking that the path's slope alone would allow."""
 
-SHORTEST_PART = 0.1
+MIN_SEGMENT_SHARE = 0.1
 """Less of a segment than this is left out: the rest is at the knot before."""
 
 
-def propose(problem: Problem) -> Law | None:
-    """Return a verified law that rests before the path's end, soon; None if none was found."""
-    law = ruckig_move.stop(problem)
-    if law is not None:
-        return law
+def propose(problem: Problem) -> TimeParametrisation | None:
+    """Return a verified timing that rests before the path's end, soon; None if none was found."""
+    timing = ruckig_move.stop(problem)
+    if timing is not None:
+        return timing
     hardest = ruckig_move.gentle_stop(problem.start, problem.path, problem.limits, 1.0)
     if hardest is None:
         return None
     begin = problem.start[0]
-    for reach in REACHES:
+    for reach in REACHES_IN_BRAKING_DISTANCES:
         end = begin + reach * (hardest.end - begin)
         if not begin < end < problem.end:
             return None
-        law = _rest_at(problem, _until(problem.path, begin, end))
-        if law is not None:
-            return law
+        timing = _rest_at(problem, _until(problem.path, begin, end))
+        if timing is not None:
+            return timing
     return None
 
 
-def _rest_at(problem: Problem, path: Path) -> Law | None:
-    """Return the fastest law to the end of a part of the path."""
-    speeds = np.full(len(path.knots.u), UNBOUND)
+def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
+    """Return the fastest timing to the end of a part of the path."""
+    speeds = np.full(len(path.knots.u), UNBOUND_SPEED)
     shorter = dataclasses.replace(problem, path=path, speeds=speeds, slowing=None)
-    law = optimal.propose(shorter, Course(shorter))
-    if law is None or not loads(problem.path, law, problem.limits).allowed:
+    timing = optimal.propose(shorter, SpeedBounds(shorter))
+    if timing is None or not limit_usage(problem.path, timing, problem.limits).allowed:
         return None
-    return law
+    return timing
 
 
 def _until(path: Path, begin: float, end: float) -> Path:
@@ -58,7 +58,7 @@ def _until(path: Path, begin: float, end: float) -> Path:
     knots = path.knots
     first, last = path.segment(begin), path.segment(end)
     part = (end - knots.u[last]) / (knots.u[last + 1] - knots.u[last])
-    if part < SHORTEST_PART and last > first:
+    if part < MIN_SEGMENT_SHARE and last > first:
         return Path(knots[first : last + 1])
     position, slope, bend = path.at(end)
     head = knots[first : last + 1]

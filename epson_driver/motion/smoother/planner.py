@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner: from a request to a plan, without any state, so that it can run anywhere.
 
-A plan is a path and a law on it that is verified against every limit and ends at rest. Requests
+A plan is a path and a timing on it that is verified against every limit and ends at rest. Requests
 and plans can be pickled: the simulated controller plans in a process of its own.
 """
 
@@ -14,19 +14,19 @@ import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
-from epson_driver.motion.smoother.law import Law, State
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.problem import UNBOUND, Problem
-from epson_driver.motion.smoother.profile import Course
+from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
-CATCH_UP = 1.25
+CATCH_UP_RATIO = 1.25
 """How much faster than commanded the motion may be to make up for lost time."""
 
-CATCH_UP_TIME = 0.05
+FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
 
-Proposer = Callable[[Problem, Course], Law | None]
+Proposer = Callable[[Problem, SpeedBounds], TimeParametrisation | None]
 
 LADDERS: tuple[tuple[Proposer, ...], ...] = (
     (optimal.propose,),
@@ -64,15 +64,15 @@ class Request:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """What to do from `start` on (see Request): the path through knots, by the law.
+    """What to do from `start` on (see Request): the path through knots, by the timing.
 
     The knots are the first ones of the request's kept knots and points.
-    proposer: which one found the law.
+    proposer: which one found the timing.
     """
 
     start: float | None
     knots: Knots
-    law: Law
+    timing: TimeParametrisation
     proposer: str
 
 
@@ -93,8 +93,8 @@ def _straight(request: Request, limits: JointLimits) -> Plan | None:
     """Return a plan from rest straight to rest at the next point: there always is one."""
     path = through(request.kept, request.points[:1], limits, clamped=False)
     problem = _problem(request, path, limits, 1.0)
-    law = ruckig_move.propose(problem, Course(problem))
-    return None if law is None else Plan(request.start, path.knots, law, 'straight')
+    timing = ruckig_move.propose(problem, SpeedBounds(problem))
+    return None if timing is None else Plan(request.start, path.knots, timing, 'straight')
 
 
 def _plan(
@@ -105,23 +105,23 @@ def _plan(
     if len(points):
         path = through(kept, points, limits, clamped=len(kept.u) > 1)
     if request.scale == 0.0:
-        law = pause.propose(_problem(request, path, limits, 1.0))
-        return None if law is None else Plan(request.start, path.knots, law, 'stop')
-    path, problem, course = _within_horizon(request, path, limits)
+        timing = pause.propose(_problem(request, path, limits, 1.0))
+        return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
+    path, problem, bounds = _within_horizon(request, path, limits)
     for proposer in ladder:
-        law = proposer(problem, course)
-        if law is not None:
-            return Plan(request.start, path.knots, law, proposer.__module__.rpartition('.')[2])
+        timing = proposer(problem, bounds)
+        if timing is not None:
+            return Plan(request.start, path.knots, timing, proposer.__module__.rpartition('.')[2])
     return None
 
 
 def _within_horizon(
     request: Request, path: Path, limits: JointLimits
-) -> tuple[Path, Problem, Course]:
+) -> tuple[Path, Problem, SpeedBounds]:
     """Return the path as far as it is looked at now, and the problem on it."""
-    problem = _problem(request, path, limits, CATCH_UP)
-    course = Course(problem)
-    profile = course.profile(problem.start[0], problem.start[1])
+    problem = _problem(request, path, limits, CATCH_UP_RATIO)
+    bounds = SpeedBounds(problem)
+    profile = bounds.profile(problem.start[0], problem.start[1])
     cut = False
     if profile.times[-1] > request.horizon:
         reach = np.interp(0.8 * request.horizon, profile.times, profile.positions)
@@ -130,18 +130,20 @@ def _within_horizon(
         path = Path(path.knots[:count])
     if request.timed.any():
         if cut:
-            problem = _problem(request, path, limits, CATCH_UP)
-            course = Course(problem)
-        factor = _catch_up(request, path, limits, filtered.filtered(problem, course))
+            problem = _problem(request, path, limits, CATCH_UP_RATIO)
+            bounds = SpeedBounds(problem)
+        factor = _catch_up(request, path, limits, filtered.filtered(problem, bounds))
         problem = _problem(request, path, limits, factor)
-        course = Course(problem)
+        bounds = SpeedBounds(problem)
     elif cut:
         problem = _problem(request, path, limits, 1.0)
-        course = Course(problem)
-    return path, problem, course
+        bounds = SpeedBounds(problem)
+    return path, problem, bounds
 
 
-def _catch_up(request: Request, path: Path, limits: JointLimits, guess: Law | None) -> Array:
+def _catch_up(
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+) -> Array:
     """Return the factor on the commanded speed at each knot that makes up for lost time."""
     knots = path.knots.u
     late = np.full(len(knots), request.lag)
@@ -149,7 +151,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, guess: Law | No
         # too early: slower until that is given back
         clock = request.clock[: len(knots)]
         now = float(np.interp(request.state[0], knots, clock))
-        late[clock - now > -request.lag / (CATCH_UP - 1.0)] = 0.0
+        late[clock - now > -request.lag / (CATCH_UP_RATIO - 1.0)] = 0.0
     elif guess is not None:
         # faster until the guess, which is faster all the way, is in time
         ahead = knots >= request.state[0]
@@ -163,7 +165,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, guess: Law | No
     )
     # with less known than a stop takes, the time that was lost would be lost again in a stop
     share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
-    return 1.0 + np.clip(late / CATCH_UP_TIME, -1.0, share) * (CATCH_UP - 1.0)
+    return 1.0 + np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, share) * (CATCH_UP_RATIO - 1.0)
 
 
 def stopping_time(limits: JointLimits) -> float:
@@ -175,25 +177,25 @@ def stopping_time(limits: JointLimits) -> float:
 def _problem(request: Request, path: Path, limits: JointLimits, factor: Array | float) -> Problem:
     scale = request.scale or 1.0
     speeds = _commanded_speeds(request, path) * factor * scale
-    slowing: Law | None = None
+    slowing: TimeParametrisation | None = None
     if request.state[1] > 0.0 and (request.timed.any() or scale < 1.0):
         slowing = ruckig_move.gentle_stop(request.state, path, limits)
     return Problem(path, request.state, limits, speeds, scale, slowing)
 
 
 def _commanded_speeds(request: Request, path: Path) -> Array:
-    """Return u̇ at the knots as the clock commands it, shape (k,); UNBOUND where it does not."""
+    """Return u̇ at the knots as the clock commands it, or UNBOUND_SPEED, shape (k,)."""
     u = path.knots.u
-    speeds = np.full(len(u), UNBOUND)
+    speeds = np.full(len(u), UNBOUND_SPEED)
     steps = np.diff(request.clock[: len(u)])
     timed = request.timed[1 : len(u)] & (steps > 0.0)
     if not timed.any():
         return speeds
-    mean = np.full(len(steps), UNBOUND)
+    mean = np.full(len(steps), UNBOUND_SPEED)
     mean[timed] = np.diff(u)[timed] / steps[timed]
     # at a knot, as a parabola through it and its neighbours would have it
     inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / (steps[:-1] + steps[1:])
     speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, np.minimum(mean[:-1], mean[1:]))
-    speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND
-    speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND
+    speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND_SPEED
+    speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND_SPEED
     return speeds

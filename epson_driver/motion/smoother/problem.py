@@ -1,19 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a proposer is asked: a fast law from a moving state to rest, on a path."""
+"""What a proposer is asked: a fast timing from a moving state to rest, on a path."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother.law import Law, State
 from epson_driver.motion.smoother.path import Path
+from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
-UNBOUND = 1e6
+UNBOUND_SPEED = 1e6
 """A speed that no limit of a joint allows."""
 
-SLACK = 0.02
+SLOWING_SLACK_SHARE = 0.02
 """How much faster than `slowing` a motion may be, relative."""
 
 
@@ -22,9 +22,9 @@ class Problem:
     """From `start` to rest at the path's end, as fast as the speeds and the limits allow.
 
     speeds: the most that u̇ should be at each knot of the path (u̇² is linear between them), shape
-    (k,); UNBOUND where only the limits count. scale: share (0, 1] of the velocity limits to use.
-    slowing: a stop from the start: no speed below the stop's is asked for, so that a start that is
-    too fast for `speeds` and `scale` has time.
+    (k,); UNBOUND_SPEED where only the limits count. scale: share (0, 1] of the velocity limits to
+    use. slowing: a stop from the start: no speed below the stop's is asked for, so that a start
+    that is too fast for `speeds` and `scale` has time.
     """
 
     path: Path
@@ -32,7 +32,7 @@ class Problem:
     limits: JointLimits
     speeds: Array
     scale: float = 1.0
-    slowing: Law | None = None
+    slowing: TimeParametrisation | None = None
 
     @property
     def end(self) -> float:
@@ -55,5 +55,5 @@ class Problem:
         wanted = self.wanted(us, first)
         if self.slowing is None:
             return wanted
-        slower = (1.0 + SLACK) * self.slowing.speeds(us)
+        slower = (1.0 + SLOWING_SLACK_SHARE) * self.slowing.speeds(us)
         return np.minimum(self.fastest(first), np.maximum(wanted, slower))

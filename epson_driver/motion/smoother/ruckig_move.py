@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Proposer R1: one jerk-limited Ruckig move along the path.
 
-The simplest law there is. It always finds one from rest, since any path can be followed slowly.
+The simplest timing there is. It always finds one from rest, since any path can be followed slowly.
 """
 
 import numpy as np
@@ -10,35 +10,39 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.smoother.check import BACKWARD, loads
-from epson_driver.motion.smoother.law import Law, State, from_ruckig
+from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED, limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.profile import Course
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.time_parametrisation import (
+    State,
+    TimeParametrisation,
+    from_ruckig,
+)
 
-REACHES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
+REACHES_IN_STOPPING_DISTANCES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
 """How far to go, in stopping distances of a joint at its velocity limit."""
 
-SLOW = 5.0
+SLOW_TIME_RATIO = 5.0
 """A move is slow if it takes so many times longer than the highest speed and a stop would.
 
 One speed for all of it, so one sharp bend, be it short, slows down all the way. A move that ends
 there is better: a plan from there follows.
 """
 
-HARDNESS = (1.0, 0.9, 0.5, 0.2)
+HARDNESS_SHARES = (1.0, 0.9, 0.5, 0.2)
 """Fractions of the acceleration and the jerk that the path's slope alone would allow."""
 
-BISECTIONS = 6
+SPEED_BISECTIONS = 6
 
-FASTEST = 10.0
+MAX_SPEED = 10.0
 """u̇ is about 1 at full speed; a path that stands still allows any."""
 
-SLOWEST = 3e-3
+MIN_SPEED_SHARE = 3e-3
 """The least share of the highest speed that is tried."""
 
 
-def propose(problem: Problem, _course: Course) -> Law | None:
+def propose(problem: Problem, _bounds: SpeedBounds) -> TimeParametrisation | None:
     """Return the verified move that gets on fastest, or None if none was found.
 
     It may end before the path does. If all are slow, it is the one that ends first from rest, and
@@ -49,18 +53,18 @@ def propose(problem: Problem, _course: Course) -> Law | None:
         np.max(limits.velocity / limits.acceleration) + np.max(limits.acceleration / limits.jerk)
     )
     u = problem.start[0]
-    best: Law | None = None
+    best: TimeParametrisation | None = None
     best_rank = (-np.inf, 0.0)
-    for reach in REACHES:
+    for reach in REACHES_IN_STOPPING_DISTANCES:
         end = min(problem.end, u + reach * unit)
-        velocity, acceleration, jerk = _slope_bounds(problem, end)
-        for hardness in HARDNESS:
-            law = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
-            if law is None:
+        velocity, acceleration, jerk = slope_bounds(problem, end)
+        for hardness in HARDNESS_SHARES:
+            timing = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
+            if timing is None:
                 continue
-            rank = _rank(law, SLOW * (unit + (law.end - u) / velocity))
+            rank = _rank(timing, SLOW_TIME_RATIO * (unit + (timing.end - u) / velocity))
             if rank > best_rank:
-                best, best_rank = law, rank
+                best, best_rank = timing, rank
         if best_rank[0] == 0.0 and end < problem.end:
             break
     if best_rank[0] < 0.0 and problem.start[1] > 0.0:
@@ -68,51 +72,55 @@ def propose(problem: Problem, _course: Course) -> Law | None:
     return best
 
 
-def _rank(law: Law, longest: float) -> tuple[float, float]:
+def _rank(timing: TimeParametrisation, longest: float) -> tuple[float, float]:
     """Return what is greater for a better move: one that is not slow, then a faster one."""
-    if law.duration > longest:
-        return -law.duration, 0.0
-    return 0.0, (law.end - float(law.positions[0])) / law.duration
+    if timing.duration > longest:
+        return -timing.duration, 0.0
+    return 0.0, (timing.end - float(timing.positions[0])) / timing.duration
 
 
 def _fastest(
     problem: Problem, end: float, velocity: float, acceleration: float, jerk: float
-) -> Law | None:
+) -> TimeParametrisation | None:
     """Return the verified move with the highest speed, found by bisection.
 
     A speed can be too low as well: what is too fast for it turns back.
     """
-    low, high = velocity * SLOWEST, velocity
-    found: Law | None = None
-    for turn in range(BISECTIONS):
+    low, high = velocity * MIN_SPEED_SHARE, velocity
+    found: TimeParametrisation | None = None
+    for turn in range(SPEED_BISECTIONS):
         speed = high if turn == 0 else float(np.sqrt(low * high))
-        law = move(problem.start, end, speed, acceleration, jerk)
-        if law is not None and loads(problem.path, law, problem.limits).allowed:
+        timing = move(problem.start, end, speed, acceleration, jerk)
+        if timing is not None and limit_usage(problem.path, timing, problem.limits).allowed:
             if turn == 0:
-                return law
-            found, low = law, speed
-        elif turn > 0 and law is not None and law.velocities.min() < -BACKWARD:
+                return timing
+            found, low = timing, speed
+        elif turn > 0 and timing is not None and timing.velocities.min() < -BACKWARD_SPEED:
             low = speed
         else:
             high = speed
     return found
 
 
-def stop(problem: Problem) -> Law | None:
+def stop(problem: Problem) -> TimeParametrisation | None:
     """Return the fastest verified stop on the path, or None if none was found."""
-    _, acceleration, jerk = _slope_bounds(problem, problem.end)
+    _, acceleration, jerk = slope_bounds(problem, problem.end)
     for hardness in (1.0, 0.7, 0.5, 0.35):
-        law = brake(problem.start, acceleration * hardness, jerk * hardness)
-        if law is None or law.end > problem.end or np.any(law.velocities < -BACKWARD):
+        timing = brake(problem.start, acceleration * hardness, jerk * hardness)
+        if (
+            timing is None
+            or timing.end > problem.end
+            or np.any(timing.velocities < -BACKWARD_SPEED)
+        ):
             continue
-        if loads(problem.path, law, problem.limits).allowed:
-            return law
+        if limit_usage(problem.path, timing, problem.limits).allowed:
+            return timing
     return None
 
 
 def gentle_stop(
     start: State, path: Path, limits: JointLimits, hardness: float = 0.5
-) -> Law | None:
+) -> TimeParametrisation | None:
     """Return a stop with a part of what the path's slope at the start allows. Not verified."""
     _, first, _ = path.at(start[0])
     with np.errstate(divide='ignore'):
@@ -125,7 +133,7 @@ def gentle_stop(
 
 def move(
     start: State, end: float, velocity: float, acceleration: float, jerk: float
-) -> Law | None:
+) -> TimeParametrisation | None:
     """Return the fastest move to rest at `end` within bounds on u̇, ü, u⃛."""
     inp = InputParameter(1)
     inp.current_position, inp.current_velocity, inp.current_acceleration = (
@@ -137,7 +145,7 @@ def move(
     return _solved(inp)
 
 
-def brake(start: State, acceleration: float, jerk: float) -> Law | None:
+def brake(start: State, acceleration: float, jerk: float) -> TimeParametrisation | None:
     """Return the fastest stop within bounds on ü, u⃛."""
     inp = InputParameter(1)
     inp.control_interface = ControlInterface.Velocity
@@ -150,21 +158,21 @@ def brake(start: State, acceleration: float, jerk: float) -> Law | None:
     return _solved(inp)
 
 
-def _solved(inp: InputParameter) -> Law | None:
-    course = RuckigTrajectory(1)
+def _solved(inp: InputParameter) -> TimeParametrisation | None:
+    trajectory = RuckigTrajectory(1)
     try:
-        result = Ruckig(1).calculate(inp, course)
+        result = Ruckig(1).calculate(inp, trajectory)
     except (RuntimeError, ValueError):  # RuckigError; a code that the enum does not have
         return None
     if result not in (Result.Working, Result.Finished):
         return None
-    if course.duration == 0.0:
+    if trajectory.duration == 0.0:
         return None
-    law = from_ruckig(course)
-    return law if len(law.jerks) else None  # as good as at rest
+    timing = from_ruckig(trajectory)
+    return timing if len(timing.jerks) else None  # as good as at rest
 
 
-def _slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
+def slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
     """Return bounds on u̇, ü, u⃛ from q′ on the way."""
     us = np.linspace(problem.start[0], end, 64)
     _, first, _, _ = problem.path.sample(us)
@@ -172,7 +180,7 @@ def _slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
     share = np.max(np.abs(first), axis=0)
     steepest = np.where(share > 0.0, share, np.inf)
     return (
-        min(float(np.max(problem.speed_bounds(us, first))), FASTEST),
+        min(float(np.max(problem.speed_bounds(us, first))), MAX_SPEED),
         float(np.min(np.where(share > 0.0, limits.acceleration / steepest, np.inf))),
         float(np.min(np.where(share > 0.0, limits.jerk / steepest, np.inf))),
     )

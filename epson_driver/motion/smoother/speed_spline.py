@@ -3,7 +3,7 @@
 """The square of the speed along a path, x(u) = u̇², as a quadratic B-spline between two ramps.
 
 ü = x′/2 and u⃛ = x″√x/2, so a limit on a joint at some u is one on three coefficients. At rest
-x ∝ u^(4/3), which no spline can follow: there the law begins and ends with constant jerk.
+x ∝ u^(4/3), which no spline can follow: there the timing begins and ends with constant jerk.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.law import Law, State, from_pieces
+from epson_driver.motion.smoother.time_parametrisation import (
+    State,
+    TimeParametrisation,
+    from_pieces,
+)
 
 _GAUSS, _GAUSS_WEIGHTS = (values / 2.0 for values in np.polynomial.legendre.leggauss(5))
 _GAUSS = _GAUSS + 0.5
@@ -50,8 +54,8 @@ class SpeedSpline:
     coefficients: shape (N + 2,); interval i has those from i to i + 2.
     """
 
-    launch: Ramp
-    landing: Ramp
+    start_ramp: Ramp
+    end_ramp: Ramp
     nodes: Array
     coefficients: Array
 
@@ -60,8 +64,8 @@ class SpeedSpline:
         """The intervals' lengths, shape (N,)."""
         return np.diff(self.nodes)
 
-    def law(self, start: State, end: float) -> Law | None:
-        """Return the law that has the spline's u, u̇, ü at its nodes, or None if x is not positive.
+    def timing(self, start: State, end: float) -> TimeParametrisation | None:
+        """Return the timing with the spline's u, u̇, ü at its nodes, or None if x is not positive.
 
         Between two nodes it has three equal times of constant jerk, which is what that takes.
         """
@@ -85,11 +89,11 @@ class SpeedSpline:
             ]
         )
         durations, jerks = np.repeat(t / 3.0, 3), (_THIRDS @ integrals).T.ravel()
-        if self.launch.time > 0.0:
-            durations = np.append(self.launch.time, durations)
-            jerks = np.append(self.launch.jerk, jerks)
-        durations = np.append(durations, self.landing.time)
-        return from_pieces(start, durations, np.append(jerks, self.landing.jerk), end)
+        if self.start_ramp.time > 0.0:
+            durations = np.append(self.start_ramp.time, durations)
+            jerks = np.append(self.start_ramp.jerk, jerks)
+        durations = np.append(durations, self.end_ramp.time)
+        return from_pieces(start, durations, np.append(jerks, self.end_ramp.jerk), end)
 
 
 def basis(h: Array, interval: npt.NDArray[np.intp], part: Array) -> Array:

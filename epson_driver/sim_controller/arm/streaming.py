@@ -151,7 +151,7 @@ class Streaming:
         if self._one_by_one:
             return not self.moving
         return (
-            self._smoother.waiting < self._look_ahead_points
+            self._smoother.points_ahead < self._look_ahead_points
             and self._smoother.look_ahead < self._look_ahead
         )
 
@@ -222,7 +222,7 @@ class Streaming:
         if self._smoother.violations > violations:
             self._averted()
         self._braking = self._braking and self._smoother.moving
-        ahead = max(self._smoother.waiting - 1, 0)
+        ahead = max(self._smoother.points_ahead - 1, 0)
         self.begun = max(self.begun, self._taken - ahead)
         self._keep_to_power()
         if self._request is None and self._planner.ready:
@@ -244,7 +244,7 @@ class Streaming:
         """Change to the limits of low or high power, at rest only."""
         limits = self._power_limits[self.low_power]
         if limits is not self._smoother.limits and self._smoother.at_rest:
-            self._smoother.keep_to(limits)
+            self._smoother.change_limits(limits)
             self._forget_request()
 
     def _forget_request(self) -> None:

@@ -15,7 +15,7 @@ from epson_driver.driver.delivery.trajectory_points import (
     trajectory_points,
 )
 from epson_driver.motion import JointLimits, Trajectory
-from epson_driver.motion.trajectory import LIMIT_TOLERANCE
+from epson_driver.motion.trajectory import LIMIT_TOLERANCE_SHARE
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import LITTLE_ENDIAN, Framer, decode, encode, request
 
@@ -159,7 +159,7 @@ def test_inv2_a_plan_at_the_limit_and_a_rounding_beyond_it_is_sent_inside(side):
     """docs/invariants.md, 2."""
     limit = getattr(LIMITS, side)
     span = LIMITS.position_max - LIMITS.position_min
-    beyond = limit + np.sign(limit) * span * LIMIT_TOLERANCE * 0.99
+    beyond = limit + np.sign(limit) * span * LIMIT_TOLERANCE_SHARE * 0.99
     points = as_received(points_of(trajectory([0, 9], [limit, beyond])))
     for point in points:
         sent = np.array(point.joints[:JOINTS])

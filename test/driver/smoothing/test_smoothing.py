@@ -11,7 +11,7 @@ from epson_driver.driver.goal.goal_checks import check_limits, check_start, unti
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
 from epson_driver.motion import Trajectory, problems
-from epson_driver.motion.smoothed import passed
+from epson_driver.motion.passages import passed
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 

@@ -77,7 +77,7 @@ def test_its_plans_are_those_of_the_function():
             expected = plan(a_request(), LIMITS)
             for answer in recorder.answers:
                 np.testing.assert_allclose(answer.knots.position, expected.knots.position)
-                assert answer.law.duration == pytest.approx(expected.law.duration)
+                assert answer.timing.duration == pytest.approx(expected.timing.duration)
             assert not recorder.failures
             pid = planner.pid
         assert planner.pid is None
@@ -104,8 +104,8 @@ def test_its_plans_keep_to_the_limits_they_were_asked_with(monkeypatch):
                 await recorder.until(lambda count=count: len(recorder.answers) == count)
         for answer, limits in zip(recorder.answers, order, strict=True):
             expected = plan(a_request(), limits)
-            assert answer.law.duration == pytest.approx(expected.law.duration)
-        assert recorder.answers[1].law.duration > 1.2 * recorder.answers[0].law.duration
+            assert answer.timing.duration == pytest.approx(expected.timing.duration)
+        assert recorder.answers[1].timing.duration > 1.2 * recorder.answers[0].timing.duration
         # limits are sent when they change, and only then
         assert sizes[0] == sizes[2] == sizes[4] < sizes[1] == sizes[3]
 
@@ -122,9 +122,9 @@ def test_one_that_was_started_again_knows_the_limits():
             await recorder.until(lambda: planner.ready)
             planner.ask(a_request(), SLOW, recorder.answers.append)
             await recorder.until(lambda: len(recorder.answers) == 2)
-            first, second = (answer.law.duration for answer in recorder.answers)
+            first, second = (answer.timing.duration for answer in recorder.answers)
             assert first == pytest.approx(second)
-            assert first == pytest.approx(plan(a_request(), SLOW).law.duration)
+            assert first == pytest.approx(plan(a_request(), SLOW).timing.duration)
 
     asyncio.run(main())
 

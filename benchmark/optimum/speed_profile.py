@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A speed law on a path, x(u) = u̇², as a quadratic B-spline between a launch and a landing.
+"""A speed profile on a path, x(u) = u̇², as a quadratic B-spline between two ramps.
 
 The speed at rest has no derivative in u, so no spline can leave it: over the first and the last
 few milliseconds the path's jerk is constant instead, x ∝ u^(4/3), joined with equal value and
@@ -16,15 +16,17 @@ import numpy as np
 from benchmark.arrays import Index
 from benchmark.spline_path import SplinePath
 from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.interpolation import cubic
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
 @dataclass(frozen=True, eq=False)
-class SpeedLaw:
+class SpeedProfile:
     """x(u) over breaks (k + 1,), with coefficients (k + 2,); clamped quadratic B-spline.
 
-    breaks[0] is the end of the launch from u = 0, breaks[-1] the begin of the landing at `length`.
+    breaks[0] is where the start ramp from u = 0 ends, breaks[-1] where the end ramp to `length`
+    begins.
     """
 
     breaks: Array
@@ -32,17 +34,17 @@ class SpeedLaw:
     length: float
 
     @property
-    def launch(self) -> float:
-        """Parameter length of the launch, s at full speed."""
+    def start_ramp(self) -> float:
+        """Parameter length of the start ramp, s at full speed."""
         return float(self.breaks[0])
 
     @property
-    def landing(self) -> float:
-        """Parameter length of the landing, s at full speed."""
+    def end_ramp(self) -> float:
+        """Parameter length of the end ramp, s at full speed."""
         return self.length - float(self.breaks[-1])
 
     def at(self, u: Array, intervals: Index | None = None) -> tuple[Array, Array, Array]:
-        """Return x, x′, x″ at parameters (k,), also within launch and landing, shapes (k,)."""
+        """Return x, x′, x″ at parameters (k,), also within both ramps, shapes (k,)."""
         where = interval_of(self.breaks, u) if intervals is None else intervals
         rows = basis_rows(self.breaks, where, u)
         x, dx, ddx = (
@@ -58,27 +60,27 @@ class SpeedLaw:
         return x, dx, ddx
 
     def times_at_breaks(self) -> Array:
-        """Return the time at each break, shape (k + 1,), s; the launch comes before the first."""
+        """Return the time at each break, shape (k + 1,), s; the start ramp ends at the first."""
         return self._times(self.breaks)
 
     @property
-    def launch_time(self) -> float:
-        """Duration of the launch, s."""
-        return float(3.0 * self.launch / np.sqrt(self.coefficients[0]))
+    def start_ramp_time(self) -> float:
+        """Duration of the start ramp, s."""
+        return float(3.0 * self.start_ramp / np.sqrt(self.coefficients[0]))
 
     @property
-    def landing_time(self) -> float:
-        """Duration of the landing, s."""
-        return float(3.0 * self.landing / np.sqrt(self.coefficients[-1]))
+    def end_ramp_time(self) -> float:
+        """Duration of the end ramp, s."""
+        return float(3.0 * self.end_ramp / np.sqrt(self.coefficients[-1]))
 
     @property
     def duration(self) -> float:
         """Time from rest to rest, s."""
-        return float(self._times(self.breaks)[-1]) + self.landing_time
+        return float(self._times(self.breaks)[-1]) + self.end_ramp_time
 
-    def scaled(self, factor: float) -> 'SpeedLaw':
-        """Return the law whose u̇² is `factor` times this one's."""
-        return SpeedLaw(self.breaks, factor * self.coefficients, self.length)
+    def scaled(self, factor: float) -> 'SpeedProfile':
+        """Return the profile whose u̇² is `factor` times this one's."""
+        return SpeedProfile(self.breaks, factor * self.coefficients, self.length)
 
     def parameters_at(self, times: Array) -> Array:
         """Return u at times (k,), s, from rest at 0 to rest at `duration`."""
@@ -87,9 +89,11 @@ class SpeedLaw:
         stamps = self._times(fine)
         result = _hermite(times, stamps, fine, np.sqrt(x))
         early, late = times < stamps[0], times > stamps[-1]
-        result[early] = self.launch * (np.maximum(times[early], 0.0) / self.launch_time) ** 3
+        result[early] = (
+            self.start_ramp * (np.maximum(times[early], 0.0) / self.start_ramp_time) ** 3
+        )
         rest = np.maximum(self.duration - times[late], 0.0)
-        result[late] = self.length - self.landing * (rest / self.landing_time) ** 3
+        result[late] = self.length - self.end_ramp * (rest / self.end_ramp_time) ** 3
         return result
 
     def _times(self, u: Array) -> Array:
@@ -97,13 +101,13 @@ class SpeedLaw:
         at, weights = quadrature(u)
         x, _, _ = self.at(at)
         steps = (weights / np.sqrt(x)).reshape(-1, len(_GAUSS)).sum(axis=1)
-        times: Array = self.launch_time + np.append(0.0, np.cumsum(steps))
+        times: Array = self.start_ramp_time + np.append(0.0, np.cumsum(steps))
         return times
 
     def _ends(self) -> tuple[tuple[float, float, float], ...]:
         return (
-            (0.0, 1.0, float(self.coefficients[0]) / self.launch ** (4 / 3)),
-            (self.length, -1.0, float(self.coefficients[-1]) / self.landing ** (4 / 3)),
+            (0.0, 1.0, float(self.coefficients[0]) / self.start_ramp ** (4 / 3)),
+            (self.length, -1.0, float(self.coefficients[-1]) / self.end_ramp ** (4 / 3)),
         )
 
 
@@ -142,18 +146,18 @@ def basis_rows(breaks: Array, intervals: Index, u: Array) -> tuple[Array, Array,
 
 
 def use_of_limits(
-    path: SplinePath, law: SpeedLaw, limits: JointLimits, per_interval: int = 12
+    path: SplinePath, profile: SpeedProfile, limits: JointLimits, per_interval: int = 12
 ) -> tuple[float, float, float]:
-    """Return the largest |v|/V, |a|/A, |j|/J of a law, from a dense sampling in u."""
-    u, intervals = _subdivided(law.breaks, per_interval)
-    ends = [end * np.geomspace(1e-3, 1.0, 40) for end in (law.launch, law.landing)]
+    """Return the largest |v|/V, |a|/A, |j|/J of a profile, from a dense sampling in u."""
+    u, intervals = _subdivided(profile.breaks, per_interval)
+    ends = [end * np.geomspace(1e-3, 1.0, 40) for end in (profile.start_ramp, profile.end_ramp)]
     worst = np.zeros(3)
     for points, where in (
         (u, intervals),
         (ends[0], np.zeros(40, dtype=int)),
-        (law.length - ends[1], np.full(40, len(law.breaks) - 2)),
+        (profile.length - ends[1], np.full(40, len(profile.breaks) - 2)),
     ):
-        x, dx, ddx = (column[:, None] for column in law.at(points, where))
+        x, dx, ddx = (column[:, None] for column in profile.at(points, where))
         _, first, second, third = path.at(points)
         speed = np.sqrt(np.maximum(x, 0.0))
         jerk = (first * ddx / 2 + 1.5 * second * dx + third * x) * speed
@@ -179,10 +183,5 @@ def _hermite(at: Array, times: Array, values: Array, slopes: Array) -> Array:
     """Interpolate values with known slopes; the first and the last piece go on beyond the ends."""
     i = interval_of(times, at)
     h = times[i + 1] - times[i]
-    s = (at - times[i]) / h
-    return np.asarray(
-        (1 + 2 * s) * (1 - s) ** 2 * values[i]
-        + s * (1 - s) ** 2 * h * slopes[i]
-        + s**2 * (3 - 2 * s) * values[i + 1]
-        + s**2 * (s - 1) * h * slopes[i + 1]
-    )
+    begin, end = ((values[k], slopes[k]) for k in (i, i + 1))
+    return cubic((at - times[i]) / h, h, begin, end)

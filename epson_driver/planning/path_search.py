@@ -13,30 +13,30 @@ from ompl import base, geometric, util
 
 from epson_driver.motion import Array, JointLimits
 
-FINE = 0.01
+CHECK_SPACING_RAD = 0.01
 """Positions are checked so close to each other, rad (over all joints, Euclidean)."""
 
-AROUND = 1.5
+FIRST_SEARCH_MARGIN_RAD = 1.5
 """The first search stays within so much of start and goal in each joint, rad: no idle turns."""
 
-STEPS = 6000
+MAX_SEARCH_STEPS = 6000
 """A search is given up after so many steps."""
 
-SHORTCUTS = 150
+MAX_SHORTCUTS = 150
 """So many times a shorter way between two places of the way is tried."""
 
 
-def find_way(
+def find_path(
     start: Array, goal: Array, limits: JointLimits, valid: Callable[[Array], bool], seed: int
 ) -> Array | None:
     """Return the corners of a valid way, shape (k, n) with start and goal, or None.
 
-    `valid` is asked at every FINE rad of it. `seed`: 1 or more.
+    `valid` is asked at every CHECK_SPACING_RAD rad of it. `seed`: 1 or more.
     """
     if not (valid(start) and valid(goal)):  # the planner would wait for a goal that is
         return None
     util.setLogLevel(util.LOG_NONE)
-    for number, around in enumerate((AROUND, np.inf)):
+    for number, around in enumerate((FIRST_SEARCH_MARGIN_RAD, np.inf)):
         low = np.maximum(limits.position_min, np.minimum(start, goal) - around)
         high = np.minimum(limits.position_max, np.maximum(start, goal) + around)
         util.RNG.setSeed((2 * seed + number) % 2**32 or 1)
@@ -61,7 +61,7 @@ def _search(
     information.setStateValidityChecker(
         lambda state: valid(np.array([state[joint] for joint in order]))
     )
-    information.setStateValidityCheckingResolution(FINE / space.getMaximumExtent())
+    information.setStateValidityCheckingResolution(CHECK_SPACING_RAD / space.getMaximumExtent())
     information.setup()
     problem = base.ProblemDefinition(information)
     problem.setStartAndGoalStates(_state(space, start), _state(space, goal))
@@ -69,17 +69,17 @@ def _search(
     planner.setRange(0.6)
     planner.setProblemDefinition(problem)
     planner.setup()
-    left = iter(range(STEPS))
+    left = iter(range(MAX_SEARCH_STEPS))
     stop = base.PlannerTerminationCondition(lambda: next(left, None) is None)
     planner.solve(stop)
     if not problem.hasExactSolution():
         return None
     way = problem.getSolutionPath()
     shorten = geometric.PathSimplifier(information)
-    shorten.reduceVertices(way, SHORTCUTS, SHORTCUTS, 0.33)
-    shorten.partialShortcutPath(way, SHORTCUTS, SHORTCUTS, 0.33, 0.005)
-    shorten.reduceVertices(way, SHORTCUTS, SHORTCUTS, 0.33)
-    shorten.collapseCloseVertices(way, SHORTCUTS, SHORTCUTS)
+    shorten.reduceVertices(way, MAX_SHORTCUTS, MAX_SHORTCUTS, 0.33)
+    shorten.partialShortcutPath(way, MAX_SHORTCUTS, MAX_SHORTCUTS, 0.33, 0.005)
+    shorten.reduceVertices(way, MAX_SHORTCUTS, MAX_SHORTCUTS, 0.33)
+    shorten.collapseCloseVertices(way, MAX_SHORTCUTS, MAX_SHORTCUTS)
     return np.array(
         [[way.getState(k)[joint] for joint in order] for k in range(way.getStateCount())]
     )

@@ -11,7 +11,7 @@ from support.planning_harness import LEFT, MODEL, PILLAR, RIGHT, scene
 pytest.importorskip('ompl')  # no wheel for Python 3.14
 
 from epson_driver.planning.path import dense, line, rounded, thinned
-from epson_driver.planning.planner import FINE, find_way
+from epson_driver.planning.path_search import CHECK_SPACING_RAD, find_path
 from epson_driver.planning.shapes import standing
 from epson_driver.planning.task import gripping
 
@@ -24,22 +24,22 @@ def test_the_straight_line_goes_through_the_pillar_and_is_caught():
     straight = line(LEFT, RIGHT)
     assert FREE.valid(LEFT)
     assert FREE.valid(RIGHT)
-    assert not BARE.way_valid(straight)
+    assert not BARE.path_valid(straight)
 
 
 def test_the_way_found_goes_around_it():
-    way = find_way(LEFT, RIGHT, MODEL.limits, FREE.valid, 1)
+    way = find_path(LEFT, RIGHT, MODEL.limits, FREE.valid, 1)
     assert way is not None
     assert way[0] == pytest.approx(LEFT)
     assert way[-1] == pytest.approx(RIGHT)
     finer = np.concatenate([np.linspace(a, b, 400) for a, b in pairwise(way)])
-    assert BARE.way_valid(finer)  # the margin covers what lies between the places checked
+    assert BARE.path_valid(finer)  # the margin covers what lies between the places checked
     assert (finer >= MODEL.limits.position_min).all()
     assert (finer <= MODEL.limits.position_max).all()
 
 
 def test_the_same_seed_gives_the_same_way_whatever_came_before():
-    ways = [find_way(LEFT, RIGHT, MODEL.limits, FREE.valid, seed) for seed in (1, 2, 1)]
+    ways = [find_path(LEFT, RIGHT, MODEL.limits, FREE.valid, seed) for seed in (1, 2, 1)]
     assert np.array_equal(ways[0], ways[2])
     assert not np.array_equal(ways[0], ways[1])
 
@@ -48,11 +48,11 @@ def test_no_way_out_of_a_cage():
     def caged(joints):
         return bool(np.abs(joints - LEFT).max() < 0.1 or np.abs(joints - RIGHT).max() < 0.1)
 
-    assert find_way(LEFT, RIGHT, MODEL.limits, caged, 1) is None
+    assert find_path(LEFT, RIGHT, MODEL.limits, caged, 1) is None
 
 
 def test_a_goal_that_is_not_free_has_no_way():
-    assert find_way(LEFT, np.zeros(6), MODEL.limits, lambda q: bool(q[0] > 0.5), 1) is None
+    assert find_path(LEFT, np.zeros(6), MODEL.limits, lambda q: bool(q[0] > 0.5), 1) is None
 
 
 CORNERS = np.array([[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0]], dtype=float)
@@ -71,7 +71,7 @@ def test_corners_become_round_and_the_ends_stay():
     assert path[-1] == pytest.approx(CORNERS[-1])
     assert turns(path).max() < 0.1
     assert np.linalg.norm(path - CORNERS[1], axis=1).min() > 0.05
-    assert np.abs(np.diff(path, axis=0)).max() <= 1.01 * FINE
+    assert np.abs(np.diff(path, axis=0)).max() <= 1.01 * CHECK_SPACING_RAD
 
 
 def test_a_corner_without_room_stays():

@@ -5,20 +5,20 @@
 import numpy as np
 import pytest
 
-from benchmark.limit_sets import FACTORS, VELOCITY, limit_set, ramp_time
+from benchmark.limit_sets import FACTORS, MAX_VELOCITY_RAD_S, limit_set, ramp_time
 from benchmark.references import ReferenceFile, digest
-from benchmark.trajectories import BenchTrajectory, bench_set
+from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 
-SET = {trajectory.name: trajectory for trajectory in bench_set()}
+SET = {trajectory.name: trajectory for trajectory in benchmark_set()}
 
 
 def test_the_set_is_the_same_every_time() -> None:
-    for one, other in zip(bench_set(), SET.values(), strict=True):
+    for one, other in zip(benchmark_set(), SET.values(), strict=True):
         assert np.array_equal(one.positions, other.positions)
 
 
 @pytest.mark.parametrize('trajectory', SET.values(), ids=SET)
-def test_a_trajectory_can_be_streamed(trajectory: BenchTrajectory) -> None:
+def test_a_trajectory_can_be_streamed(trajectory: BenchmarkTrajectory) -> None:
     limits = limit_set('full')
     assert 9 <= len(trajectory.positions) <= 1000
     assert trajectory.positions.shape[1] == 6
@@ -45,13 +45,13 @@ def test_only_the_plan_that_is_too_fast_asks_for_more_than_the_velocity_limits()
     for name, one in SET.items():
         if one.durations is not None:
             speeds = np.abs(np.diff(one.positions, axis=0)) / one.durations[1:, None]
-            assert (np.max(speeds / VELOCITY) > 1.001) == (name == 'too_fast'), name
+            assert (np.max(speeds / MAX_VELOCITY_RAD_S) > 1.001) == (name == 'too_fast'), name
 
 
 def test_limit_sets() -> None:
     assert ramp_time(limit_set('full')) == pytest.approx(0.1)
     assert ramp_time(limit_set('half')) == pytest.approx(0.2)
-    assert limit_set('half').acceleration == pytest.approx(5.0 * VELOCITY)
+    assert limit_set('half').acceleration == pytest.approx(5.0 * MAX_VELOCITY_RAD_S)
 
 
 def test_the_stored_references_are_those_of_the_set_and_sound() -> None:

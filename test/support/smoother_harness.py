@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random runs of the smoother, and the exact extrema of what they executed.
 
-The extrema owe nothing to the package's judge: the pieces that were executed are taken apart by
-the passages of the knots (by bisection), each derivative is interpolated at Chebyshev nodes,
-exactly as it is a polynomial, and looked at where its own derivative vanishes.
+The extrema owe nothing to the package's own verification: the pieces that were executed are taken
+apart by the passages of the knots (by bisection), each derivative is interpolated at Chebyshev
+nodes, exactly as it is a polynomial, and looked at where its own derivative vanishes.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode, Smoother
-from epson_driver.motion.smoother.committed import Committed
+from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.smoother.joint_motion import JointMotion
 
 LONGEST = 8.0
@@ -54,20 +54,14 @@ SLOW = JointLimits(
 
 
 class Recorded(Smoother):
-    """A smoother that keeps what it executes: since when, and the course, joint motion or rest."""
+    """A smoother that keeps what it executes: since when, and the plan, joint motion or rest."""
 
-    executed: list[tuple[float, Committed | JointMotion | None]]
+    def __init__(self, *args: Any, **named: Any) -> None:
+        self.executed: list[tuple[float, ActivePlan | JointMotion | None]] = [(0.0, None)]
+        super().__init__(*args, observer=self._record, **named)
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        super().__setattr__(name, value)
-        if name in ('_course', '_joint_motion'):
-            if '_joint_motion' not in self.__dict__:
-                super().__setattr__('executed', [])
-                return
-            current = self._joint_motion if self._joint_motion is not None else self._course
-            if self.executed and self.executed[-1][1] is current:
-                return
-            self.executed.append((self._now, current))
+    def _record(self, now: float, what: ActivePlan | JointMotion | None) -> None:
+        self.executed.append((now, what))
 
 
 @dataclass
@@ -176,7 +170,7 @@ def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) 
         run.positions.append(motion.position)
         run.velocities.append(motion.velocity)
         run.accelerations.append(motion.acceleration)
-        stands = smoother.at_rest and bool(smoother._ahead) and smoother._now > 0.5
+        stands = smoother.at_rest and smoother.points_ahead > 0 and smoother.now > 0.5
         run.stops += stands and not still and run.complete
         still = stands
     return run
@@ -212,14 +206,14 @@ def exact_extrema(run: Run) -> Extrema:
     limits = run.limits
     zeros = np.zeros(len(limits.names))
     state = (run.start, zeros, zeros)
-    ends = [begin for begin, _ in run.smoother.executed[1:]] + [run.smoother._now]
+    ends = [begin for begin, _ in run.smoother.executed[1:]] + [run.smoother.now]
     for (begin, what), end in zip(run.smoother.executed, ends, strict=True):
         if what is None:
             if end > begin:
                 state = (state[0], zeros, zeros)
             continue
-        if isinstance(what, Committed):
-            spans = _course_spans(what, begin - what.begin, end - what.begin)
+        if isinstance(what, ActivePlan):
+            spans = _plan_spans(what, begin - what.begin, end - what.begin)
         else:
             spans = _joint_spans(what, end - begin)
         if spans is None:
@@ -260,9 +254,9 @@ def _largest(values: Array) -> float:
     return best
 
 
-def _quintics(course: Committed) -> Array:
+def _quintics(active: ActivePlan) -> Array:
     """Return the coefficients of each segment by u from its first knot, (k - 1, 6, n)."""
-    knots = course.path.knots
+    knots = active.path.knots
     h = np.diff(knots.u)
     result = []
     for i, length in enumerate(h):
@@ -284,19 +278,19 @@ def _quintics(course: Committed) -> Array:
     return np.array(result)
 
 
-def _course_spans(course: Committed, begin: float, end: float) -> Any:
-    """Return the durations of the parts of a course, what gives its derivatives, both ends."""
-    law, knots = course.law, course.path.knots.u
-    end = min(end, law.duration)
+def _plan_spans(active: ActivePlan, begin: float, end: float) -> Any:
+    """Return the durations of the parts of a plan, what gives its derivatives, and both ends."""
+    timing, knots = active.timing, active.path.knots.u
+    end = min(end, timing.duration)
     if end <= begin:
         return None
     pieces = []
-    for piece, (since, until) in enumerate(zip(law.times[:-1], law.times[1:], strict=True)):
+    for piece, (since, until) in enumerate(zip(timing.times[:-1], timing.times[1:], strict=True)):
         low, high = max(since, begin), min(until, end)
         if high <= low:
             continue
-        u, v, a = law.positions[piece], law.velocities[piece], law.accelerations[piece]
-        j = law.jerks[piece]
+        u, v, a = timing.positions[piece], timing.velocities[piece], timing.accelerations[piece]
+        j = timing.jerks[piece]
         cuts = [low - since, high - since]
         reach = [u + t * (v + t * (a / 2 + t * j / 6)) for t in cuts]
         for knot in knots[(knots > reach[0] + 1e-12) & (knots < reach[1] - 1e-12)]:
@@ -321,7 +315,7 @@ def _course_spans(course: Committed, begin: float, end: float) -> Any:
             )  # fmt: skip
     columns = [np.array(column) for column in zip(*pieces, strict=True)]
     durations, segments, (o, v, a, j) = columns[0], columns[1].astype(int), columns[2:]
-    c = _quintics(course)[segments]  # (m, 6, n)
+    c = _quintics(active)[segments]  # (m, 6, n)
 
     def derivatives(t: Array) -> tuple[Array, Array, Array, Array]:
         w = (o[:, None] + t * (v[:, None] + t * (a[:, None] / 2 + t * j[:, None] / 6)))[..., None]
@@ -342,7 +336,7 @@ def _course_spans(course: Committed, begin: float, end: float) -> Any:
 
 def _joint_spans(motion: JointMotion, end: float) -> Any:
     """Return the same for a joint motion."""
-    times, jerks, states = motion._times, motion._jerks, motion._states
+    times, jerks, states = motion.times, motion.jerks, motion.states
     cuts = np.unique(np.clip(np.append(times.ravel(), end), 0.0, end))
     if len(cuts) < 2:
         return None
@@ -412,3 +406,17 @@ def sampled_extrema(run: Run) -> Extrema:
         outside=float(np.max(np.maximum(q - limits.position_max, limits.position_min - q))),
     )
     return found
+
+
+def assert_within_all_limits(seed: int, dt: float) -> None:
+    run = random_run(seed, dt)
+    exact, sampled = exact_extrema(run), sampled_extrema(run)
+    what = f'seed {seed}: {exact}; sampled every {dt} s: {sampled}'
+    assert exact.worst <= 1.0 + 1e-6, what
+    assert exact.outside <= 1e-10, what
+    assert exact.position_jump <= 1e-11, what
+    assert exact.velocity_jump <= 1e-8, what
+    assert exact.acceleration_jump <= 1e-4, what  # a start that is taken back within 1 µs
+    assert sampled.worst <= 1.0 + 1e-4, what
+    assert sampled.outside <= 1e-10, what
+    assert run.smoother.violations == 0, what

@@ -59,7 +59,7 @@ def test_the_optimum_of_a_straight_line_is_ruckigs() -> None:
 
     optimum = jerk_limited_optimum(spline_path(LINE, LIMITS.velocity), LIMITS)
     truth = stop_and_go(LINE, LIMITS).duration
-    assert truth <= optimum.law.duration <= 1.01 * truth
+    assert truth <= optimum.profile.duration <= 1.01 * truth
 
 
 def test_the_optimum_keeps_the_limits_when_it_is_sampled_in_time() -> None:
@@ -69,8 +69,8 @@ def test_the_optimum_keeps_the_limits_when_it_is_sampled_in_time() -> None:
 
     path = spline_path(CURVE, LIMITS.velocity)
     optimum = jerk_limited_optimum(path, LIMITS)
-    times = np.arange(0.0, optimum.law.duration, 1e-3)
-    positions, *_ = path.at(optimum.law.parameters_at(times))
+    times = np.arange(0.0, optimum.profile.duration, 1e-3)
+    positions, *_ = path.at(optimum.profile.parameters_at(times))
     for order, limit in ((1, LIMITS.velocity), (2, LIMITS.acceleration), (3, LIMITS.jerk)):
         use = np.abs(np.diff(positions, order, axis=0)) / 1e-3**order / limit
         assert use.max() <= 1.005

@@ -11,20 +11,20 @@ from benchmark.limit_sets import limit_set
 from benchmark.metrics import Metrics, measure
 from benchmark.motion_record import Record
 from benchmark.stop_and_go import stop_and_go
-from benchmark.strategies import DT, STRATEGIES, Strategy, run
-from benchmark.trajectories import BenchTrajectory
+from benchmark.strategies import SAMPLE_STEP_S, STRATEGIES, Strategy, run
+from benchmark.trajectories import BenchmarkTrajectory
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 
 LIMITS = limit_set('full')
-ALL_KNOWN = STRATEGIES['O, all known']
+ALL_KNOWN = STRATEGIES['time-optimal, all known']
 POINTS = np.array([[0.0, -0.5, 0.5, 0.0, -1.0, 0.0]] * 5)
 POINTS[:, 0] = [0.0, 0.3, 0.1, 0.6, 0.5]
 POINTS[:, 5] = [0.0, -0.2, 0.4, 0.8, 1.2]
 
 
-def trajectory(positions: Array = POINTS, durations: Array | None = None) -> BenchTrajectory:
-    return BenchTrajectory('a test', 'a test', positions, durations)
+def trajectory(positions: Array = POINTS, durations: Array | None = None) -> BenchmarkTrajectory:
+    return BenchmarkTrajectory('a test', 'a test', positions, durations)
 
 
 class _Rest:
@@ -123,13 +123,13 @@ def test_a_motion_that_does_not_end_is_given_up() -> None:
 def test_a_commanded_rest_is_no_stop_and_others_are() -> None:
     positions = np.repeat(POINTS, [1, 1, 2, 1, 1], axis=0)
     durations = np.array([0.0, 0.3, 0.3, 0.5, 0.3, 0.3])
-    timed = STRATEGIES['T, all known']
+    timed = STRATEGIES['time-preserving, all known']
     assert run_stop_and_go(positions, durations, timed)[1].stops == 2
     assert run_stop_and_go(positions, durations, ALL_KNOWN)[1].stops == 3
 
 
 def test_turning_round_is_no_stop() -> None:
-    times = DT * np.arange(401)
+    times = SAMPLE_STEP_S * np.arange(401)
     speed, push = (
         2.0 * np.cos(np.pi * times / 0.4),
         -2.0 * np.pi / 0.4 * np.sin(np.pi * times / 0.4),
@@ -137,7 +137,7 @@ def test_turning_round_is_no_stop() -> None:
     way = 2.0 * 0.4 / np.pi * np.sin(np.pi * times / 0.4)
     zeros = np.zeros((401, 5))
     record = Record(
-        DT,
+        SAMPLE_STEP_S,
         np.column_stack([way, zeros]),
         np.column_stack([speed, zeros]),
         np.column_stack([push, zeros]),

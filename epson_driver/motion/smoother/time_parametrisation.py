@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Speed laws: where on a path to be at which time, u(t), from a start to a rest.
+"""Time parametrisations ("timings"): where on a path to be when, u(t), from a start to a rest.
 
-u is the path parameter of `path`. A law is a chain of pieces of constant jerk, so that every
+u is the path parameter of `path`. A timing is a chain of pieces of constant jerk, so that every
 value between its breakpoints is exact.
 """
 
@@ -16,12 +16,12 @@ from epson_driver.motion.limits import Array
 State = tuple[float, float, float]
 """u, its velocity, its acceleration."""
 
-SHORTEST_PIECE = 1e-9
+MIN_PIECE_S = 1e-9
 """Pieces of Ruckig's that are shorter (s) are rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Law:
+class TimeParametrisation:
     """k pieces of constant jerk; it rests at its end.
 
     times, positions, velocities, accelerations: shape (k + 1,), at the breakpoints, time from 0.
@@ -59,7 +59,7 @@ class Law:
         )
 
     def sample(self, times: Array) -> tuple[Array, Array, Array, Array]:
-        """Return u, velocity, acceleration, jerk at times within the law, all of one shape."""
+        """Return u, velocity, acceleration, jerk at times within the timing, all of one shape."""
         piece = np.clip(self.times.searchsorted(times, side='right') - 1, 0, len(self.jerks) - 1)
         t = times - self.times[piece]
         u, v = self.positions[piece], self.velocities[piece]
@@ -72,29 +72,31 @@ class Law:
         )
 
     def speeds(self, us: Array) -> Array:
-        """Return u̇ at each u of a law that never turns back, shape (m,); 0 beyond its end."""
+        """Return u̇ at each u of a timing that never turns back, shape (m,); 0 beyond its end."""
         u, v, _, _ = self.sample(np.linspace(0.0, self.duration, 100))
         speeds: Array = np.interp(us, np.maximum.accumulate(u), v, right=0.0)
         return speeds
 
 
-def from_ruckig(course: RuckigTrajectory) -> Law:
-    """Return a one-dimensional Ruckig trajectory as a law."""
-    profile = course.profiles[0][0]
+def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
+    """Return a one-dimensional Ruckig trajectory as a timing."""
+    profile = trajectory.profiles[0][0]
     brake = profile.brake
     pieces = [
         (t, j)
         for t, j in zip([*brake.t, *profile.t], [*brake.j, *profile.j], strict=True)
-        if t > SHORTEST_PIECE
+        if t > MIN_PIECE_S
     ]
-    (u,), (v,), (a,) = course.at_time(0.0)
+    (u,), (v,), (a,) = trajectory.at_time(0.0)
     return from_pieces(
         (u, v, a), np.array([t for t, _ in pieces]), np.array([j for _, j in pieces])
     )
 
 
-def from_pieces(start: State, durations: Array, jerks: Array, end: float | None = None) -> Law:
-    """Return the law that starts in a state and has constant jerks for durations, shapes (k,).
+def from_pieces(
+    start: State, durations: Array, jerks: Array, end: float | None = None
+) -> TimeParametrisation:
+    """Return the timing that starts in a state and has constant jerks for durations, shapes (k,).
 
     It must come to rest; `end`, where it does, removes the rounding of the way there.
     """
@@ -106,14 +108,16 @@ def from_pieces(start: State, durations: Array, jerks: Array, end: float | None 
     if end is not None:
         u[-1] = end
     v[-1] = a[-1] = 0.0
-    return Law(times, u, v, a, jerks)
+    return TimeParametrisation(times, u, v, a, jerks)
 
 
-def from_accelerations(start: State, end: float, times: Array, accelerations: Array) -> Law:
-    """Return a law whose acceleration is linear between samples; times from 0, shapes (k + 1,).
+def from_accelerations(
+    start: State, end: float, times: Array, accelerations: Array
+) -> TimeParametrisation:
+    """Return a timing whose acceleration is linear between samples; times from 0, shapes (k + 1,).
 
     The first sample is the start's acceleration, the last must be 0. What is missing to rest
-    exactly at `end` is spread over the whole law as smoothly as can be.
+    exactly at `end` is spread over the whole timing as smoothly as can be.
     """
     a = accelerations.copy()
     a[0], a[-1] = start[2], 0.0
@@ -130,7 +134,7 @@ def from_accelerations(start: State, end: float, times: Array, accelerations: Ar
     v += start[1]
     u += start[0] + times * start[1]
     u[-1], v[-1] = end, 0.0
-    return Law(times, u, v, a, np.diff(a) / steps)
+    return TimeParametrisation(times, u, v, a, np.diff(a) / steps)
 
 
 def _integrals(steps: Array, a: Array) -> tuple[Array, Array]:

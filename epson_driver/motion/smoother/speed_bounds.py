@@ -16,12 +16,12 @@ ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7
 """Of the acceleration limit: what may be used in all, and what of it for q″u̇²."""
 
-FEWEST_SAMPLES = 160
+MIN_SAMPLES = 160
 """Per path; at least two per segment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profile:
+class SpeedProfile:
     """u̇ at samples of u, and the time from the first to each of them; shapes (m,)."""
 
     positions: Array
@@ -29,10 +29,10 @@ class Profile:
     times: Array
 
 
-class Course:
+class SpeedBounds:
     """The samples of one problem's path, and the speed bounds there; shapes (m,)."""
 
-    __slots__ = ('_left', 'bounds', 'positions')
+    __slots__ = ('_left', 'positions', 'speeds')
 
     def __init__(self, problem: Problem) -> None:
         us = _samples(problem)
@@ -42,16 +42,18 @@ class Course:
             curvature = np.min(CURVATURE_SHARE * limits.acceleration / np.abs(second), axis=1)
             twist = np.min(CURVATURE_SHARE * limits.jerk / np.abs(third), axis=1)
         self.positions = us
-        self.bounds = np.minimum(
+        self.speeds = np.minimum(
             problem.speed_bounds(us, first), np.minimum(np.sqrt(curvature), np.cbrt(twist))
         )
         # what curvature leaves for ü, at the bound: conservative below it
-        bend = np.abs(second) * self.bounds[:, None] ** 2
+        bend = np.abs(second) * self.speeds[:, None] ** 2
         left = ACCELERATION_SHARE * limits.acceleration - bend
         with np.errstate(divide='ignore'):
             self._left = np.min(left / np.abs(first), axis=1)
 
-    def profile(self, start: float, start_speed: float, factor: Array | float = 1.0) -> Profile:
+    def profile(
+        self, start: float, start_speed: float, factor: Array | float = 1.0
+    ) -> SpeedProfile:
         """Return the fastest speeds from a start to rest at the end.
 
         `factor` ≤ 1 lowers the bounds, shape (m,). A start above them is followed by the hardest
@@ -59,7 +61,7 @@ class Course:
         """
         ahead = self.positions > start + 1e-12
         us = np.concatenate(([start], self.positions[ahead]))
-        bounds = (self.bounds * factor)[ahead]
+        bounds = (self.speeds * factor)[ahead]
         pace = self._left[ahead]
         pace = np.concatenate((pace[:1], pace))
         gain = (2.0 * np.diff(us) * np.minimum(pace[:-1], pace[1:])).tolist()
@@ -73,14 +75,14 @@ class Course:
                 x[i + 1] = x[i] + more
         speeds = np.sqrt(x)
         steps = 2.0 * np.diff(us) / np.maximum(speeds[1:] + speeds[:-1], 1e-9)
-        return Profile(us, speeds, np.concatenate(([0.0], np.cumsum(steps))))
+        return SpeedProfile(us, speeds, np.concatenate(([0.0], np.cumsum(steps))))
 
 
 def _samples(problem: Problem) -> Array:
     knots = problem.path.knots.u
     first = problem.path.segment(problem.start[0])
     knots = np.concatenate(([problem.start[0]], knots[first + 1 :]))
-    each = max(2, -(-FEWEST_SAMPLES // (len(knots) - 1)))
+    each = max(2, -(-MIN_SAMPLES // (len(knots) - 1)))
     inside = np.arange(each) / each
     us = knots[:-1, None] + np.diff(knots)[:, None] * inside
     return np.concatenate((us.ravel(), knots[-1:]))

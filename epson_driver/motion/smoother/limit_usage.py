@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The judge of every plan: whether a law on a path stays within the limits of all joints.
+"""How much of the limits a plan uses: the verification that every plan has to pass.
 
-It holds for every instant, not for samples. The law's breakpoints and the times when the motion
-passes the path's knots cut it into spans; in each the path is one polynomial of u and the law one
-of the time, so the joints' positions are polynomials of degree 15, and their derivatives are of
-14, 13, 12. A polynomial lies in the hull of its Bernstein coefficients (Farouki, Rajan 1987), of
-which the first and the last are its values at the ends. A span whose hull is beyond a limit is
-halved until that is decided.
+It holds for every instant, not for samples. The timing's breakpoints and the times when the motion
+passes the path's knots cut it into spans. In each of them the path is one polynomial of u and the
+timing one of the time, so the joints' positions are polynomials of degree 15, and their
+derivatives are of 14, 13, 12. A polynomial lies in the hull of its Bernstein coefficients
+(Farouki, Rajan 1987), of which the first and the last are its values at the ends. A span whose
+hull is beyond a limit is halved until that is decided.
 """
 
 from dataclasses import dataclass
@@ -17,43 +17,43 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother.law import Law
 from epson_driver.motion.smoother.path import DEGREE, Path
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-BACKWARD = 1e-9
+BACKWARD_SPEED = 1e-9
 """u̇ below this negative is a way back."""
 
-ROUNDING = 1e-7
+LIMIT_TOLERANCE_SHARE = 1e-7
 """Relative excess of a limit that is taken for rounding."""
 
-POSITION_ROUNDING = 1e-12
+POSITION_TOLERANCE = 1e-12
 """The same for positions, rad."""
 
-GAP = 1e-9
-"""Jump of u from one piece of a law to the next that is taken for rounding."""
+JUMP_TOLERANCE = 1e-9
+"""Jump of u from one piece of a timing to the next that is taken for rounding."""
 
-SAME = 1e-12
-"""Difference in u between a knot of the path and a breakpoint of the law that is rounding."""
+KNOT_TOLERANCE = 1e-12
+"""Difference in u between a knot of the path and a breakpoint of the timing that is rounding."""
 
-PASSED = 1e-15
+PASSAGE_TOLERANCE = 1e-15
 """How exactly the passage of a knot is found, in u or in s."""
 
-HALVINGS = 16
+MAX_HALVINGS = 16
 """How often a span is halved before it counts as what its hull says."""
 
-TIGHT = 1.02
+TIGHT_HULL_RATIO = 1.02
 """A hull that is beyond a limit by a value at an end, and by no more than this times it, stays."""
 
 Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Loads:
-    """How much of the limits a law on a path uses: the worst joint in each of m parts of it.
+class LimitUsage:
+    """How much of the limits a timing on a path uses: the worst joint in each of m parts of it.
 
     positions: u in the middle of the part, shape (m,). velocity, acceleration, jerk: multiples of
     the limits that are not exceeded in the part, shape (m,). inside: whether every joint stays
-    within its position limits, and the law neither jumps nor turns back.
+    within its position limits, and the timing neither jumps nor turns back.
     """
 
     positions: Array
@@ -66,17 +66,18 @@ class Loads:
     def allowed(self) -> bool:
         """Whether nothing exceeds a limit."""
         return self.inside and bool(
-            max(self.velocity.max(), self.acceleration.max(), self.jerk.max()) <= 1.0 + ROUNDING
+            max(self.velocity.max(), self.acceleration.max(), self.jerk.max())
+            <= 1.0 + LIMIT_TOLERANCE_SHARE
         )
 
 
-def loads(path: Path, law: Law, limits: JointLimits) -> Loads:
-    """Return what a law on a path asks of the joints, from the law's start to its end."""
-    spans = _spans(path, law)
+def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) -> LimitUsage:
+    """Return what a timing on a path asks of the joints, from the timing's start to its end."""
+    spans = _spans(path, timing)
     confined = _confined(path, limits)
-    inside = _forward(law) and _continuous(law)
+    inside = _forward(timing) and _continuous(timing)
     parts: list[tuple[Array, Array]] = []
-    for left in range(HALVINGS, -1, -1):
+    for left in range(MAX_HALVINGS, -1, -1):
         used = _use(path, spans, limits, confined)
         undecided = used.undecided & (left > 0)
         inside = inside and not bool(np.any(used.outside & ~undecided))
@@ -86,12 +87,12 @@ def loads(path: Path, law: Law, limits: JointLimits) -> Loads:
         spans = spans[undecided].halves()
     middles = np.concatenate([middle for middle, _ in parts])
     velocity, acceleration, jerk = np.concatenate([hull for _, hull in parts]).T
-    return Loads(middles, velocity, acceleration, jerk, inside)
+    return LimitUsage(middles, velocity, acceleration, jerk, inside)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spans:
-    """m intervals of time in each of which one piece of the law is on one segment of the path.
+    """m intervals of time in each of which one piece of the timing is on one segment of the path.
 
     segment: of the path. offset: u at the start, from the segment's first knot. speed,
     acceleration, jerk: of u. duration in s. All of shape (m,).
@@ -134,25 +135,25 @@ def _way(t: Array, v: Array, a: Array, j: Array) -> Array:
     return way
 
 
-def _spans(path: Path, law: Law) -> _Spans:
-    """Return the spans of a law on a path.
+def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
+    """Return the spans of a timing on a path.
 
     Which segment a span is on follows from counting the knots before it, not from a rounded u.
     """
-    durations = np.diff(law.times)
-    reached = np.maximum.accumulate(law.positions)
+    durations = np.diff(timing.times)
+    reached = np.maximum.accumulate(timing.positions)
     knots = path.knots.u
     begin, end = np.searchsorted(knots, (reached[0], reached[-1]), side='right')
     first = int(np.clip(begin - 1, 0, len(knots) - 2))
     last = int(np.clip(end - 1, first, len(knots) - 2))
     passed = np.arange(first + 1, last + 1)
     # a knot within rounding of a breakpoint is at it, at the one after it first
-    within = reached.searchsorted(knots[passed] + SAME, side='right') - 1
+    within = reached.searchsorted(knots[passed] + KNOT_TOLERANCE, side='right') - 1
     within = np.clip(within, 0, len(durations) - 1)
     since = np.zeros(len(passed))
-    inside = reached[within] < knots[passed] - SAME
-    since[inside] = _passages(law, within[inside], knots[passed[inside]])
-    # every span begins at a breakpoint of the law, or at a knot
+    inside = reached[within] < knots[passed] - KNOT_TOLERANCE
+    since[inside] = _passages(timing, within[inside], knots[passed[inside]])
+    # every span begins at a breakpoint of the timing, or at a knot
     count = len(durations)
     piece = np.append(np.arange(count), within)
     start = np.append(np.zeros(count), since)
@@ -162,8 +163,10 @@ def _spans(path: Path, law: Law) -> _Spans:
     segment = first + np.cumsum(knot)
     until = durations[piece]
     until[:-1] = np.where(piece[1:] == piece[:-1], start[1:], until[:-1])
-    v, a, j = law.velocities[piece], law.accelerations[piece], law.jerks[piece]
-    offset = np.where(knot == 1, 0.0, law.positions[piece] - knots[segment] + _way(start, v, a, j))
+    v, a, j = timing.velocities[piece], timing.accelerations[piece], timing.jerks[piece]
+    offset = np.where(
+        knot == 1, 0.0, timing.positions[piece] - knots[segment] + _way(start, v, a, j)
+    )
     spans = _Spans(
         segment,
         offset,
@@ -175,17 +178,17 @@ def _spans(path: Path, law: Law) -> _Spans:
     return spans[spans.duration > 0.0]
 
 
-def _passages(law: Law, piece: Indices, us: Array) -> Array:
-    """Return when pieces of a law pass some u, s from the pieces' starts, to rounding."""
-    ways = us - law.positions[piece]
-    durations = law.times[piece + 1] - law.times[piece]
-    v, a, j = law.velocities[piece], law.accelerations[piece], law.jerks[piece]
+def _passages(timing: TimeParametrisation, piece: Indices, us: Array) -> Array:
+    """Return when pieces of a timing pass some u, s from the pieces' starts, to rounding."""
+    ways = us - timing.positions[piece]
+    durations = timing.times[piece + 1] - timing.times[piece]
+    v, a, j = timing.velocities[piece], timing.accelerations[piece], timing.jerks[piece]
     low, high = np.zeros_like(durations), durations.copy()
     t = durations / 2.0
     for _ in range(100):  # Newton's method, bisection where that leaves the bracket
         over = _way(t, v, a, j) - ways
         high, low = np.where(over > 0.0, t, high), np.where(over > 0.0, low, t)
-        if np.all((np.abs(over) <= PASSED) | (high - low <= PASSED)):
+        if np.all((np.abs(over) <= PASSAGE_TOLERANCE) | (high - low <= PASSAGE_TOLERANCE)):
             break
         with np.errstate(divide='ignore', invalid='ignore'):
             better = t - over / (v + t * (a + t * j / 2.0))
@@ -194,32 +197,32 @@ def _passages(law: Law, piece: Indices, us: Array) -> Array:
     return t
 
 
-def _forward(law: Law) -> bool:
-    """Return whether a law never turns back."""
-    v, a, j = law.velocities[:-1], law.accelerations[:-1], law.jerks
+def _forward(timing: TimeParametrisation) -> bool:
+    """Return whether a timing never turns back."""
+    v, a, j = timing.velocities[:-1], timing.accelerations[:-1], timing.jerks
     with np.errstate(divide='ignore', invalid='ignore'):
         turn = np.nan_to_num(-a / j, nan=0.0, posinf=0.0, neginf=0.0)
-    turn = np.clip(turn, 0.0, np.diff(law.times))
+    turn = np.clip(turn, 0.0, np.diff(timing.times))
     lowest = v + turn * (a + turn * j / 2.0)
-    return bool(min(lowest.min(), law.velocities.min()) >= -BACKWARD)
+    return bool(min(lowest.min(), timing.velocities.min()) >= -BACKWARD_SPEED)
 
 
-def _continuous(law: Law) -> bool:
-    """Return whether each piece of a law ends where the next one, or the rest, begins."""
-    t = np.diff(law.times)
-    v, a, j = law.velocities[:-1], law.accelerations[:-1], law.jerks
+def _continuous(timing: TimeParametrisation) -> bool:
+    """Return whether each piece of a timing ends where the next one, or the rest, begins."""
+    t = np.diff(timing.times)
+    v, a, j = timing.velocities[:-1], timing.accelerations[:-1], timing.jerks
     gaps = (
-        law.positions[:-1] + _way(t, v, a, j) - law.positions[1:],
-        v + t * (a + t * j / 2.0) - law.velocities[1:],
-        a + t * j - law.accelerations[1:],
+        timing.positions[:-1] + _way(t, v, a, j) - timing.positions[1:],
+        v + t * (a + t * j / 2.0) - timing.velocities[1:],
+        a + t * j - timing.accelerations[1:],
     )
-    largest = float(np.max(np.abs(law.accelerations)))
+    largest = float(np.max(np.abs(timing.accelerations)))
     return bool(
         t.min() >= 0.0
-        and np.max(np.abs(gaps[0])) <= GAP
-        and np.max(np.abs(gaps[1])) <= ROUNDING
-        and np.max(np.abs(gaps[2])) <= ROUNDING * max(largest, 1.0)
-        and law.velocities[-1] == 0.0 == law.accelerations[-1]
+        and np.max(np.abs(gaps[0])) <= JUMP_TOLERANCE
+        and np.max(np.abs(gaps[1])) <= LIMIT_TOLERANCE_SHARE
+        and np.max(np.abs(gaps[2])) <= LIMIT_TOLERANCE_SHARE * max(largest, 1.0)
+        and timing.velocities[-1] == 0.0 == timing.accelerations[-1]
     )
 
 
@@ -294,8 +297,8 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
         hull[:, order] = np.max(part.max(axis=2) / limit, axis=1) / scale
         corner = np.maximum(part[:, :, 0], part[:, :, -1])
         ends[:, order] = np.max(corner / limit, axis=1) / scale
-    most = 1.0 + ROUNDING
-    exceeded = (ends > most) & (hull <= TIGHT * ends)
+    most = 1.0 + LIMIT_TOLERANCE_SHARE
+    exceeded = (ends > most) & (hull <= TIGHT_HULL_RATIO * ends)
     undecided = np.any((hull > most) & ~exceeded, axis=1)
     outside = np.zeros(len(t), dtype=bool)
     open_ = np.flatnonzero(~confined[spans.segment])
@@ -304,8 +307,8 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
         excess = np.maximum(
             limits.position_min[:, None] - at, at - limits.position_max[:, None]
         ).max(axis=1)
-        outside[open_] = excess.max(axis=1) > POSITION_ROUNDING
-        certain = np.maximum(excess[:, 0], excess[:, -1]) > POSITION_ROUNDING
+        outside[open_] = excess.max(axis=1) > POSITION_TOLERANCE
+        certain = np.maximum(excess[:, 0], excess[:, -1]) > POSITION_TOLERANCE
         undecided[open_] |= outside[open_] & ~certain
     return _Use(path.knots.u[spans.segment] + spans.offset + half, hull, outside, undecided)
 

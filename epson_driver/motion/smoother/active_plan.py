@@ -1,0 +1,47 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A plan with the time when it began and the waypoints that it goes through."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother.path import Path
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+from epson_driver.motion.smoother.waypoints import Waypoint
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ActivePlan:
+    """What is executed since `begin`, s: a path, and the timing on it.
+
+    route: the waypoints at the path's knots. clocks: when each of them should be reached, s on the
+    clock of the points, shape (k,). scale: the share of all speeds that it was planned with; 0 to
+    come to rest on the path.
+    """
+
+    path: Path
+    timing: TimeParametrisation
+    route: list[Waypoint]
+    clocks: Array
+    begin: float
+    scale: float
+
+    @property
+    def end(self) -> float:
+        """When it rests, s."""
+        return self.begin + self.timing.duration
+
+    @property
+    def finished(self) -> bool:
+        """Whether it ends at a rest, which has not been moved since by a point that was merged."""
+        last = self.route[-1]
+        return last.rest is not None and bool(
+            np.all(last.position == self.path.knots.position[-1])
+        )
+
+    def clock(self, time: float) -> float:
+        """Return when the motion of a time should be, s on the clock of the points."""
+        u, _, _ = self.timing.at(time - self.begin)
+        return float(np.interp(u, self.path.knots.u, self.clocks))

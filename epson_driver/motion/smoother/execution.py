@@ -1,0 +1,207 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the arm does now: it follows a plan, moves off the path, or rests; and what comes next."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother import ruckig_move
+from epson_driver.motion.smoother.active_plan import ActivePlan
+from epson_driver.motion.smoother.joint_motion import JointMotion, fastest_stop
+from epson_driver.motion.smoother.output_guard import Motion
+from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
+
+JUST_BEGUN_S = 1e-6
+"""A motion that has begun so recently has not left its rest."""
+
+Observer = Callable[[float, ActivePlan | JointMotion | None], None]
+"""Told when, s, and what is executed from then on; None: rest."""
+
+
+class Execution:
+    """The motion of the arm over time. It tells the waypoints where it has arrived.
+
+    At most one of `plan` and `joint_motion` is there; with none the arm rests. `next` is a plan
+    whose time has not come. `now` is in s, and passes as the caller says. `observer` is told of
+    every change of what is executed.
+    """
+
+    def __init__(self, waypoints: Waypoints, observer: Observer | None = None) -> None:
+        self._waypoints = waypoints
+        self._observer = observer
+        self._position = waypoints.origin.position
+        self.now = 0.0
+        self.plan: ActivePlan | None = None
+        self.joint_motion: JointMotion | None = None
+        self._joint_motion_begin = 0.0
+        self.next: ActivePlan | None = None
+        self.stopping = False
+        """On the way to a rest without points: told to stop, or braking."""
+        self.paused = False
+        """At rest on the path, with a plan that ends there."""
+        self.scale = 1.0
+        """The share 0 … 1 of all speeds that plans should use."""
+        self.clock_start: float | None = None
+        """When the clock of the points would have been 0, s, had the motion kept to it."""
+
+    @property
+    def motion(self) -> Motion:
+        """The motion now."""
+        if self.joint_motion is not None:
+            return Motion(*self.joint_motion.at(self.now - self._joint_motion_begin))
+        if self.plan is None:
+            zeros = np.zeros_like(self._position)
+            return Motion(self._position.copy(), zeros, zeros.copy())
+        u, v, a = self.plan.timing.at(self.now - self.plan.begin)
+        q, first, second = self.plan.path.at(u)
+        return Motion(q, first * v, first * a + second * (v * v))
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether it is not at rest at the waypoints' origin; a pause on the path counts, too."""
+        return self.plan is not None or self.joint_motion is not None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the arm stands now, be it with points to go to."""
+        return self.paused or not self.in_motion
+
+    @property
+    def beside_last(self) -> bool:
+        """Whether the arm rests beside the last point, by less than the merge tolerance."""
+        return not self.in_motion and self._waypoints.beside_last(self._position)
+
+    # Time passes.
+
+    def next_change(self) -> float:
+        """Return when what is executed changes by itself, s."""
+        due = np.inf if self.next is None else self.next.begin
+        if self.joint_motion is not None:
+            return min(due, self._joint_motion_begin + self.joint_motion.duration)
+        if self.plan is not None and not self.paused:
+            return min(due, self.plan.end)
+        return due
+
+    def change(self, due: float) -> None:
+        """Let time pass until the next change, and make it."""
+        self.now = max(self.now, due)
+        plan = self.plan
+        if self.next is not None and self.next.begin <= self.now:
+            self._begin_next(self.next)
+        elif self.joint_motion is not None:
+            self._arrive(self.joint_motion.end)
+        elif plan is not None and plan.timing.end < plan.path.end:
+            if self.stopping:
+                self._arrive(plan.path.at(plan.timing.end)[0])
+            elif plan.scale == 0.0:
+                self.paused = True
+                self.clock_start = None
+            else:
+                self.rest_between(plan, plan.timing.end)
+        elif plan is not None:
+            self._arrive(plan.path.knots.position[-1], None if self.stopping else plan.route[-1])
+
+    def pass_time(self, until: float) -> None:
+        """Let time pass without a change; points that the arm has gone through are taken off."""
+        self.now = until
+        plan = self.plan
+        if plan is None:
+            return
+        u, _, _ = plan.timing.at(self.now - plan.begin)
+        passed = plan.route[-1]
+        if u < plan.path.end:
+            passed = plan.route[plan.path.segment(u)]
+        self._waypoints.passed(passed)
+
+    def _begin_next(self, plan: ActivePlan) -> None:
+        if self.plan is None or self.clock_start is None:
+            self.clock_start = plan.begin - plan.clock(plan.begin)
+        if self.scale != 1.0:
+            self.clock_start = None
+        self.next = None
+        self._execute(plan)
+        self.paused = False
+
+    def _arrive(self, position: Array, point: Waypoint | None = None) -> None:
+        """Come to rest at a position: at a point of the path, or where that was expected."""
+        self._position = position
+        self._waypoints.arrived(self.now, point)
+        self._execute(None)
+        self.stopping = self.paused = False
+        self.clock_start = None
+
+    def rest_between(self, plan: ActivePlan, u: float) -> None:
+        """Rest between two points of a path, free to go on to the next one by another."""
+        position = plan.path.at(u)[0]
+        segment = plan.path.segment(u)
+        left = plan.path.knots.position[segment + 1] - position
+        if np.max(np.abs(left)) <= MIN_MOVE:
+            segment += 1  # what is left is rounding, and no way
+        if segment == len(plan.route) - 1:
+            self._arrive(position, plan.route[segment])
+            return
+        index = plan.route[segment].index
+        self._arrive(position, Waypoint(index, position, position, plan.clock(self.now)))
+
+    def _execute(self, what: ActivePlan | JointMotion | None) -> None:
+        self.plan = what if isinstance(what, ActivePlan) else None
+        self.joint_motion = what if isinstance(what, JointMotion) else None
+        if self._observer is not None:
+            self._observer(self.now, what)
+
+    # What is told to it.
+
+    def stop(self) -> None:
+        """Come to rest, on the path if that can be verified. The points have been forgotten."""
+        state = self.motion
+        if self.at_rest:
+            self._waypoints.go_on_from(state.position)
+            self._arrive(state.position)
+        elif not self.stopping:
+            timing = None if self.plan is None else self._stop_on(self.plan)
+            if self.plan is not None and timing is not None:
+                self._execute(dataclasses.replace(self.plan, timing=timing, begin=self.now))
+                self._waypoints.go_on_from(self.plan.path.at(timing.end)[0])
+                self.stopping = True
+            else:
+                self.brake(state)
+
+    def brake(self, state: Motion, elapsed: float = 0.0) -> None:
+        """Brake in joint space, as hard as the limits allow, from a state `elapsed` s ago."""
+        self.move_off_the_path(fastest_stop(self._waypoints.limits, state), elapsed)
+        self.stopping = True
+
+    def move_off_the_path(self, motion: JointMotion, elapsed: float = 0.0) -> None:
+        """Begin a motion, `elapsed` s ago, from whose end the next points go on."""
+        self._execute(motion)
+        self._joint_motion_begin = self.now - elapsed
+        self.paused = self.stopping = False
+        self._waypoints.go_on_from(motion.end)
+
+    def pause(self) -> None:
+        """Stay at rest, or brake at once if that can be verified; else it goes on as planned."""
+        plan = self.plan
+        if plan is None or plan.scale == 0.0 or self.stopping:
+            return
+        if self._just_begun(plan):
+            self.rest_between(plan, float(plan.timing.positions[0]))
+            return
+        timing = self._stop_on(plan)
+        if timing is not None:
+            self._execute(dataclasses.replace(plan, timing=timing, begin=self.now, scale=0.0))
+
+    def _just_begun(self, plan: ActivePlan) -> bool:
+        """Return whether a plan has only begun now, out of a rest."""
+        from_rest = plan.timing.velocities[0] == 0.0 == plan.timing.accelerations[0]
+        return bool(from_rest) and self.now - plan.begin < JUST_BEGUN_S
+
+    def _stop_on(self, plan: ActivePlan) -> TimeParametrisation | None:
+        """Return the fastest verified stop on the path from now on, or None."""
+        state = plan.timing.at(self.now - plan.begin)
+        speeds = np.full(len(plan.route), UNBOUND_SPEED)
+        return ruckig_move.stop(Problem(plan.path, state, self._waypoints.limits, speeds))

@@ -1,0 +1,246 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""When to plan anew, what to ask the planner for, and what becomes of its answer."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion.limits import JointLimits
+from epson_driver.motion.smoother.active_plan import ActivePlan
+from epson_driver.motion.smoother.execution import Execution
+from epson_driver.motion.smoother.path import Knots, Path
+from epson_driver.motion.smoother.planner import Plan, Request, stopping_time
+from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
+
+START_PATIENCE_S = 0.03
+"""How long to wait at rest for more points before beginning with few."""
+
+MIN_PERIOD_S = 0.03
+"""Time between two plans at least."""
+
+MIN_POINTS = 3
+"""How many points a plan looks ahead at least, if they are known."""
+
+RESERVE_IN_STOPPING_TIMES = 2.5
+"""A plan that rests later than in so many times the time of a stop need not be replaced yet."""
+
+URGENT_RESERVE_SHARE = 0.4
+"""A plan that rests within this share of the reserve should be replaced by any other."""
+
+LATE_TOLERANCE_S = 1e-9
+"""A plan may begin so long ago."""
+
+Planner = Callable[[Request, JointLimits], Plan | None]
+"""Returns a verified plan, or None if none was found."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingRequest:
+    """A request, the waypoints that its knots are, and whether there are more behind them."""
+
+    request: Request
+    route: list[Waypoint]
+    more: bool
+
+
+class Replanning:
+    """Replaces the plan that is executed by a better one, before it comes to its rest.
+
+    One request at a time: `request`, then `take` with the plan. With a `planner`, `plan_now` does
+    both; without one, somebody else has the request planned. A plan begins `latency` s after it
+    was asked for. `planner_errors` counts the times when the planner raised, `planner_error` is
+    the last one.
+    """
+
+    def __init__(
+        self,
+        waypoints: Waypoints,
+        execution: Execution,
+        planner: Planner | None,
+        latency: float,
+    ) -> None:
+        self._waypoints = waypoints
+        self._execution = execution
+        self._planner = planner
+        self.latency = latency
+        self.news = False
+        """Whether something has come since the last request that a plan could make use of."""
+        self.planner_errors = 0
+        self.planner_error: Exception | None = None
+        self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
+        self._pending: PendingRequest | None = None
+        self._asked_at = -np.inf
+
+    def forget(self) -> None:
+        """Forget what was asked for and what was planned: it is for points that are no more."""
+        self._pending = self._execution.next = None
+        self.news = False
+
+    def start_over(self) -> None:
+        """Forget what was asked for and what was planned; the points are to be planned anew."""
+        self.forget()
+        self.news = True
+        self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(self._waypoints.limits)
+
+    def plan_now(self) -> None:
+        """Plan if it is time to, and if there is a planner."""
+        if self._planner is not None:
+            request = self.request()
+            if request is not None:
+                self.take(self._planned(self._planner, request))
+
+    def request(self) -> Request | None:
+        """Return what should be planned now, or None. `take` its plan before the next one."""
+        asked = self._pending is not None or self._execution.next is not None
+        if asked or not self._worth_planning():
+            return None
+        self._pending = self._made_request()
+        self._asked_at = self._execution.now
+        self.news = False
+        return self._pending.request
+
+    def take(self, answer: Plan | None) -> bool:
+        """Take the plan for the last request; return whether it is used.
+
+        One that comes too late, or None, changes nothing.
+        """
+        execution = self._execution
+        pending, self._pending = self._pending, None
+        if pending is None:
+            return False  # forgotten meanwhile
+        now = execution.now
+        if answer is None or (answer.start is not None and answer.start < now - LATE_TOLERANCE_S):
+            self.news = True
+            plan = execution.plan
+            if answer is None and execution.paused and execution.scale > 0.0 and plan is not None:
+                execution.rest_between(plan, plan.timing.end)
+            return False
+        begin = now if answer.start is None else answer.start
+        if answer.start is None and self._planner is not None:
+            begin += self.latency
+        count = len(answer.knots.u)
+        execution.next = ActivePlan(
+            Path(answer.knots),
+            answer.timing,
+            pending.route[:count],
+            pending.request.clock[:count],
+            begin,
+            pending.request.scale,
+        )
+        short = count < len(pending.route) or answer.timing.end < answer.knots.u[-1]
+        self.news = self.news or pending.more or short
+        return True
+
+    def _planned(self, planner: Planner, request: Request) -> Plan | None:
+        """Return what the planner found; None too if it fails: the plan so far ends at rest."""
+        try:
+            return planner(request, self._waypoints.limits)
+        except Exception as error:
+            self.planner_errors += 1
+            if repr(error) != repr(self.planner_error):  # it may fail so again and again
+                log.exception('the planner failed, and the motion goes on as planned before')
+            self.planner_error = error
+            return None
+
+    def _worth_planning(self) -> bool:
+        execution = self._execution
+        if execution.joint_motion is not None or execution.stopping:
+            return False
+        plan = execution.plan
+        if plan is None:
+            return self._worth_beginning()
+        if execution.now < self._asked_at + MIN_PERIOD_S:
+            return False
+        if plan.scale != execution.scale:
+            return True
+        left = plan.end - execution.now
+        return (
+            self.news
+            and execution.scale > 0.0
+            and not plan.finished
+            and (self.latency < left < self._reserve + self.latency or execution.paused)
+        )
+
+    def _worth_beginning(self) -> bool:
+        """Return whether to leave the rest now."""
+        execution, waypoints = self._execution, self._waypoints
+        now = execution.now
+        if execution.scale == 0.0 or now < waypoints.rest_until:
+            return False
+        patient = now >= waypoints.last_arrival + START_PATIENCE_S
+        if not waypoints.ahead:
+            if not patient or not execution.beside_last:
+                return False
+            waypoints.go_back()
+        known = waypoints.time_from_rest(now)
+        return patient or waypoints.last.rest is not None or known > self._reserve / 2.0
+
+    def _made_request(self) -> PendingRequest:
+        execution, waypoints = self._execution, self._waypoints
+        horizon = 2.0 * self._reserve
+        plan = execution.plan
+        start: float | None = None
+        older: Knots | None = None
+        lag = 0.0
+        urgent = True
+        if plan is None:
+            position = execution.motion.position
+            zeros = np.zeros((1, len(position)))
+            kept, route = Knots(np.zeros(1), position[None, :], zeros, zeros), [waypoints.origin]
+            state = (0.0, 0.0, 0.0)
+        else:
+            begin = execution.now + self.latency
+            if not execution.paused:
+                start = begin
+                urgent = plan.end - begin < URGENT_RESERVE_SHARE * self._reserve
+            state = plan.timing.at(begin - plan.begin)
+            knots = plan.path.knots
+            first = plan.path.segment(state[0])
+            kept, route = knots[first : first + 2], plan.route[first : first + 2]
+            if len(knots.u) - first > 3:
+                older = knots[first:-1]
+            if execution.clock_start is not None and route[-1].timed:
+                lag = begin - execution.clock_start - plan.clock(begin)
+            else:
+                execution.clock_start = None
+        known = len(route)
+        more = self._extend(route, horizon)
+        points = [point.position for point in route[known:]]
+        clocks = np.array([point.clock for point in route])
+        clocks[0] += route[0].rest or 0.0  # it has been rested there
+        request = Request(
+            start,
+            state,
+            kept,
+            older,
+            np.array(points).reshape(len(points), kept.position.shape[1]),
+            clocks,
+            np.array([point.timed for point in route]),
+            lag,
+            execution.scale,
+            horizon,
+            urgent,
+        )
+        return PendingRequest(request, route, more)
+
+    def _extend(self, route: list[Waypoint], horizon: float) -> bool:
+        """Add the waypoints to plan for, up to the next rest; return whether more are known."""
+        waypoints = self._waypoints
+        known = len(route)
+        if route[-1].rest is not None and route[-1] is not waypoints.origin:
+            return False
+        for point in waypoints.ahead:
+            if point.index <= route[-1].index:
+                continue
+            enough = len(route) >= known + MIN_POINTS
+            if enough and point.clock - route[0].clock > horizon:
+                return True
+            route.append(point)
+            if point.rest is not None:
+                break
+        return False

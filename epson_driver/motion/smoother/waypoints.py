@@ -1,0 +1,198 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The points that the motion goes through, as they come, and when it should be at each of them."""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from epson_driver.motion.limits import Array, JointLimits
+
+MERGE_TOLERANCE = 5e-4
+"""Points that are closer together than this (rad or m, in every joint) count as one."""
+
+MIN_DWELL_S = 0.2
+"""A repeated point that takes longer than this commands a rest."""
+
+MIN_MOVE = 5e-7
+"""A resting arm is not moved by less than this (rad or m): messages carry float32."""
+
+POSITION_TOLERANCE = 1e-9
+"""A point that is no farther (rad or m) outside the position limits than this is on them."""
+
+
+class Mode(StrEnum):
+    """What the durations of the points mean."""
+
+    TIME_PRESERVING = 'time_preserving'
+    """As commanded where the limits allow; a point without a duration: as fast as they allow."""
+
+    TIME_OPTIMAL = 'time_optimal'
+    """Nothing: as fast as the limits allow."""
+
+
+@dataclass(slots=True, eq=False)
+class Waypoint:
+    """A point that the motion goes through.
+
+    index counts them. anchor: where the first of the points merged into it was. position: where
+    to go, the anchor, or the last of the merged points if nothing follows. clock: when it should
+    be reached, s. timed: whether its clock comes from a duration. rest: how long to rest there, s;
+    None to go on. tiny: the way there from rest is shorter than the merge tolerance.
+    """
+
+    index: int
+    anchor: Array
+    position: Array
+    clock: float = 0.0
+    timed: bool = False
+    rest: float | None = None
+    tiny: bool = False
+
+
+class Waypoints:
+    """The points ahead of the arm, their clock, and the limits that they are checked against.
+
+    `origin` is the point where the arm rests, or where the way began that it is on; `last` the
+    last one known, which is the origin if there are none `ahead`. Raises ValueError for a start
+    that is not n finite numbers within the limits.
+    """
+
+    def __init__(self, limits: JointLimits, start: Array, mode: Mode) -> None:
+        self.limits = limits
+        self.mode = mode
+        start = self.checked(start, None, 'the start')
+        self.origin = self.last = Waypoint(0, start, start)
+        self.ahead: deque[Waypoint] = deque()
+        self.last_arrival = 0.0
+        """When the last point came, s."""
+        self.rest_until = 0.0
+        """Until when the arm was told to rest at the origin, s."""
+        self._number = 0
+        """Of the next point in its trajectory, for messages."""
+        self._made = 0
+
+    def append(
+        self, position: Array, duration: float | None, now: float, *, in_motion: bool
+    ) -> None:
+        """Take another point, shape (n,), as `Smoother.append`; it comes at `now` s."""
+        what = f'point {self._number}'
+        position = self.checked(position, duration, what)
+        if self.mode is Mode.TIME_OPTIMAL:
+            duration = None
+        ways = np.abs(position - self.last.anchor)
+        joint = int(np.argmax(ways))
+        if ways[joint] < MERGE_TOLERANCE / 2.0:
+            self._merge(position, duration or 0.0, now, in_motion)
+        elif duration == 0.0:
+            raise ValueError(
+                f'{what}: duration = 0 s must be positive: {self.limits.names[joint]} has '
+                f'{ways[joint]:.6g} rad to go'
+            )
+        else:
+            self._add(position, duration)
+        self._number += 1
+        self.last_arrival = now
+
+    def go_back(self) -> None:
+        """Add the origin as a point: the arm rests beside it."""
+        self._add(self.origin.position, None, tiny=True)
+
+    def finish(self) -> bool:
+        """End the trajectory: rest at the last point. Return whether that is news."""
+        self._number = 0
+        if self.last.rest is not None:
+            return False
+        self.last.rest = 0.0
+        return True
+
+    def forget(self) -> None:
+        """Forget the points ahead."""
+        self.ahead.clear()
+        self._number = 0
+
+    def go_on_from(self, position: Array) -> None:
+        """Expect to rest at a position, from where the next points go on."""
+        self.origin = self.last = Waypoint(self._next_index(), position, position)
+
+    def arrived(self, now: float, point: Waypoint | None = None) -> None:
+        """Rest at a point from `now` s on; None: at the origin, where it was expected."""
+        if point is not None:
+            self.origin = point
+        self.passed(self.origin)
+        self.rest_until = now + (self.origin.rest or 0.0)
+
+    def passed(self, point: Waypoint) -> None:
+        """Take a point, and those before it, off those ahead."""
+        while self.ahead and self.ahead[0].index <= point.index:
+            self.ahead.popleft()
+
+    def beside_last(self, position: Array) -> bool:
+        """Return whether a rest is beside the last point, by less than the merge tolerance."""
+        if self.last is not self.origin:
+            return False
+        return bool(np.max(np.abs(self.origin.position - position)) > MIN_MOVE)
+
+    def time_from_rest(self, now: float) -> float:
+        """Return how much time is known from the rest at the origin on, s."""
+        rested = self.origin.clock + (self.origin.rest or 0.0)
+        return max(self.last.clock - rested, 0.0) + max(self.rest_until - now, 0.0)
+
+    def checked(self, position: Array, duration: float | None, what: str) -> Array:
+        """Return a position as it counts: inside the limits, which nothing is clipped to later.
+
+        Raises ValueError for a position or a duration that is wrong.
+        """
+        limits = self.limits
+        position = np.array(position, dtype=float)
+        if np.shape(position) != (len(limits.names),):
+            raise ValueError(
+                f'{what}: shape {np.shape(position)} instead of one number for each of '
+                f'{len(limits.names)} joints'
+            )
+        for name, value, low, high in zip(
+            limits.names, position.tolist(), limits.position_min, limits.position_max, strict=True
+        ):
+            if not low - POSITION_TOLERANCE <= value <= high + POSITION_TOLERANCE:  # NaN too
+                raise ValueError(
+                    f'{what}, {name}: position {value:.6g} is outside the limits '
+                    f'{low:.6g} … {high:.6g} rad'
+                )
+        if duration is not None and not 0.0 <= duration < np.inf:  # NaN too
+            raise ValueError(f'{what}: duration = {duration} s must be a positive number')
+        inside: Array = np.clip(position, limits.position_min, limits.position_max)
+        return inside
+
+    def _merge(self, position: Array, duration: float, now: float, in_motion: bool) -> None:
+        """Take a point that is (nearly) where the last one is: it may command a rest."""
+        last = self.last
+        last.position = position
+        if last is self.origin and not in_motion:
+            self.rest_until = max(self.rest_until, now) + duration
+        elif duration >= MIN_DWELL_S or last.rest is not None:
+            last.rest = (last.rest or 0.0) + duration
+        else:
+            last.clock += duration
+
+    def _add(self, position: Array, duration: float | None, tiny: bool = False) -> None:
+        if self.last.tiny and self.ahead:
+            self.ahead.pop()  # nothing asks for an exact rest there any more
+            self.last = self.origin
+        last = self.last
+        if last.rest is None and last is not self.origin:
+            last.position = last.anchor  # not the end any more: the first of those merged counts
+        if duration is None:
+            time = float(np.max(np.abs(position - last.position) / self.limits.velocity))
+        else:
+            time = duration
+        clock = last.clock + (last.rest or 0.0) + time
+        anchor = last.anchor if tiny else position
+        timed = duration is not None
+        self.last = Waypoint(self._next_index(), anchor, position, clock, timed, tiny=tiny)
+        self.ahead.append(self.last)
+
+    def _next_index(self) -> int:
+        self._made += 1
+        return self._made

@@ -1,0 +1,74 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Interpolation between points: whatever polynomial they are of comes out again."""
+
+import numpy as np
+import pytest
+
+from epson_driver.motion.interpolation import (
+    Interpolation,
+    central_differences,
+    cubic,
+    hermite,
+)
+
+TIMES = np.array([0.0, 0.3, 0.35, 1.0])
+
+
+def sampled(degree: int, orders: int) -> tuple[list[np.poly1d], list[np.ndarray]]:
+    """Return polynomials of two joints, and their first derivatives at TIMES, shape (4, 2)."""
+    joints = [np.poly1d(np.random.default_rng(seed).normal(size=degree + 1)) for seed in (1, 2)]
+    parts = [
+        np.stack([joint.deriv(order)(TIMES) for joint in joints], axis=1)
+        for order in range(orders)
+    ]
+    return joints, parts
+
+
+@pytest.mark.parametrize(('degree', 'orders'), [(1, 1), (3, 2), (5, 3)])
+def test_a_polynomial_of_the_degree_comes_out_again_with_its_derivatives(degree, orders):
+    joints, parts = sampled(degree, orders)
+    times = np.linspace(0.0, 1.0, 41)
+    found = Interpolation(TIMES, *parts).at(times)
+    for order, values in enumerate(found):
+        expected = np.stack([joint.deriv(order)(times) for joint in joints], axis=1)
+        np.testing.assert_allclose(values, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize('orders', [1, 2, 3])
+def test_one_time_is_as_many_times(orders):
+    _, parts = sampled(6, orders)
+    spline = Interpolation(TIMES, *parts)
+    times = np.linspace(0.0, 1.0, 12)
+    many = spline.at(times)
+    for index, time in enumerate(times):
+        for values, value in zip(many, spline.at(time), strict=True):
+            np.testing.assert_allclose(value, values[index], rtol=1e-12, atol=1e-12)
+
+
+def test_the_value_of_a_cubic_is_that_of_the_interpolation():
+    _, (positions, velocities) = sampled(6, 2)
+    share, h = np.linspace(0.0, 1.0, 9), TIMES[3] - TIMES[2]
+    begin, end = ((positions[i], velocities[i]) for i in (2, 3))
+    expected, _, _ = Interpolation(TIMES, positions, velocities).at(TIMES[2] + share * h)
+    np.testing.assert_allclose(cubic(share[:, None], h, begin, end), expected, atol=1e-12)
+
+
+def test_a_short_segment_far_away_loses_no_digits():
+    far = np.array([1e6])
+    coefficients = hermite((far, np.zeros(1)), (far + 1e-9, np.zeros(1)))
+    assert coefficients[0] == far
+    assert np.all(np.abs(coefficients[1:]) <= 1e-8)
+
+
+def test_accelerations_without_velocities_do_not_count():
+    _, (positions, _, accelerations) = sampled(5, 3)
+    position, _, _ = Interpolation(TIMES, positions, None, accelerations).at(0.15)
+    np.testing.assert_allclose(position, positions[:2].mean(axis=0))
+
+
+def test_central_differences_rest_at_both_ends():
+    values = (TIMES**2)[:, None]
+    slopes = central_differences(TIMES, values)
+    assert slopes[[0, -1]].tolist() == [[0.0], [0.0]]
+    assert slopes[1, 0] == pytest.approx((0.35**2 - 0.0) / 0.35)
