@@ -12,6 +12,7 @@ EXECUTABLES = {
     'smooth': 'a planned trajectory made smooth: a file, a report and a picture',
     'replay': 'the controller as a trace recorded it, for bug reports',
     'robots': 'the robot models there are, with their numbers and where those come from',
+    'spel': 'EPSON programs (SPEL+) checked and tested without a robot',
     'pendant': 'what a person does at the controller: motors, E-stop, reset, status',
 }
 
