@@ -525,7 +525,10 @@ class Compiler:
         if statement.condition is not None:
             before, test = condition(statement.condition, made)
             test = f'lambda: {test}'
-        code = self._codes[statement.target.lower()] if statement.target else None
+        code = self._codes.get(statement.target.lower())
+        if statement.target and code is None:  # its Function line could not be read
+            text = f'there is no function {statement.target}'
+            raise SyntaxProblem(statement.at, text, 'unknown')
         if code is not None and any(each.by_reference for each in code.parameters):
             raise SyntaxProblem(statement.at, 'Trap hands values over: no ByRef', 'type')
         target = 'None' if code is None else f'F[{code.index}]'

@@ -11,7 +11,7 @@ from epson_driver.spel.expression_code import Expressions
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.scope import Scope
 from epson_driver.spel.syntax import Apply, Binary, Expression, Name, Unary
-from epson_driver.spel.values import INT, TYPES
+from epson_driver.spel.values import INT, TYPES, type_word
 
 _JOIN = {'and': 'and', 'or': 'or', 'xor': '!='}
 _COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
@@ -71,7 +71,7 @@ def _event(expression: Expression, made: Expressions, before: list[str]) -> str:
             elif variable.array:
                 wrong = 'is an array'
             elif TYPES[variable.type].kind != INT:
-                wrong = f'is {variable.type.capitalize()}'
+                wrong = f'is {type_word(variable.type)}'
             if wrong:
                 text = f'{expression.name} {wrong}: a condition takes whole Global or module '
                 raise SyntaxProblem(expression.at, f'{text}variables only', 'wait-condition')

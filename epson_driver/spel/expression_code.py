@@ -37,6 +37,7 @@ from epson_driver.spel.values import (
     SINGLE,
     STRING,
     TYPES,
+    type_word,
 )
 
 _COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
@@ -119,11 +120,11 @@ class Expressions:
         fixed = constant(expression, self.scope.constants)
         code = self.value(expression)
         if (code.kind in NUMBERS) != (wanted.kind in NUMBERS):
-            text = f'{type_name.capitalize()} cannot take {_WORDS[code.kind]}'
+            text = f'{type_word(type_name)} cannot take {_WORDS[code.kind]}'
             raise SyntaxProblem(expression.at, text, 'type')
         if isinstance(fixed, int) and wanted.kind == INT:
             if not wanted.least <= fixed <= wanted.most:
-                text = f'{fixed} does not fit {type_name.capitalize()}'
+                text = f'{fixed} does not fit {type_word(type_name)}'
                 text += f' ({wanted.least}..{wanted.most})'
                 raise SyntaxProblem(expression.at, text, 'overflow')
             return code.text
@@ -135,7 +136,7 @@ class Expressions:
         wanted = TYPES[type_name]
         if wanted.kind != INT:
             return
-        name = type_name.capitalize()
+        name = type_word(type_name)
         if code.kind != INT:
             text = f'whether a Real is rounded or cut on its way to {name} is not documented: '
             text += 'write Int( ) or Fix( )'
@@ -143,7 +144,7 @@ class Expressions:
         elif isinstance(expression, Name | Apply):
             variable = self.scope.variable(expression.name)
             if variable is not None and TYPES[variable.type].most > wanted.most:
-                text = f'{expression.name} is {variable.type.capitalize()} and may not fit {name}'
+                text = f'{expression.name} is {type_word(variable.type)} and may not fit {name}'
                 self.notes.append(Problem(expression.at, 'integer-range', text, warning=True))
 
     def _converted(self, code: Code, type_name: str) -> str:
@@ -438,8 +439,8 @@ class Expressions:
                 kind = parameter.type
                 code = self.as_type(argument.value, kind)
             if TYPES[kind] != TYPES[parameter.type]:
-                text = f'{name}: {parameter.name} is {parameter.type.capitalize()}'
-                text += f', not {kind.capitalize()}'
+                text = f'{name}: {parameter.name} is {type_word(parameter.type)}'
+                text += f', not {type_word(kind)}'
                 raise SyntaxProblem(argument.value.at, text, 'type')
             given.append(code)
         return ', '.join(given)

@@ -117,7 +117,7 @@ class Reader:
     def need(self, text: str) -> Token:
         """Take this name or sign, or refuse."""
         if not self.sees(text):
-            raise self.wrong(text)
+            raise self.wrong('a comma' if text == ',' else text)
         return self.step()
 
     def name(self, what: str) -> Token:

@@ -88,7 +88,7 @@ def _number(kind: str, word: str, position: Position) -> int | float:
         return int('0x' + word[2:], 0)
     if kind == 'binary':
         return int('0b' + word[2:], 0)
-    if word.isdigit() and len(word) < 20:
+    if word.isdigit() and len(word) < 25:
         return int(word)
     number = float(word)
     if math.isinf(number):

@@ -262,8 +262,12 @@ class Machine:
         return self._next_due()
 
     def advance(self, to: float) -> None:
-        """Let the tasks run until a time, s. What they begin before it may end behind it."""
+        """Let the tasks run until a time, s. What they begin before it may end behind it.
+
+        News of the host is seen even then: who waited for it runs at `next_time()`.
+        """
         world = self.world
+        self._wake()
         while world.time <= to:
             self._wake()
             task = self._ready()
@@ -353,7 +357,7 @@ class Machine:
         while frame is not None and used < limit and task.waiting is None:
             used += self._run_frame(task, frame, limit - used)
             frame = task.frame
-            if task.halted or task.paused or task.held_by is not None:
+            if task.held:
                 break
         self.statements += used
         task.since_wait += used
@@ -373,11 +377,13 @@ class Machine:
                 frame.pc = pc
                 following = instructions[pc](v)
                 if following < 0:
-                    if task.frame is frame and task.waiting is None:
-                        pc += 1
-                        frame.pc = pc
-                        continue
-                    return used
+                    if task.frame is not frame or task.waiting is not None:
+                        return used
+                    pc += 1
+                    frame.pc = pc
+                    if task.held:
+                        return used
+                    continue
                 pc = following
             frame.pc = pc
         except SpelError as error:
@@ -396,7 +402,7 @@ class Machine:
 def _awake(task: Task) -> bool:
     if task.held_by is not None and task.held_by.frame is None:
         task.held_by = None
-    return not (task.halted or task.paused or task.held_by is not None)
+    return not task.held
 
 
 def _can_run(task: Task) -> bool:

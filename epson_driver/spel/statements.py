@@ -129,7 +129,11 @@ class Statements:
         number: Expression | None = None
         is_name = reader.here.kind == NAME and reader.here.lower in self._functions
         if not is_name:
+            missing = reader.here
             number = reader.expression()
+            if reader.at_end() and missing.kind == NAME:
+                text = f'there is no function {missing.text}'
+                raise SyntaxProblem(missing.position, text, 'unknown')
             reader.need(',')
         name = reader.name('the name of a function')
         arguments = reader.arguments() if reader.sees('(') else ()

@@ -446,6 +446,11 @@ class Task:
         )
 
     @property
+    def held(self) -> bool:
+        """Return whether it stands until somebody lets it go on."""
+        return self.halted or self.paused or self.held_by is not None
+
+    @property
     def state(self) -> TaskState:
         """Return what TaskState shows."""
         if self.halted or self.paused:

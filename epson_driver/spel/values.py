@@ -52,7 +52,14 @@ TYPES: dict[str, Type] = {
 }
 """By name in lower case."""
 
+_WORDS = {'ubyte': 'UByte', 'ushort': 'UShort', 'uint32': 'UInt32', 'uint64': 'UInt64'}
+
 Value = int | float | str
+
+
+def type_word(name: str) -> str:
+    """Return a type as it is written."""
+    return _WORDS.get(name, name.capitalize())
 
 
 class Array:
@@ -146,7 +153,7 @@ def finite(value: float) -> float:
 
 def overflow(type_name: str, value: object) -> SpelError:
     """Return the error that a value does not fit a type."""
-    return SpelError(ErrorNumber.OVERFLOW, f'{shown(value)} does not fit {type_name.capitalize()}')
+    return SpelError(ErrorNumber.OVERFLOW, f'{shown(value)} does not fit {type_word(type_name)}')
 
 
 def too_long(text: str) -> SpelError:
