@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from epson_driver.inputs import InputError, printable
+from epson_driver.cli.arguments import argument
+from epson_driver.inputs import InputError, Rule, count, printable
 from epson_driver.spel import Problem, ProgramError, build, read_project
 from epson_driver.spel.commands import VERSIONS
 from epson_driver.spel.lint import RULES, check
@@ -17,6 +18,7 @@ from epson_driver.spel.testing import TestResult, run_tests
 FOUND = 1
 """Exit code: something is wrong with the program."""
 
+VERSION = Rule(count(VERSIONS[0], VERSIONS[-1]).read, 'must be 6, 7 or 8')
 _FILES = 'a project folder, or .prg files (with the .inc files beside them)'
 
 
@@ -30,8 +32,7 @@ def main() -> int:
         sys.stderr.close()
         return FOUND
     except (OSError, InputError) as error:
-        print(f'epson_driver spel: {error}', file=sys.stderr)
-        return 2
+        parser.error(str(error))
     except KeyboardInterrupt:
         return 130
     return run
@@ -44,8 +45,8 @@ def _parser() -> argparse.ArgumentParser:
     checking.add_argument('files', nargs='+', type=Path, metavar='FILE', help=_FILES)
     checking.add_argument(
         '--version',
-        type=int,
-        choices=VERSIONS,
+        type=argument(VERSION),
+        metavar='|'.join(map(str, VERSIONS)),
         default=VERSIONS[-1],
         help='of RC+: 6 is RC620, 7 RC700 RC90 T VT, 8 RC800 (default: %(default)s)',
     )

@@ -138,7 +138,8 @@ class Parser(Statements):
 
     def _refuse(self, problem: SyntaxProblem) -> None:
         self._problems.append(problem.problem)
-        self._queue = []
+        if not self._queue or self._queue[0][0].lower not in ('fend', 'function'):
+            self._queue = []
 
     # Outside functions
 
@@ -208,7 +209,7 @@ class Parser(Statements):
         found = self._peek()
         if found is None or found[0].lower not in words:
             text = f'{kind} of line {at.line} has no {_CLOSING[kind]}'
-            raise SyntaxProblem(found[0].position if found is not None else at, text)
+            raise SyntaxProblem(at, text)
         self._take()
         return Reader(found, found[0].position)
 

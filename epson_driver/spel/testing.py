@@ -16,8 +16,6 @@ from epson_driver.spel.machine import Machine
 LONGEST = 600.0
 """How long a test may take, in seconds of the controller."""
 
-_STEP = 0.1
-
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
@@ -55,8 +53,10 @@ def _run(program: Program, code: FunctionCode, longest: float) -> TestResult:
         return TestResult(code.name, code.at, error, '', 0.0)
     machine = Machine(program, host)
     machine.start(code.name)
-    while 1 in machine.world.tasks and machine.time < longest and not host.failures:
-        machine.advance(machine.time + _STEP)
+    due = machine.next_time()
+    while due is not None and 1 in machine.world.tasks and machine.time < longest:
+        machine.advance(due)
+        due = None if host.failures else machine.next_time()
     failure: TaskError | None = host.failures[0] if host.failures else None
     printed = ''.join(host.printed)
     if failure is not None:
@@ -65,6 +65,8 @@ def _run(program: Program, code: FunctionCode, longest: float) -> TestResult:
     if 1 in machine.world.tasks:
         view = next(view for view in machine.tasks() if view.number == 1)
         error = f'not over after {longest:g} s of the controller'
+        if machine.next_time() is None:
+            error = 'waits for what never comes'
         where = Position(view.file, view.line)
         return TestResult(code.name, where, error, printed, machine.time)
     return TestResult(code.name, code.at, '', printed, machine.time)
