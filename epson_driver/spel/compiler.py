@@ -173,6 +173,13 @@ class Compiler:
     def _go(self, mark: int) -> None:
         self._emit(f'return {self._to(mark)}')
 
+    def _leave_block(self, body: Block, end: int) -> None:
+        """Go behind the whole If or Select, unless the body's last statement goes elsewhere."""
+        if body and isinstance(body[-1], Exit | Return | EResume):
+            return
+        self._begin()
+        self._go(end)
+
     def _branch(self, truth: str, yes: int, no: int) -> None:
         self._emit(f'return {self._to(yes)} if {truth} else {self._to(no)}')
 
@@ -242,8 +249,7 @@ class Compiler:
             self._branch(self._expressions.truth(test), yes, no)
             self._set(yes)
             self._block(body)
-            self._begin()
-            self._go(end)
+            self._leave_block(body, end)
             self._set(no)
         self._block(statement.otherwise)
         self._set(end)
@@ -275,8 +281,7 @@ class Compiler:
             self._go(no)
             self._set(yes)
             self._block(body)
-            self._begin()
-            self._go(end)
+            self._leave_block(body, end)
             self._set(no)
         self._block(statement.default)
         self._set(end)

@@ -17,6 +17,7 @@ from epson_driver.spel.syntax import (
     Input,
     Jump,
     Motion,
+    Name,
     OnErr,
     Print,
     Redim,
@@ -131,7 +132,8 @@ class Statements:
         if not is_name:
             missing = reader.here
             number = reader.expression()
-            if reader.at_end() and missing.kind == NAME:
+            named = missing.kind == NAME and isinstance(number, Name)
+            if named and (reader.at_end() or reader.look(1).lower in TASK_TYPE_WORDS):
                 text = f'there is no function {missing.text}'
                 raise SyntaxProblem(missing.position, text, 'unknown')
             reader.need(',')
