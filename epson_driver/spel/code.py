@@ -33,7 +33,11 @@ class Variable:
 
 @dataclass
 class FunctionCode:
-    """A function. `source` has one Python function per instruction, named o<index>_<pc>."""
+    """A function. `source` has one Python function per instruction, named o<index>_<pc>.
+
+    `following` says for each which one comes behind it. Instructions in `passed_over` are only
+    jumps at the end of a branch: whatever leads to one leads to where it goes.
+    """
 
     name: str
     index: int
@@ -44,6 +48,8 @@ class FunctionCode:
     result_slot: int = 0
     lines: list[Position] = field(default_factory=list)
     starts: list[int] = field(default_factory=list)
+    following: list[int] = field(default_factory=list)
+    passed_over: set[int] = field(default_factory=set)
     blanks: list[Value] = field(default_factory=list)
     arrays: list[Variable] = field(default_factory=list)
     source: list[str] = field(default_factory=list)

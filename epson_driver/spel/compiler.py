@@ -77,6 +77,7 @@ class Compiler:
         self._at = function.at
         self._start = 0
         self._marks: list[int] = []
+        self._jumps: dict[int, int] = {}
         self._labels: dict[str, tuple[int, Position]] = {}
         self._used_labels: list[tuple[str, Position]] = []
         self._leaves: list[tuple[str, int]] = []
@@ -116,6 +117,8 @@ class Compiler:
                 text = f'there is no label {name} in function {function.name}'
                 self._problems.append(Problem(at, 'label', text))
         code.source = [self._resolved(text) for text in code.source]
+        code.following = [self._through(pc + 1) for pc in range(len(code.source))]
+        code.passed_over = set(self._jumps)
 
     def _collect_labels(self, block: Block) -> None:
         for statement in block:
@@ -142,7 +145,7 @@ class Compiler:
         return f'\x01{mark}\x01'
 
     def _resolved(self, text: str) -> str:
-        return _MARK.sub(lambda found: str(self._marks[int(found[1])]), text)
+        return _MARK.sub(lambda found: str(self._through(self._marks[int(found[1])])), text)
 
     def _label(self, name: str, at: Position) -> str:
         self._used_labels.append((name, at))
@@ -164,7 +167,8 @@ class Compiler:
 
     def _do(self, body: str) -> None:
         """Add an instruction after which the next one comes."""
-        self._emit(f'{body}\nreturn {len(self._code.source) + 1}')
+        self._marks.append(len(self._code.source) + 1)
+        self._emit(f'{body}\nreturn {self._to(len(self._marks) - 1)}')
 
     def _act(self, body: str) -> None:
         """Add an instruction after which the task goes on by itself."""
@@ -178,7 +182,14 @@ class Compiler:
         if body and isinstance(body[-1], Exit | Return | EResume):
             return
         self._begin()
+        self._jumps[len(self._code.source)] = end
         self._go(end)
+
+    def _through(self, pc: int) -> int:
+        """Return where an instruction leads that is only a jump."""
+        while pc in self._jumps:  # they all lead forward
+            pc = self._marks[self._jumps[pc]]
+        return pc
 
     def _branch(self, truth: str, yes: int, no: int) -> None:
         self._emit(f'return {self._to(yes)} if {truth} else {self._to(no)}')

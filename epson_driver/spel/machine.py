@@ -86,7 +86,7 @@ class Machine:
         self._last = 0
         self._next_scan = 0.0
         self.statements = 0
-        """So many instructions were executed."""
+        """So many statements were executed: a For counts twice for each time it goes round."""
         self._link(rounding)
 
     def _link(self, rounding: str) -> None:
@@ -249,6 +249,8 @@ class Machine:
         found: dict[str, dict[int, bool]] = {}
         for linked in self.world.linked:
             for pc, at in enumerate(linked.code.lines):
+                if pc in linked.code.passed_over:
+                    continue
                 executed = found.setdefault(at.file, {})
                 executed[at.line] = executed.get(at.line, True) and bool(linked.hits[pc])
         return found
@@ -379,7 +381,7 @@ class Machine:
                 if following < 0:
                     if task.frame is not frame or task.waiting is not None:
                         return used
-                    pc += 1
+                    pc = frame.linked.code.following[pc]
                     frame.pc = pc
                     if task.held:
                         return used

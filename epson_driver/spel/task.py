@@ -246,7 +246,7 @@ class Task:
             return
         self.frame = self.frames[-1]
         self.frame.v[left.into] = left.v[left.linked.code.result_slot]
-        self.frame.pc += 1
+        self.frame.pc = self.frame.linked.code.following[self.frame.pc]
 
     @property
     def current(self) -> Frame:
@@ -348,7 +348,7 @@ class Task:
         except SpelError as error:
             self.fail(error)
         else:
-            frame.pc += 1
+            frame.pc = frame.linked.code.following[frame.pc]
 
     def wait_for(self, completion: Completion | None) -> None:
         """Wait for something that the host does."""
