@@ -203,14 +203,14 @@ NOT_SIMULATED = frozenset(
         'closedb', 'cls', 'cnv_downstream', 'cnv_queadd', 'cnv_queremove', 'cnv_trigger',
         'collisiondetect', 'cooling', 'copy', 'cp_offset', 'curve', 'cvmove', 'date', 'del',
         'deletedb', 'dispdev', 'ecp', 'ecpset', 'errorlog', 'fbusio_out', 'fopen',
-        'force_calibrate', 'gclose', 'gget', 'gset', 'gshow', 'gshowdialog', 'hofs', 'homeset',
-        'hordr', 'inputbox', 'jrange', 'jtran', 'jump3cp', 'jumptlz', 'latchenable', 'loadpoints',
-        'localclr', 'mcal', 'mcordr', 'mkdir', 'opbcd', 'opencom', 'opendb', 'outreal', 'pallet',
-        'palletclr', 'pclear', 'pdel', 'performmode', 'pg_scan', 'plabel', 'plane', 'ptran',
-        'range', 'recover', 'rename', 'restart', 'robot', 'ropen', 'rundialog', 'savepoints',
-        'selectdb', 'setcom', 'setlcd', 'shutdown', 'simset', 'singularity', 'softcp', 'stop',
-        'tc', 'tcclr', 'tclim', 'tcspeed', 'time', 'tlclr', 'uopen', 'vcls', 'ver', 'vget',
-        'vload', 'vrun', 'vset', 'waitcom', 'wend', 'wopen', 'xylim', 'zeroflg',
+        'force_calibrate', 'gclose', 'gget', 'gset', 'gshow', 'gshowdialog', 'here', 'hofs',
+        'homeset', 'hordr', 'inputbox', 'jrange', 'jtran', 'jump3cp', 'jumptlz', 'latchenable',
+        'loadpoints', 'localclr', 'mcal', 'mcordr', 'mkdir', 'opbcd', 'opencom', 'opendb',
+        'outreal', 'pallet', 'palletclr', 'pclear', 'pdel', 'performmode', 'pg_scan', 'plabel',
+        'plane', 'ptran', 'range', 'recover', 'rename', 'restart', 'robot', 'ropen', 'rundialog',
+        'savepoints', 'selectdb', 'setcom', 'setlcd', 'shutdown', 'simset', 'singularity',
+        'softcp', 'stop', 'tc', 'tcclr', 'tclim', 'tcspeed', 'time', 'tlclr', 'uopen', 'vcls',
+        'ver', 'vget', 'vload', 'vrun', 'vset', 'waitcom', 'wend', 'wopen', 'xylim', 'zeroflg',
     }
 )  # fmt: skip
 """SPEL+ statements that are refused by name before a program starts."""

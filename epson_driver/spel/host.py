@@ -55,7 +55,8 @@ class MotionRequest:
 
     `name` in lower case ('go', 'move', …); `points` its targets in order; `cp` whether it may
     blend into the next one. `till`: the arm decelerates once it returns true, the statement is
-    over without an error. `words` are other modifiers ('rot', 'c0'), `ljm` its number.
+    over without an error; the host asks at each scan, and ends the motion with the SpelError that
+    the question may raise. `words` are other modifiers ('rot', 'c0'), `ljm` its number.
     """
 
     name: str
@@ -140,6 +141,7 @@ class Robot(Protocol):
     ) -> Completion | None:
         """Execute a statement by its name in lower case ('motor', 'power', 'speed', 'reset', …).
 
+        'quit all' is one too: Speed, Accel and others are as after a start, the power is low.
         `words` are those that stood in it, in lower case ('on', 'high'). None: done at once.
         Raises SpelError.
         """

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import NamedTuple
 
+from epson_driver.spel import library, values
 from epson_driver.spel.actions import STATEMENTS, resume_paused, set_point
 from epson_driver.spel.builtins import TASK_FUNCTIONS
 from epson_driver.spel.code import Program
@@ -43,6 +44,15 @@ from epson_driver.spel.values import (
 
 STARTED = datetime(2000, 1, 1)
 """What the controller's clock shows when nothing else is said."""
+
+_SOURCE = '<spel>'
+_ARITHMETIC: dict[type[Exception], ErrorNumber] = {
+    ZeroDivisionError: ErrorNumber.DIVISION_BY_ZERO,
+    OverflowError: ErrorNumber.OVERFLOW,
+    IndexError: ErrorNumber.INDEX,
+    ValueError: ErrorNumber.ARGUMENT,
+}
+"""What Python raises in arithmetic, and what the program gets."""
 
 _EVENT_TRAPS = {
     'emergency': TaskType.NO_EMG_ABORT,
@@ -122,7 +132,7 @@ class Machine:
         for name, statement in {**STATEMENTS, **NET_STATEMENTS}.items():
             names[f's_{name}'] = statement
         program = self.world.program
-        exec(compile(program.source, '<spel>', 'exec'), names)  # noqa: S102 - compiler.py wrote it
+        exec(compile(program.source, _SOURCE, 'exec'), names)  # noqa: S102 - compiler.py wrote it
         for code in program.functions:
             found: list[Instruction] = [
                 names[f'o{code.index}_{number}']  # type: ignore[misc]
@@ -338,7 +348,14 @@ class Machine:
         for number, trap in list(self.world.traps.items()):
             if trap.task.frame is None:
                 del self.world.traps[number]
-            elif trap.test():
+                continue
+            try:
+                holds = trap.test()
+            except SpelError as error:
+                del self.world.traps[number]
+                trap.task.fail(error)
+                continue
+            if holds:
                 del self.world.traps[number]
                 if FIRST_TRAP + number - 1 in self.world.tasks:
                     continue
@@ -390,15 +407,22 @@ class Machine:
             frame.pc = pc
         except SpelError as error:
             task.fail(error)
-        except ZeroDivisionError:
-            task.fail(SpelError(ErrorNumber.DIVISION_BY_ZERO))
-        except IndexError:
-            task.fail(SpelError(ErrorNumber.INDEX))
-        except OverflowError:
-            task.fail(SpelError(ErrorNumber.OVERFLOW))
-        except ValueError as error:
-            task.fail(SpelError(ErrorNumber.ARGUMENT, f'{error}'))
+        except tuple(_ARITHMETIC) as error:
+            if not _of_program(error):  # a fault of the host must not look like the program's
+                raise
+            number = next(_ARITHMETIC[kind] for kind in _ARITHMETIC if isinstance(error, kind))
+            text = f'{error}' if number is ErrorNumber.ARGUMENT else ''
+            task.fail(SpelError(number, text))
         return used
+
+
+def _of_program(error: Exception) -> bool:
+    """Return whether an error was raised by a program's instruction, or a function of values."""
+    trace = error.__traceback__
+    assert trace is not None  # noqa: S101 - it was raised
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace.tb_frame.f_code.co_filename in (_SOURCE, library.__file__, values.__file__)
 
 
 def _awake(task: Task) -> bool:

@@ -3,9 +3,9 @@
 """OnErr, EResume, and errors that nothing handles."""
 
 import pytest
-from support.spel_harness import printed, run
+from support.spel_harness import ScriptedHost, printed, run
 
-from epson_driver.spel import ErrorNumber
+from epson_driver.spel import ErrorNumber, Memory
 
 
 def test_eresume_repeats_the_statement_and_next_goes_on_behind_it() -> None:
@@ -101,6 +101,22 @@ def test_handlers_belong_to_a_call() -> None:
     Fend
     """
     assert run(source).text.splitlines() == ['quiet', 'main 8003']
+
+
+@pytest.mark.parametrize('kind', [ValueError, IndexError, ZeroDivisionError, OverflowError])
+def test_a_fault_of_the_host_is_not_taken_for_one_of_the_program(kind: type[Exception]) -> None:
+    class Broken(ScriptedHost):
+        def read_bits(self, memory: Memory, index: int, width: int) -> int:
+            raise kind('a bug')
+
+    with pytest.raises(kind, match='a bug'):
+        run('Function main\n  Print Sw(1)\nFend\n', host=Broken())
+
+
+def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
+    source = 'Function main\n  Trap 1, Sw(-1) = On Call main\n  Wait 1\nFend\n'
+    (failure,) = run(source).failures
+    assert (failure.number, failure.position.line) == (ErrorNumber.ARGUMENT, 3)
 
 
 @pytest.mark.parametrize(
