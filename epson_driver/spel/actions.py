@@ -221,9 +221,17 @@ def raise_error(task: Task, first: float, second: float | None = None) -> None:
 
 
 def set_trap(
-    task: Task, event: str, number: int | None, test: Test | None, target: Linked | None
+    task: Task,
+    event: str,
+    number: int | None,
+    test: Test | None,
+    target: Linked | None,
+    action: str,
 ) -> None:
-    """Trap n, condition … or Trap event Xqt f; without a target it is disarmed."""
+    """Trap n, condition … or Trap event Xqt f; without a target it is disarmed.
+
+    With Call the task stands until the function is over, with Xqt it goes on.
+    """
     task.may('trap')
     world = task.world
     if event:
@@ -234,7 +242,7 @@ def set_trap(
     index = within('Trap', number or 0, 1, 4)
     world.traps.pop(index, None)
     if target is not None and test is not None:
-        world.traps[index] = Trap(task, test, target, 'call')
+        world.traps[index] = Trap(task, test, target, action)
 
 
 def store_condition(task: Task, name: str, test: Test) -> None:

@@ -545,10 +545,19 @@ class Compiler:
         if statement.target and code is None:  # its Function line could not be read
             text = f'there is no function {statement.target}'
             raise SyntaxProblem(statement.at, text, 'unknown')
-        if code is not None and any(each.by_reference for each in code.parameters):
-            raise SyntaxProblem(statement.at, 'Trap hands values over: no ByRef', 'type')
+        if code is not None:
+            most = 3 if statement.event == 'error' else 0
+            whole = all(TYPES[each.type].kind == INT for each in code.parameters)
+            if (
+                len(code.parameters) > most
+                or not whole
+                or any(each.by_reference for each in code.parameters)
+            ):
+                text = f'{code.name}: a function of Trap takes no parameters, '
+                text += 'that of Trap Error up to three Integers'
+                raise SyntaxProblem(statement.at, text, 'arguments')
         target = 'None' if code is None else f'F[{code.index}]'
-        given = f'{statement.event!r}, {number}, {test}, {target}'
+        given = f'{statement.event!r}, {number}, {test}, {target}, {statement.action!r}'
         self._do(f'{before}s_trap(v[0], {given})')
 
     @_statement.register

@@ -153,12 +153,9 @@ class Machine:
 
         Raises SpelError if there is none of that name, or the task is running.
         """
-        linked = self.world.function(name)
-        if linked.code.parameters:
-            raise SpelError(ErrorNumber.ARGUMENT, f'{name} has parameters: it cannot be started')
+        self.world.add(number, self.world.function(name), (), kind)
         if clear:
             self.clear_variables()
-        self.world.add(number, linked, (), kind)
 
     def start_background(self, name: str = 'BgMain') -> None:
         """Start the function that runs as long as the controller does."""

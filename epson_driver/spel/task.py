@@ -162,6 +162,10 @@ class World:
         """Start a task. Raises SpelError."""
         if number in self.tasks:
             raise SpelError(ErrorNumber.TASK_NUMBER, f'task {number} is running')
+        code = linked.code
+        if len(arguments) != len(code.parameters):
+            text = f'{code.name} has {len(code.parameters)} parameters'
+            raise SpelError(ErrorNumber.ARGUMENT, text)
         task = Task(self, number, kind)
         self.aborted.pop(number, None)
         task.push(linked, arguments, 0)

@@ -236,6 +236,7 @@ FAULTS = [
     ('Function main(a() As Long)\nFend', 'arrays are handed over ByRef only'),
     ('Function main\n  Call nobody\nFend', 'there is no function nobody'),
     ('Function main\n  Xqt nobody\nFend', 'there is no function nobody'),
+    ('Function f(n As Long)\n  Trap 1, Sw(1) = On Call f\nFend', 'Trap takes no parameters'),
     ('Function main\n  Xqt nobody, NoPause\nFend', 'there is no function nobody'),
     ('Function main\n  Xqt 2 main\nFend', 'expected a comma, found main'),
     ('Function main\n  Integer i\n  Wait i = 1\nFend', 'i is a local variable: a condition takes'),

@@ -352,6 +352,31 @@ def test_event_traps_start_their_functions() -> None:
     assert host.text.splitlines() == ['stopped 2', 'failed 4031 1 0']
 
 
+@pytest.mark.parametrize(('action', 'expected'), [('Call', '0.5'), ('Xqt', '0.1')])
+def test_a_trap_that_calls_holds_its_task_and_one_that_starts_does_not(
+    action: str, expected: str
+) -> None:
+    source = f"""
+    Function main
+      Trap 1, MemSw(1) = On {action} handle
+      MemOn 1
+      Wait 0.1
+      Print Tmr(0)
+    Fend
+    Function handle
+      Wait 0.5
+    Fend
+    """
+    assert float(run(source).text) == pytest.approx(float(expected), abs=0.002)
+
+
+def test_a_main_with_parameters_cannot_be_started() -> None:
+    made = machine('Function main(n As Integer)\nFend\n')
+    with pytest.raises(SpelError, match='main has 1 parameters'):
+        made.start()
+    assert not list(made.tasks())
+
+
 def test_a_trap_is_armed_once() -> None:
     source = """
     Function main
