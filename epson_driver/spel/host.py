@@ -159,7 +159,10 @@ class Host(Terminal, Network, Bits, Robot, Protocol):
     def call_library(
         self, library: str, name: str, arguments: Sequence[Value | Array]
     ) -> int | float:
-        """Call a function of a DLL; arrays may be written to. Raises SpelError 2473."""
+        """Call a function of a DLL. Raises SpelError 2473.
+
+        Arrays may be written to; what is handed over ByRef is an array of one element.
+        """
 
     def task_failed(self, error: TaskError) -> None:
         """Be told that a task ended by an error that it did not handle."""

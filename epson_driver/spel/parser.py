@@ -551,4 +551,5 @@ def _declare(reader: Reader) -> Declare:
     parameters = _parameters(reader) if reader.takes('(') else ()
     result = _type(reader) if reader.takes('as') else 'long'
     reader.end()
-    return Declare(name.text, texts[0], texts[-1], parameters, result, at)
+    alias = texts[1] if len(texts) > 1 else name.text
+    return Declare(name.text, texts[0], alias, parameters, result, at)

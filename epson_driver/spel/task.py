@@ -13,7 +13,7 @@ from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import TEXTS, ErrorNumber, SpelError, TaskError
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
-from epson_driver.spel.values import TYPES, Array, Point, Value
+from epson_driver.spel.values import TYPES, Array, Point, Value, store
 
 DEEPEST_CALL = 100
 """Calls within each other in one task."""
@@ -424,16 +424,23 @@ class Task:
         self.wait_for(self.world.host.move(request))
 
     def library(self, number: int, arguments: tuple[object, ...]) -> Value:
-        """Call a function of a DLL; ByRef scalars come as a list with one element."""
+        """Call a function of a DLL; it may write to arrays and ByRef variables."""
         declared = self.world.program.libraries[number]
         given: list[Value | Array] = []
-        for argument in arguments:
+        handed: list[tuple[Array, list[Value], int]] = []
+        for parameter, argument in zip(declared.parameters, arguments, strict=True):
             if isinstance(argument, tuple):
                 container, index = argument
-                given.append(container[index])
+                array = Array(parameter.type, (0,))
+                array.d[0] = container[index]
+                handed.append((array, container, index))
+                given.append(array)
             else:
                 given.append(argument)  # type: ignore[arg-type]
-        return self.world.host.call_library(declared.library, declared.alias, given)
+        result = self.world.host.call_library(declared.library, declared.alias, given)
+        for array, container, index in handed:
+            container[index] = store(array.d[0], array.type)
+        return store(result, declared.result)
 
     def xqt(self, number: int, linked: Linked, arguments: list[object], kind: int) -> None:
         """Start a task: a background task starts background tasks only. Raises SpelError."""

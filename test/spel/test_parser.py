@@ -236,6 +236,27 @@ FAULTS = [
     ('Function main(a() As Long)\nFend', 'arrays are handed over ByRef only'),
     ('Function main\n  Call nobody\nFend', 'there is no function nobody'),
     ('Function main\n  Xqt nobody\nFend', 'there is no function nobody'),
+    ('Function main\n  Select 1\n  Print 1\n  Case 1\n  Send\nFend', 'are never executed'),
+    ('Function main\n Integer i, j\n  For i = 1 To 2\n  Next j\nFend', 'Next j ends For i'),
+    ('Function main\n  Select P1\n  Case 1\n  Send\nFend', 'Select does not take points'),
+    ('Function main\n  Select 1\n  Case "a"\n  Send\nFend', 'Case and Select are of two kinds'),
+    ('Function main\n  Select "a"\n  Case < "b"\n  Send\nFend', 'compared by = and <> only'),
+    ('Function main\n  Exit Now\nFend', 'expected Do, For or Function, found Now'),
+    ('Function main\n  5 = 3\nFend', 'a statement cannot begin with 5'),
+    ('Function main\na: 5\nFend', 'a statement cannot begin so'),
+    ('Function main\n  Integer i\n  Line Input i\nFend', 'Line Input needs a string'),
+    ('Function main\n  Double d(3)\n  ReadBin #201, d(), 2\nFend', 'cannot use this array'),
+    ('Function main\n  Integer d(3)\n  ReadBin #201, d()\nFend', 'the number of its elements'),
+    ('Function main\n  Real r\n  ReadBin #201, r\nFend', 'needs a whole number'),
+    ('Function main\n  ReadBin #201, 5\nFend', 'must be a variable'),
+    ('Function main\n  MsgBox "a", 1, "b", 5\nFend', 'must be a variable'),
+    ('Function f(ByRef i As Long)\n  Long n\n  Xqt f(ByRef n)\nFend', 'no ByRef'),
+    ('Function f(i As Long) As Long\n  i = f(i, i)\nFend', 'takes 1 arguments'),
+    ('Function main\n  Wait 1, 2\nFend', 'Wait takes a time, or a condition with a time'),
+    ('Function main\n  Wait Sw(1) = 1, \nFend', 'expected a value'),
+    ('Declare f, "a.dll"\nFunction main\n  Print f(1)\nFend', 'f takes 0 arguments, not 1'),
+    ('Declare f\nFunction main\nFend', 'expected a comma'),
+    ('Declare f, a\nFunction main\nFend', 'needs the name of a DLL in quotes'),
     ('Function f(n As Long)\n  Trap 1, Sw(1) = On Call f\nFend', 'Trap takes no parameters'),
     ('Function main\n  Xqt nobody, NoPause\nFend', 'there is no function nobody'),
     ('Function main\n  Xqt 2 main\nFend', 'expected a comma, found main'),
@@ -259,6 +280,27 @@ def test_a_fault_is_said_with_file_and_line(source: str, said: str) -> None:
     with pytest.raises(ProgramError, match=r'\Amain\.prg:\d+:\d+: error: ') as caught:
         build(files(source))
     assert said in str(caught.value)
+
+
+def test_functions_of_a_dll_go_to_the_host() -> None:
+    source = """
+    Declare conv, "numbers.dll", "Convert"(a As Byte, ByRef b() As Long, ByRef c As Real) As Byte
+    Declare quiet, "numbers.dll"
+    Function main
+      Long many(2)
+      Real r
+      r = 1.5
+      Print conv(3, ByRef many(), ByRef r) + 1, many(0), r
+      Call quiet
+    Fend
+    """
+    host = run(source)
+    assert host.failures == []
+    assert host.text.splitlines() == ['6 77 77']
+    (first, second) = host.library
+    assert first[:2] == ('numbers.dll', 'Convert')
+    assert first[2][0] == 3
+    assert second == ('numbers.dll', 'quiet', [])
 
 
 def test_all_faults_are_said_at_once_and_each_once() -> None:
