@@ -92,7 +92,7 @@ class Machine:
         started: datetime = STARTED,
     ) -> None:
         self.world = World(program, host, timing or Timing(), started)
-        self._turn = max(int(self.world.timing.turn / max(self.world.timing.statement, 1e-9)), 1)
+        self._turn = max(int(self.world.timing.turn / self.world.timing.statement), 1)
         self._last = 0
         self._next_scan = 0.0
         self.statements = 0
@@ -328,7 +328,7 @@ class Machine:
                 if waiting.test is not None and (not waiting.scanned or time >= waiting.next_scan):
                     holds = bool(waiting.test())
                     while waiting.scanned and waiting.next_scan <= time:
-                        waiting.next_scan += max(self.world.timing.scan, 1e-6)
+                        waiting.next_scan += self.world.timing.scan
             except SpelError as error:
                 task.fail(error)
                 continue
@@ -337,7 +337,7 @@ class Machine:
             elif waiting.until is not None and time >= waiting.until:
                 task.wake(True)
         if self.world.traps and time >= self._next_scan:
-            self._next_scan = time + max(self.world.timing.scan, 1e-6)
+            self._next_scan = time + self.world.timing.scan
             self._spring()
 
     def _spring(self) -> None:

@@ -54,6 +54,13 @@ class Timing:
     endless: int = 1_000_000
     extra: dict[str, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for name in ('statement', 'scan', 'turn'):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f'{name} must be a time above 0 s, is {getattr(self, name)}')
+        if self.granularity < 0.0 or min(self.extra.values(), default=0.0) < 0.0:
+            raise ValueError('granularity and extra must be times from 0 s on')
+
 
 @dataclass(slots=True)
 class Linked:

@@ -71,6 +71,12 @@ def test_a_statement_costs_what_the_timing_says(statement: float) -> None:
     assert float(host.text) == pytest.approx(2000 * statement, abs=0.0011)
 
 
+@pytest.mark.parametrize('name', ['statement', 'scan', 'turn'])
+def test_a_time_that_would_stand_still_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=f'{name} must be a time above 0 s'):
+        Timing(**{name: 0.0})
+
+
 def test_extra_times_of_statements_are_added() -> None:
     source = 'Function main\n  Print 1\n  Print 2\n  Print Tmr(0)\nFend\n'
     host = ScriptedHost()
