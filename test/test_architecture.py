@@ -70,6 +70,7 @@ PACKAGES = {
     ),
     'profiles': Package(0, frozenset({'inputs', 'simple_message', 'share'})),
     'remote_ethernet': Package(1, frozenset({'inputs', 'socket_errors'})),
+    'spel': Package(1, frozenset({'inputs'})),
     'link': Package(1, frozenset({'inputs', 'log_lines', 'simple_message', 'socket_errors'})),
     'trace': Package(1, frozenset({'inputs', 'link', 'simple_message'})),
     'sim_controller': Package(2, BOTTOM | {'remote_ethernet'}, ANY),
@@ -80,7 +81,16 @@ PACKAGES = {
     'cli': Package(
         4,
         BOTTOM
-        | {'link', 'remote_ethernet', 'trace', 'sim_controller', 'driver', 'node', 'planning'},
+        | {
+            'link',
+            'remote_ethernet',
+            'trace',
+            'spel',
+            'sim_controller',
+            'driver',
+            'node',
+            'planning',
+        },
         ANY,
         ros=True,
         dynamic=True,

@@ -9,5 +9,6 @@ EXECUTABLES = {
     'smooth': 'make a planned trajectory smooth: a file, a report and a picture',
     'replay': "play the controller's side of a recorded run, for bug reports",
     'robots': 'list the robot models, with their numbers and where those come from',
+    'spel': 'check and test EPSON programs (SPEL+) without a robot',
     'pendant': 'do what a person does at the controller: motors, E-stop, reset, status',
 }

@@ -52,6 +52,9 @@ TABLE = (
     ('smooth', (*NUMBERS, '1e-300', '0'), PLAN, '--look-ahead={}'),
     ('smooth', ('x.foo', '/tmp', '', '\udc80'), PLAN, '--picture={}'),
     ('robots', FILES[1:], '{}'),  # without a name it lists all
+    ('spel', FILES, 'check', '{}'),
+    ('spel', FILES, 'test', '{}'),
+    ('spel', NUMBERS, 'check', PLAN, '--version={}'),
     ('demo', FILES, '--trajectory={}'),
     ('demo', (*NUMBERS, '0'), '--seed={}'),
     ('demo', (*NUMBERS, '0'), '--seeds={}'),

@@ -1,0 +1,129 @@
+' Numbers to bytes and back, least significant byte first, without a DLL.
+' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
+'
+' SPEL+ cannot look at the bits of a number, so a binary32 is taken apart by arithmetic: multiplying a
+' Double by a power of two is exact, and the one rounding (halves to even) is made here.
+' A byte is an Integer from 0 to 255, as ReadBin and WriteBin have it.
+
+#include "globals.inc"
+
+' g_pow2(i) is 2 ** (i - 150): what a binary32 can need
+#define POW2_ONE 150
+#define POW2_LAST 303
+' Places in g_pow2 of 2 ** -126, the smallest normal number, and of 2 ** 128, above the largest
+#define POW2_NORMAL 24
+#define POW2_OVER 278
+' Places of 2 ** -149, the smallest number, and of 2 ** 149
+#define POW2_SMALLEST 1
+#define POW2_TO_WHOLE 299
+' 2 ** 23, and 2 ** 24
+#define HIDDEN_BIT 8388608
+#define TWO_HIDDEN_BITS 16777216
+
+' Fills the table: once, before anything else here is called
+Function BytesInit
+  Integer i
+  g_pow2(POW2_ONE) = 1
+  For i = POW2_ONE + 1 To POW2_LAST
+    g_pow2(i) = g_pow2(i - 1) * 2
+  Next i
+  For i = POW2_ONE - 1 To 0 Step -1
+    g_pow2(i) = g_pow2(i + 1) / 2
+  Next i
+Fend
+
+' Writes x as binary32 to b(pos) and the three behind it. False: x is too large, and nothing is written.
+' place: where the power of two was found that is not larger than x; the next number of the same slot
+' usually has the same one. Begin with 150.
+Function PackFloat(x As Double, ByRef b() As Integer, pos As Integer, ByRef place As Integer) As Boolean
+  Double m
+  Integer below, above, half, sign, field
+  Long n
+  PackFloat = False
+  m = x
+  sign = 0
+  If x < 0 Then
+    m = -x
+    sign = 128
+  EndIf
+  If m >= g_pow2(POW2_OVER) Then Exit Function
+
+  If m < g_pow2(POW2_NORMAL) Then
+    field = 0
+    m = m * g_pow2(POW2_TO_WHOLE)
+  Else
+    If m < g_pow2(place) Or m >= g_pow2(place + 1) Then
+      below = POW2_NORMAL
+      above = POW2_OVER
+      Do While above - below > 1
+        half = Int((below + above) / 2)
+        If m < g_pow2(half) Then
+          above = half
+        Else
+          below = half
+        EndIf
+      Loop
+      place = below
+    EndIf
+    field = place - 23
+    m = m * g_pow2(323 - place)
+  EndIf
+
+  n = Int(m)
+  m = m - n
+  If m > 0.5 Then
+    n = n + 1
+  ElseIf m = 0.5 Then
+    n = n + (n And 1)
+  EndIf
+  If n = TWO_HIDDEN_BITS Then
+    n = HIDDEN_BIT
+    field = field + 1
+  ElseIf n = HIDDEN_BIT And field = 0 Then
+    field = 1
+  EndIf
+  If field = 255 Then Exit Function
+
+  b(pos) = n And 255
+  b(pos + 1) = RShift(n, 8) And 255
+  b(pos + 2) = (RShift(n, 16) And 127) + (field And 1) * 128
+  b(pos + 3) = sign + RShift(field, 1)
+  PackFloat = True
+Fend
+
+' Reads a binary32 from b(pos) and the three behind it. False: it is infinite or no number, and x is as before.
+Function UnpackFloat(ByRef b() As Integer, pos As Integer, ByRef x As Double) As Boolean
+  Integer field
+  Long n
+  UnpackFloat = False
+  field = (b(pos + 3) And 127) * 2 + RShift(b(pos + 2), 7)
+  If field = 255 Then Exit Function
+  n = b(pos + 2) And 127
+  n = n * 256 + b(pos + 1)
+  n = n * 256 + b(pos)
+  If field = 0 Then
+    x = n * g_pow2(POW2_SMALLEST)
+  Else
+    x = (n + HIDDEN_BIT) * g_pow2(field)
+  EndIf
+  If b(pos + 3) > 127 Then x = -x
+  UnpackFloat = True
+Fend
+
+' Writes a Long to b(pos) and the three behind it.
+Function PackLong(n As Long, ByRef b() As Integer, pos As Integer)
+  b(pos) = n And 255
+  b(pos + 1) = RShift(n, 8) And 255
+  b(pos + 2) = RShift(n, 16) And 255
+  b(pos + 3) = RShift(n, 24) And 255
+Fend
+
+' Reads a Long from b(pos) and the three behind it. The sign is in the first step: no step leaves the range of a Long.
+Function UnpackLong(ByRef b() As Integer, pos As Integer) As Long
+  Long n
+  n = b(pos + 3)
+  If n > 127 Then n = n - 256
+  n = n * 256 + b(pos + 2)
+  n = n * 256 + b(pos + 1)
+  UnpackLong = n * 256 + b(pos)
+Fend

@@ -1,0 +1,56 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""EPSON's robot language SPEL+: files to a program, a program to tasks that can be advanced.
+
+It knows nothing of a controller: what a program does to the world goes through `Host`.
+docs/spel.md says what of the language is understood.
+"""
+
+from epson_driver.spel.code import Program
+from epson_driver.spel.commands import TaskType
+from epson_driver.spel.errors import (
+    ErrorNumber,
+    Position,
+    Problem,
+    ProgramError,
+    SpelError,
+    TaskError,
+)
+from epson_driver.spel.host import (
+    Caller,
+    Completion,
+    Host,
+    Memory,
+    MotionRequest,
+    NetSettings,
+)
+from epson_driver.spel.machine import Machine, TaskView
+from epson_driver.spel.project import build, read_project
+from epson_driver.spel.task import TaskState, Timing
+from epson_driver.spel.values import Array, Point, Value
+
+__all__ = [
+    'Array',
+    'Caller',
+    'Completion',
+    'ErrorNumber',
+    'Host',
+    'Machine',
+    'Memory',
+    'MotionRequest',
+    'NetSettings',
+    'Point',
+    'Position',
+    'Problem',
+    'Program',
+    'ProgramError',
+    'SpelError',
+    'TaskError',
+    'TaskState',
+    'TaskType',
+    'TaskView',
+    'Timing',
+    'Value',
+    'build',
+    'read_project',
+]

@@ -1,0 +1,410 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Statements that the interpreter executes itself: waiting, tasks, locks, bits, terminal."""
+
+import math
+from collections.abc import Callable
+
+from epson_driver.spel.commands import TaskType
+from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.host import Memory
+from epson_driver.spel.library import parse_string, text_of, value_of
+from epson_driver.spel.task import (
+    Linked,
+    Reference,
+    Task,
+    Test,
+    Trap,
+    World,
+)
+from epson_driver.spel.values import (
+    STRING,
+    TYPES,
+    Array,
+    Point,
+    Value,
+    nearest,
+    shown,
+    size,
+    store,
+)
+
+_LONGEST = 1e7
+"""The longest time that can be waited for, s."""
+
+_MOST_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
+
+
+def bad(name: str, text: str) -> SpelError:
+    """Return the error that an argument is out of range."""
+    return SpelError(ErrorNumber.ARGUMENT, f'{name}: {text}')
+
+
+def seconds(task: Task, name: str, time: float) -> float:
+    """Return a time as the controller waits it: whole ticks, rounded up. Raises SpelError."""
+    if not 0.0 <= time <= _LONGEST:
+        raise bad(name, f'{shown(time)} s is not a time')
+    tick = task.world.timing.granularity
+    return math.ceil(time / tick - 1e-9) * tick if tick else time
+
+
+def within(name: str, number: int, least: int, most: int) -> int:
+    """Return a number in its range. Raises SpelError."""
+    if not least <= number <= most:
+        raise bad(name, f'{shown(number)} is not in {least}..{most}')
+    return number
+
+
+# Waiting
+
+
+def wait(task: Task, time: float) -> None:
+    """Wait s."""
+    task.wait(seconds(task, 'Wait', time))
+
+
+def wait_condition(task: Task, test: Test, time: float | None) -> None:
+    """Wait condition[, s]: TW says whether the time ran out, TMOut makes that an error."""
+    limit = task.default_timeout if time is None else seconds(task, 'Wait', time)
+    task.timed_out = False
+
+    def after(timed_out: bool) -> None:
+        task.timed_out = timed_out
+        if timed_out and time is None:
+            raise SpelError(ErrorNumber.WAIT_TIMEOUT)
+
+    task.wait(limit, test, after, scanned=True)
+
+
+def set_default_timeout(task: Task, time: float) -> None:
+    """TMOut s; 0 is never."""
+    task.default_timeout = seconds(task, 'TMOut', time) or None
+
+
+def wait_signal(task: Task, number: int, time: float | None = None) -> None:
+    """WaitSig n[, s]: for the next Signal."""
+    within('WaitSig', nearest(number), 0, 63)
+    signals = task.world.signals
+    before = signals.get(number, 0)
+    task.timed_out = False
+
+    def after(timed_out: bool) -> None:
+        task.timed_out = timed_out
+
+    limit = None if time is None else seconds(task, 'WaitSig', time)
+    task.wait(limit, lambda: signals.get(number, 0) != before, after)
+
+
+def signal(task: Task, number: int) -> None:
+    """Signal n: who waits goes on; nobody else ever knows."""
+    within('Signal', nearest(number), 0, 63)
+    task.world.signals[number] = task.world.signals.get(number, 0) + 1
+
+
+def sync_lock(task: Task, number: int, time: float | None = None) -> None:
+    """SyncLock n[, s]."""
+    number = within('SyncLock', nearest(number), 0, 63)
+    locks = task.world.locks
+    if locks.get(number) == task.number:
+        raise SpelError(ErrorNumber.SYNC, f'SyncLock {number}: this task has locked it already')
+    task.timed_out = False
+
+    def after(timed_out: bool) -> None:
+        task.timed_out = timed_out
+        if not timed_out:
+            locks[number] = task.number
+
+    limit = None if time is None else seconds(task, 'SyncLock', time)
+    task.wait(limit, lambda: number not in locks, after)
+
+
+def sync_unlock(task: Task, number: int) -> None:
+    """SyncUnlock n: by the task that has locked it."""
+    number = within('SyncUnlock', nearest(number), 0, 63)
+    if task.world.locks.get(number) != task.number:
+        raise SpelError(ErrorNumber.SYNC, f'SyncUnlock {number}: this task has not locked it')
+    del task.world.locks[number]
+
+
+def reset_timer(task: Task, number: int) -> None:
+    """TmReset n."""
+    task.world.timers[within('TmReset', nearest(number), 0, 63)] = task.world.time
+
+
+def reset_elapsed_time(task: Task) -> None:
+    """ResetElapsedTime."""
+    task.world.elapsed_from = task.world.time
+
+
+def randomize(task: Task, seed: float | None = None) -> None:
+    """Randomize: the same seed gives the same numbers."""
+    task.world.random.seed(0 if seed is None else seed)
+
+
+# Tasks
+
+
+def _other(task: Task, which: int | str) -> Task:
+    found = task.world.task(which)
+    if found is None:
+        raise SpelError(ErrorNumber.NO_SUCH_TASK, f'task {which} does not exist')
+    return found
+
+
+def quit_task(task: Task, which: int | str | None) -> None:
+    """Quit n|f|All: All leaves the background tasks."""
+    world = task.world
+    if which is not None:
+        world.end(_other(task, which))
+        return
+    for each in list(world.tasks.values()):
+        if each.type is not TaskType.BACKGROUND:
+            world.end(each)
+    world.host.command('quit all', (), ())
+
+
+def halt(task: Task, which: int | str | None) -> None:
+    """Halt n."""
+    _other(task, which or task.number).halted = True
+
+
+def resume(task: Task, which: int | str | None) -> None:
+    """Resume n."""
+    _other(task, which or task.number).halted = False
+
+
+def task_wait(task: Task, which: int | str | None) -> None:
+    """TaskWait n: until that task is over."""
+    found = task.world.task(which) if which is not None else None
+    if found is not None:
+        task.wait(None, lambda: found.frame is None)
+
+
+def start_main(task: Task, which: int | str | None) -> None:
+    """StartMain main: by background tasks only, as task 1."""
+    task.may('startmain')
+    if not isinstance(which, str):
+        raise bad('StartMain', 'needs the name of a main function')
+    task.world.add(1, task.world.function(which), (), TaskType.NORMAL)
+
+
+def pause_all(task: Task) -> None:
+    """Pause: all tasks that can be, and any motion."""
+    for each in task.world.tasks.values():
+        each.paused = each.type is TaskType.NORMAL
+    task.world.host.paused(True)
+
+
+def resume_paused(world: World) -> None:
+    """Go on after a pause; what was waited for in time begins again."""
+    for each in world.tasks.values():
+        if each.paused:
+            each.paused = False
+            waiting = each.waiting
+            if waiting is not None and waiting.duration is not None:
+                waiting.until = world.time + waiting.duration
+
+
+def continue_all(task: Task) -> None:
+    """Cont."""
+    resume_paused(task.world)
+    task.world.host.paused(False)
+
+
+def raise_error(task: Task, first: float, second: float | None = None) -> None:
+    """Error [task,] n."""
+    if second is None:
+        number = within('Error', nearest(first), 1, 9999)
+        raise SpelError(number, task.world.error_text(number))
+    number = within('Error', nearest(second), 1, 9999)
+    _other(task, nearest(first)).fail(SpelError(number, task.world.error_text(number)))
+
+
+def set_trap(
+    task: Task,
+    event: str,
+    number: int | None,
+    test: Test | None,
+    target: Linked | None,
+    action: str,
+) -> None:
+    """Trap n, condition … or Trap event Xqt f; without a target it is disarmed.
+
+    With Call the task stands until the function is over, with Xqt it goes on.
+    """
+    task.may('trap')
+    world = task.world
+    if event:
+        world.event_traps.pop(event, None)
+        if target is not None:
+            world.event_traps[event] = target
+        return
+    index = within('Trap', number or 0, 1, 4)
+    world.traps.pop(index, None)
+    if target is not None and test is not None:
+        world.traps[index] = Trap(task, test, target, action)
+
+
+def store_condition(task: Task, name: str, test: Test) -> None:
+    """Till, Find, Sense with a condition: for the motions that only name them."""
+    task.may(name)
+    task.world.conditions[name] = test
+
+
+# Bits
+
+
+def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[..., None]:
+    def one(
+        task: Task,
+        index: float,
+        time: float | None = None,
+        _parallel: float | None = None,
+        words: tuple[str, ...] = (),
+    ) -> None:
+        del words
+        host, bit, number = task.world.host, value or 0, nearest(index)
+        host.write_bits(memory, number, width, bit)
+        if time is None:
+            return
+
+        def after(_timed_out: bool) -> None:
+            host.write_bits(memory, number, width, 1 - bit)
+
+        task.wait(seconds(task, name, time), after=after)
+
+    def many(task: Task, index: float, given: float, words: tuple[str, ...] = ()) -> None:
+        del words
+        wanted = within(name, nearest(given), -(1 << (width - 1)), (1 << width) - 1)
+        mask = (1 << width) - 1
+        task.world.host.write_bits(memory, nearest(index), width, wanted & mask)
+
+    return many if value is None else one
+
+
+# Terminal
+
+
+def print_line(items: tuple[tuple[Value | Point, str], ...]) -> str:
+    """Return the items of a Print as one text, spaces between."""
+    return ' '.join(text_of(value, kind) for value, kind in items)
+
+
+def message_box(
+    task: Task,
+    text: str,
+    buttons: float | None = None,
+    title: str | None = None,
+    answer: Reference | None = None,
+) -> None:
+    """MsgBox text, buttons, title, answer."""
+    world, caller = task.world, task.caller
+    pressed: list[int] = []
+
+    def asked() -> bool:
+        button = world.host.message_box(caller, text, nearest(buttons or 0), title or '')
+        if button is not None:
+            pressed.append(button)
+        return button is not None
+
+    def after(_timed_out: bool) -> None:
+        if answer is not None:
+            container, index, type_name = answer
+            container[index] = store(pressed[0], type_name)
+
+    task.wait(None, asked, after)
+
+
+def print_terminal(task: Task, text: str) -> None:
+    """Print to the terminal."""
+    task.world.host.write(task.caller, text)
+
+
+def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> None:
+    """Store a line that was read: as it is, or its values by their commas or spaces."""
+    if whole:
+        parts = [line]
+    elif len(targets) == 1 and TYPES[targets[0][2]].kind == STRING:
+        parts = [line.strip()]
+    else:
+        parts = line.replace(',', ' ').split()
+    if len(parts) != len(targets):
+        text = f'{name}: {len(parts)} values for {len(targets)} variables'
+        raise SpelError(ErrorNumber.INPUT_COUNT, text)
+    for (container, index, type_name), part in zip(targets, parts, strict=True):
+        kind = TYPES[type_name].kind
+        container[index] = store(part if kind == STRING else value_of(part), type_name)
+
+
+def input_terminal(task: Task, targets: tuple[Reference, ...], whole: bool) -> None:
+    """Input from the terminal."""
+    typed: list[str] = []
+
+    def asked() -> bool:
+        line = task.world.host.read_line()
+        if line is not None:
+            typed.append(line)
+        return line is not None
+
+    task.wait(None, asked, lambda _: fill('Input', typed[0], targets, whole))
+
+
+# Variables
+
+
+def redim(
+    _task: Task, array: Array, bounds: tuple[int, ...], preserve: bool, shared: bool
+) -> None:
+    """Redim [Preserve] a(…)."""
+    numbers, strings = _MOST_ELEMENTS[shared]
+    most = strings if TYPES[array.type].kind == STRING else numbers
+    if min(bounds) < 0 or size(bounds) > most:
+        raise bad('Redim', f'bounds {bounds} are below 0 or give more than {most} elements')
+    array.resize(bounds, preserve)
+
+
+def parse_into(_task: Task, text: str, into: Array, delimiters: str) -> None:
+    """ParseStr as a statement."""
+    parse_string(text, into, delimiters)
+
+
+def set_point(task: Task, number: int, point: Point) -> None:
+    """P(n) = …: as P0, P1, … hold it."""
+    world = task.world
+    world.points[within('P', number, 0, 9999)] = world.host.stored_point(point)
+
+
+STATEMENTS: dict[str, Callable[..., None]] = {
+    'wait': wait,
+    'waitcondition': wait_condition,
+    'tmout': set_default_timeout,
+    'waitsig': wait_signal,
+    'signal': signal,
+    'synclock': sync_lock,
+    'syncunlock': sync_unlock,
+    'tmreset': reset_timer,
+    'resetelapsedtime': reset_elapsed_time,
+    'randomize': randomize,
+    'quit': quit_task,
+    'halt': halt,
+    'resume': resume,
+    'taskwait': task_wait,
+    'startmain': start_main,
+    'pause': pause_all,
+    'cont': continue_all,
+    'error': raise_error,
+    'trap': set_trap,
+    'store': store_condition,
+    'on': _bits('On', Memory.OUTPUT, 1, 1),
+    'off': _bits('Off', Memory.OUTPUT, 1, 0),
+    'out': _bits('Out', Memory.OUTPUT, 8, None),
+    'outw': _bits('OutW', Memory.OUTPUT, 16, None),
+    'memon': _bits('MemOn', Memory.MEMORY, 1, 1),
+    'memoff': _bits('MemOff', Memory.MEMORY, 1, 0),
+    'memout': _bits('MemOut', Memory.MEMORY, 8, None),
+    'memoutw': _bits('MemOutW', Memory.MEMORY, 16, None),
+    'msgbox': message_box,
+    'redim': redim,
+    'parsestr': parse_into,
+}
+"""By name in lower case; ports.py has those of the network, and Print and Input."""

@@ -1,0 +1,133 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Functions that need the task or the host: time, tasks, errors, bits, ports, points."""
+
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from typing import Any
+
+from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError
+from epson_driver.spel.host import Memory
+from epson_driver.spel.ports import check_net, lines_waiting, port_of
+from epson_driver.spel.task import Task, TaskState
+from epson_driver.spel.values import Point
+
+
+def timer(task: Task, number: int) -> float:
+    """Return Tmr: seconds since TmReset, or since the start, in milliseconds."""
+    if not 0 <= number <= 63:
+        raise SpelError(ErrorNumber.ARGUMENT, f'Tmr: {number} is not in 0..63')
+    return round(task.world.time - task.world.timers.get(number, 0.0), 3)
+
+
+def now(task: Task) -> datetime:
+    """Return what the controller's clock shows."""
+    return task.world.started + timedelta(seconds=task.world.time)
+
+
+def _time(task: Task, unit: int) -> int:
+    clock = now(task)
+    units = (clock.hour, clock.minute, clock.second)
+    if not 0 <= unit <= 2:
+        raise SpelError(ErrorNumber.ARGUMENT, f'Time: {unit} is not in 0..2')
+    return units[unit]
+
+
+def point(task: Task, number: int) -> Point:
+    """Return P(n). Raises SpelError 7007 if it is not defined."""
+    found = task.world.points.get(number)
+    if found is None:
+        raise SpelError(ErrorNumber.POINT_UNDEFINED, f'P{number} is not defined')
+    return found
+
+
+def task_state(task: Task, which: int | str) -> int:
+    """Return TaskState."""
+    found = task.world.task(which)
+    if found is not None:
+        return found.state
+    if isinstance(which, int) and which in task.world.aborted:
+        return TaskState.ABORTED
+    return TaskState.NOT_RUNNING
+
+
+def _task_info(task: Task, which: int | str, index: int) -> int:
+    found = task.world.task(which)
+    if found is None:
+        raise SpelError(ErrorNumber.NO_SUCH_TASK, f'TaskInfo: task {which} does not exist')
+    if index not in (1, 2, 3, 4):
+        raise SpelError(ErrorNumber.ARGUMENT, f'TaskInfo: {index} is not in 1..4')
+    states = (found.number, int(found.type), int(found.state), -1 if found.timed_out else 0)
+    return states[index - 1]
+
+
+def _error(task: Task, which: int | str | None) -> TaskError | None:
+    if which is None:
+        return task.error
+    found = task.world.task(which)
+    if found is None:
+        raise SpelError(ErrorNumber.NO_SUCH_TASK, f'task {which} does not exist')
+    return found.error
+
+
+def _err(task: Task, which: int | str | None = None) -> int:
+    error = _error(task, which)
+    return error.number if error is not None else 0
+
+
+def _erl(task: Task, which: int | str | None = None) -> int:
+    error = _error(task, which)
+    return error.position.line if error is not None else 0
+
+
+def _erf(task: Task, which: int | str | None = None) -> str:
+    error = _error(task, which)
+    return error.function if error is not None else ''
+
+
+def _net_owner(task: Task, number: int) -> int:
+    return port_of(task, 'OpenNet', number).owner
+
+
+def _bits(memory: Memory, width: int) -> Callable[[Task, int], int]:
+    return lambda task, index: task.world.host.read_bits(memory, index, width)
+
+
+def _done(task: Task, which: int | str) -> int:
+    return -1 if task.world.task(which) is None else 0
+
+
+TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    'rnd': lambda task, most: task.world.random.uniform(0.0, most),
+    'p': point,
+    'pdef': lambda task, number: -1 if number in task.world.points else 0,
+    'tmr': timer,
+    'elapsedtime': lambda task: round(task.world.time - task.world.elapsed_from, 3),
+    'time': _time,
+    'date$': lambda task: now(task).strftime('%Y/%m/%d'),
+    'time$': lambda task: now(task).strftime('%H:%M:%S'),
+    'tw': lambda task: -1 if task.timed_out else 0,
+    'mytask': lambda task: task.number,
+    'taskstate': task_state,
+    'taskinfo': _task_info,
+    'taskdone': _done,
+    'err': _err,
+    'erl': _erl,
+    'era': lambda _task, _which=None: 0,
+    'ert': lambda task: task.error.task if task.error is not None else 0,
+    'erf$': _erf,
+    'errmsg$': lambda task, number, _language=0: task.world.error_text(number),
+    'chknet': check_net,
+    'opennet': _net_owner,
+    'lof': lines_waiting,
+    'sw': _bits(Memory.INPUT, 1),
+    'in': _bits(Memory.INPUT, 8),
+    'inw': _bits(Memory.INPUT, 16),
+    'oport': _bits(Memory.OUTPUT, 1),
+    'out': _bits(Memory.OUTPUT, 8),
+    'outw': _bits(Memory.OUTPUT, 16),
+    'memsw': _bits(Memory.MEMORY, 1),
+    'memin': _bits(Memory.MEMORY, 8),
+    'meminw': _bits(Memory.MEMORY, 16),
+}
+"""By name in lower case: those of functions.py that are worked out by 'task'."""

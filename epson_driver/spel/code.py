@@ -1,0 +1,69 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A program that can be run: functions as lists of instructions, and what they share."""
+
+from dataclasses import dataclass, field
+
+from epson_driver.spel.errors import Position
+from epson_driver.spel.syntax import Declare, File, Parameter
+from epson_driver.spel.values import Value
+
+WAITING = -1
+"""What an instruction returns that has handed over to the task: a call, a wait, an end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A variable: where it lives, its type, its bounds if it is an array.
+
+    `place` 'v' is a slot of the function's frame, 'g' one of the program's. `by_reference`: the
+    slot holds (list, index) of the caller's variable, or the caller's array.
+    """
+
+    name: str
+    type: str
+    place: str
+    slot: int
+    bounds: tuple[int, ...] = ()
+    array: bool = False
+    by_reference: bool = False
+    preserved: bool = False
+    at: Position = field(default=Position('', 0), compare=False)
+
+
+@dataclass
+class FunctionCode:
+    """A function. `source` has one Python function per instruction, named o<index>_<pc>.
+
+    `following` says for each which one comes behind it. Instructions in `passed_over` are only
+    jumps at the end of a branch: whatever leads to one leads to where it goes.
+    """
+
+    name: str
+    index: int
+    parameters: tuple[Parameter, ...]
+    result: str
+    at: Position
+    end: Position
+    result_slot: int = 0
+    lines: list[Position] = field(default_factory=list)
+    starts: list[int] = field(default_factory=list)
+    following: list[int] = field(default_factory=list)
+    passed_over: set[int] = field(default_factory=set)
+    blanks: list[Value] = field(default_factory=list)
+    arrays: list[Variable] = field(default_factory=list)
+    source: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Program:
+    """All functions of a project, its shared variables, and the text it came from."""
+
+    functions: list[FunctionCode]
+    by_name: dict[str, FunctionCode]
+    variables: list[Variable]
+    libraries: list[Declare]
+    files: list[File]
+    source: str
+    texts: dict[int, str] = field(default_factory=dict)
+    """Error numbers of UserErrors.dat with their messages."""

@@ -1,0 +1,627 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Functions to flat lists of instructions: GoTo and EResume may go anywhere in a function.
+
+An instruction is a Python function of the frame `v` (v[0] is the task, then parameters, the
+function's value, locals) that returns the number of the next one, or WAITING when the task goes
+on by itself: after a call, a wait, an end. What goes on by itself goes on behind the instruction.
+"""
+
+import re
+from functools import singledispatchmethod
+
+from epson_driver.spel.code import WAITING, FunctionCode, Variable
+from epson_driver.spel.commands import COMMANDS, TASK_TYPE_WORDS
+from epson_driver.spel.conditions import condition, is_condition
+from epson_driver.spel.errors import Position, Problem, SyntaxProblem
+from epson_driver.spel.expression_code import Expressions, check_depth
+from epson_driver.spel.expressions import is_point_literal
+from epson_driver.spel.scope import Scope
+from epson_driver.spel.syntax import (
+    Apply,
+    Argument,
+    Assign,
+    Block,
+    Call,
+    Command,
+    Declaration,
+    Do,
+    EResume,
+    Exit,
+    Expression,
+    For,
+    Function,
+    If,
+    Input,
+    Jump,
+    Label,
+    Motion,
+    Name,
+    OnErr,
+    Print,
+    Redim,
+    Return,
+    Select,
+    Statement,
+    Store,
+    TaskCommand,
+    Transfer,
+    Trap,
+    Wait,
+    Xqt,
+)
+from epson_driver.spel.values import INT, NUMBERS, POINT, STRING, TYPES, Value
+
+_MARK = re.compile('\x01([0-9]+)\x01')
+_WAITING = f'return {WAITING}'
+
+
+class Compiler:
+    """Compiles one function."""
+
+    def __init__(
+        self,
+        function: Function,
+        scope: Scope,
+        codes: dict[str, FunctionCode],
+        problems: list[Problem],
+        notes: list[Problem],
+    ) -> None:
+        self._function = function
+        self._scope = scope
+        self._codes = codes
+        self._problems = problems
+        self._code = codes[function.name.lower()]
+        self._expressions = Expressions(scope, self._user_call)
+        self._expressions.notes = notes
+        self._at = function.at
+        self._start = 0
+        self._marks: list[int] = []
+        self._jumps: dict[int, int] = {}
+        self._labels: dict[str, tuple[int, Position]] = {}
+        self._used_labels: list[tuple[str, Position]] = []
+        self._leaves: list[tuple[str, int]] = []
+
+    def compile(self) -> None:
+        """Fill in the function's code; problems go to the list."""
+        code, function = self._code, self._function
+        try:
+            for number, parameter in enumerate(function.parameters, 1):
+                self._scope.add_local(
+                    Variable(
+                        parameter.name,
+                        parameter.type,
+                        'v',
+                        number,
+                        array=parameter.array,
+                        by_reference=parameter.by_reference and not parameter.array,
+                        at=parameter.at,
+                    )
+                )
+            code.result_slot = len(function.parameters) + 1
+            result = function.result or 'integer'
+            code.blanks.append(TYPES[result].blank)
+            if function.result:
+                self._scope.add_local(
+                    Variable(function.name, result, 'v', code.result_slot, at=function.at)
+                )
+        except SyntaxProblem as problem:
+            self._problems.append(problem.problem)
+        self._collect_labels(function.body)
+        self._block(function.body)
+        self._at = function.end
+        self._begin()
+        self._emit(f'v[0].leave()\n{_WAITING}')
+        for name, at in self._used_labels:
+            if name.lower() not in self._labels:
+                text = f'there is no label {name} in function {function.name}'
+                self._problems.append(Problem(at, 'label', text))
+        code.source = [self._resolved(text) for text in code.source]
+        code.following = [self._through(pc + 1) for pc in range(len(code.source))]
+        code.passed_over = set(self._jumps)
+
+    def _collect_labels(self, block: Block) -> None:
+        for statement in block:
+            if isinstance(statement, Label):
+                key = statement.name.lower()
+                if key in self._labels:
+                    text = f'label {statement.name} stands twice in the function'
+                    self._problems.append(Problem(statement.at, 'label', text))
+                self._labels[key] = (self._mark(), statement.at)
+            for inner in inner_blocks(statement):
+                self._collect_labels(inner)
+
+    # Instructions
+
+    def _mark(self) -> int:
+        """Return a new mark: a place that is not known yet."""
+        self._marks.append(-1)
+        return len(self._marks) - 1
+
+    def _set(self, mark: int) -> None:
+        self._marks[mark] = len(self._code.source)
+
+    def _to(self, mark: int) -> str:
+        return f'\x01{mark}\x01'
+
+    def _resolved(self, text: str) -> str:
+        return _MARK.sub(lambda found: str(self._through(self._marks[int(found[1])])), text)
+
+    def _label(self, name: str, at: Position) -> str:
+        self._used_labels.append((name, at))
+        mark, _ = self._labels.get(name.lower(), (0, at))
+        return self._to(mark) if self._labels else '0'
+
+    def _begin(self) -> None:
+        """Begin a statement: EResume goes back to here."""
+        self._start = len(self._code.source)
+
+    def _emit(self, body: str) -> None:
+        """Add an instruction: the lines of a Python function of v."""
+        check_depth(body, self._at)
+        code = self._code
+        lines = '\n '.join(body.split('\n'))
+        code.source.append(f'def o{code.index}_{len(code.source)}(v):\n {lines}\n')
+        code.lines.append(self._at)
+        code.starts.append(self._start)
+
+    def _do(self, body: str) -> None:
+        """Add an instruction after which the next one comes."""
+        self._marks.append(len(self._code.source) + 1)
+        self._emit(f'{body}\nreturn {self._to(len(self._marks) - 1)}')
+
+    def _act(self, body: str) -> None:
+        """Add an instruction after which the task goes on by itself."""
+        self._emit(f'{body}\n{_WAITING}')
+
+    def _go(self, mark: int) -> None:
+        self._emit(f'return {self._to(mark)}')
+
+    def _leave_block(self, body: Block, end: int) -> None:
+        """Go behind the whole If or Select, unless the body's last statement goes elsewhere."""
+        if body and isinstance(body[-1], Exit | Return | EResume):
+            return
+        self._begin()
+        self._jumps[len(self._code.source)] = end
+        self._go(end)
+
+    def _through(self, pc: int) -> int:
+        """Return where an instruction leads that is only a jump."""
+        while pc in self._jumps:  # they all lead forward
+            pc = self._marks[self._jumps[pc]]
+        return pc
+
+    def _branch(self, truth: str, yes: int, no: int) -> None:
+        self._emit(f'return {self._to(yes)} if {truth} else {self._to(no)}')
+
+    def _slot(self, blank: Value = 0) -> int:
+        self._code.blanks.append(blank)
+        return self._code.result_slot + len(self._code.blanks) - 1
+
+    def _user_call(self, name: str, arguments: tuple[Argument, ...], at: Position) -> int:
+        code = self._codes[name.lower()]
+        given = self._expressions.parameters(code.name, code.parameters, arguments, at)
+        slot = self._slot()
+        self._act(f'v[0].call(F[{code.index}], [{given}], {slot})')
+        return slot
+
+    # Blocks and statements
+
+    def _block(self, block: Block) -> None:
+        for statement in block:
+            self._at = statement.at
+            self._begin()
+            try:
+                self._statement(statement)
+            except SyntaxProblem as problem:
+                self._problems.append(problem.problem)
+
+    @singledispatchmethod
+    def _statement(self, statement: Statement) -> None:
+        raise NotImplementedError(type(statement).__name__)
+
+    @_statement.register
+    def _(self, statement: Declaration) -> None:
+        for number, declared in enumerate(statement.variables):
+            bounds = self._scope.bounds(statement, number)
+            slot = self._slot(TYPES[statement.type].blank)
+            variable = Variable(
+                declared.name, statement.type, 'v', slot, bounds, bool(bounds), at=declared.at
+            )
+            self._scope.add_local(variable)
+            if bounds:
+                self._code.arrays.append(variable)
+
+    @_statement.register
+    def _(self, statement: Assign) -> None:
+        target = statement.target
+        made = self._expressions
+        if self._scope.variable(target.name) is None:
+            if isinstance(target, Name) and is_point_literal(target.name):
+                number, kind = str(int(target.name[1:])), POINT
+            elif isinstance(target, Apply) and target.name.lower() == 'p':
+                number, kind = made.whole(target.arguments[0].value), POINT
+            else:
+                kind = ''
+            if kind == POINT:
+                value = made.point(statement.value)
+                self._do(f'set_point(v[0], {number}, {value})')
+                return
+        place, type_name = made.place(target)
+        self._do(f'{place} = {made.as_type(statement.value, type_name)}')
+
+    @_statement.register
+    def _(self, statement: If) -> None:
+        end = self._mark()
+        for test, body in statement.branches:
+            self._at = test.at
+            self._begin()
+            yes, no = self._mark(), self._mark()
+            self._branch(self._expressions.truth(test), yes, no)
+            self._set(yes)
+            self._block(body)
+            self._leave_block(body, end)
+            self._set(no)
+        self._block(statement.otherwise)
+        self._set(end)
+
+    @_statement.register
+    def _(self, statement: Select) -> None:
+        made = self._expressions
+        subject = made.value(statement.subject)
+        if subject.kind == POINT:
+            raise SyntaxProblem(statement.at, 'Select does not take points', 'type')
+        slot = self._slot()
+        self._do(f'v[{slot}] = {subject.text}')
+        end = self._mark()
+        for items, body in statement.cases:
+            yes, no = self._mark(), self._mark()
+            for item in items:
+                self._at = item.value.at
+                self._begin()
+                value = made.value(item.value)
+                if (value.kind in NUMBERS) != (subject.kind in NUMBERS):
+                    raise SyntaxProblem(self._at, 'Case and Select are of two kinds', 'type')
+                if value.kind == STRING and item.operator not in ('=', '<>'):
+                    text = 'strings can be compared by = and <> only'
+                    raise SyntaxProblem(self._at, text, 'type')
+                sign = {'=': '==', '<>': '!='}.get(item.operator, item.operator)
+                following = self._mark()
+                self._branch(f'v[{slot}] {sign} {value.text}', yes, following)
+                self._set(following)
+            self._go(no)
+            self._set(yes)
+            self._block(body)
+            self._leave_block(body, end)
+            self._set(no)
+        self._block(statement.default)
+        self._set(end)
+
+    @_statement.register
+    def _(self, statement: Do) -> None:
+        top, inside, end = self._mark(), self._mark(), self._mark()
+        self._set(top)
+        if statement.before is not None:
+            truth = self._expressions.truth(statement.before.condition)
+            yes, no = (end, inside) if statement.before.until else (inside, end)
+            self._branch(truth, yes, no)
+        self._set(inside)
+        self._leaves.append(('do', end))
+        self._block(statement.body)
+        self._leaves.pop()
+        self._at = statement.at
+        self._begin()
+        if statement.after is not None:
+            self._at = statement.after.condition.at
+            truth = self._expressions.truth(statement.after.condition)
+            yes, no = (end, top) if statement.after.until else (top, end)
+            self._branch(truth, yes, no)
+        else:
+            self._go(top)
+        self._set(end)
+
+    @_statement.register
+    def _(self, statement: For) -> None:
+        made = self._expressions
+        place, type_name = made.place(statement.variable)
+        if TYPES[type_name].kind == STRING:
+            raise SyntaxProblem(statement.at, 'For needs a variable that is a number', 'type')
+        last, step = self._slot(), self._slot()
+        first = made.as_type(statement.first, type_name)
+        limit = made.number(statement.last).text
+        by = made.number(statement.step).text if statement.step is not None else '1'
+        self._do(f'{place} = {first}\nv[{last}] = {limit}\nv[{step}] = {by}')
+        top, inside, end = self._mark(), self._mark(), self._mark()
+        self._set(top)
+        self._begin()
+        up = f'({place} <= v[{last}])'
+        down = f'({place} >= v[{last}])'
+        self._branch(f'({up} if v[{step}] >= 0 else {down})', inside, end)
+        self._set(inside)
+        self._leaves.append(('for', end))
+        self._block(statement.body)
+        self._leaves.pop()
+        self._at = statement.at
+        self._begin()
+        name = made.temporary()
+        self._emit(
+            f'{name} = store({place} + v[{step}], {type_name!r}, WHOLE)\n'
+            f'{place} = {name}\nreturn {self._to(top)}'
+        )
+        self._set(end)
+
+    @_statement.register
+    def _(self, statement: Exit) -> None:
+        if statement.what == 'function':
+            self._act('v[0].leave()')
+            return
+        for what, end in reversed(self._leaves):
+            if what == statement.what:
+                self._go(end)
+                return
+        word = statement.what.capitalize()
+        raise SyntaxProblem(statement.at, f'Exit {word} stands outside a {word}')
+
+    @_statement.register
+    def _(self, statement: Label) -> None:
+        self._set(self._labels[statement.name.lower()][0])
+
+    @_statement.register
+    def _(self, statement: Jump) -> None:
+        target = self._label(statement.label, statement.at)
+        if statement.kind == 'goto':
+            self._emit(f'return {target}')
+        else:
+            self._emit(f'v[0].gosub({len(self._code.source) + 1})\nreturn {target}')
+
+    @_statement.register
+    def _(self, statement: Return) -> None:
+        self._emit('return v[0].gosub_return()')
+
+    @_statement.register
+    def _(self, statement: OnErr) -> None:
+        target = '-1'
+        if statement.label is not None:
+            target = self._label(statement.label, statement.at)
+        self._do(f'v[0].on_error({target})')
+
+    @_statement.register
+    def _(self, statement: EResume) -> None:
+        if statement.kind == 'label':
+            target = self._label(statement.label, statement.at)
+            self._emit(f'v[0].resumed()\nreturn {target}')
+        else:
+            self._emit(f'return v[0].resume({statement.kind == "next"})')
+
+    @_statement.register
+    def _(self, statement: Call) -> None:
+        key = statement.name.lower()
+        if key in self._codes:
+            self._user_call(statement.name, statement.arguments, statement.at)
+            return
+        if key in self._scope.libraries:
+            call = Apply(statement.name, statement.arguments, statement.at)
+            self._do(self._expressions.value(call).text)
+            return
+        raise SyntaxProblem(statement.at, f'there is no function {statement.name}', 'unknown')
+
+    @_statement.register
+    def _(self, statement: Command) -> None:
+        rule = COMMANDS[statement.name.lower()]
+        kinds = {'MsgBox': 'snsv', 'ParseStr': 'sas'}.get(rule.name, '')
+        if rule.name == 'SetNet':
+            kinds = 'isin'
+        given = []
+        for number, argument in enumerate(statement.arguments):
+            kind = kinds[number] if kinds else _form_kind(rule.form, number)
+            given.append('None' if argument is None else self._argument(argument, kind))
+        values = ''.join(f'{code}, ' for code in given)
+        if rule.robot:
+            self._act(f'v[0].command({rule.name.lower()!r}, ({values}), {statement.words!r})')
+        else:
+            words = f', words={statement.words!r}' if statement.words else ''
+            self._act(f's_{rule.name.lower()}(v[0], {values.rstrip(", ")}{words})')
+
+    def _argument(self, argument: Expression, kind: str) -> str:
+        made = self._expressions
+        if kind == 'v':
+            if not isinstance(argument, Name | Apply):
+                raise SyntaxProblem(argument.at, 'must be a variable', 'type')
+            reference, type_name = made.reference(argument)
+            return f'(*{reference}, {type_name!r})'
+        if kind == 'a':
+            return made.array(Argument(argument))[0]
+        if kind == 's':
+            return made.string(argument)
+        if kind == 'p':
+            return made.point(argument)
+        return made.whole(argument) if kind == 'i' else made.number(argument).text
+
+    @_statement.register
+    def _(self, statement: Print) -> None:
+        made = self._expressions
+        items = []
+        for item in statement.items:
+            code = made.value(item)
+            items.append(f'({code.text}, {code.kind!r}), ')
+        port = 'None' if statement.port is None else made.whole(statement.port)
+        self._act(f's_print(v[0], {port}, ({"".join(items)}), {statement.line})')
+
+    @_statement.register
+    def _(self, statement: Input) -> None:
+        made = self._expressions
+        targets = []
+        for target in statement.targets:
+            reference, type_name = made.reference(target)
+            if statement.whole_line and TYPES[type_name].kind != STRING:
+                raise SyntaxProblem(target.at, 'Line Input needs a string', 'type')
+            targets.append(f'(*{reference}, {type_name!r}), ')
+        port = 'None' if statement.port is None else made.whole(statement.port)
+        given = f'{port}, ({"".join(targets)}), {statement.whole_line}'
+        self._act(f's_input(v[0], {given})')
+
+    @_statement.register
+    def _(self, statement: Transfer) -> None:
+        made = self._expressions
+        name = statement.name.lower()
+        value = statement.value.value
+        port = made.whole(statement.port)
+        count = 'None' if statement.count is None else made.whole(statement.count)
+        variable = self._scope.variable(value.name) if isinstance(value, Name) else None
+        if statement.value.whole_array or (variable is not None and variable.array):
+            code, type_name = made.array(statement.value)
+            if TYPES[type_name].kind != INT or not name.endswith('bin'):
+                raise SyntaxProblem(
+                    statement.at, f'{statement.name} cannot use this array', 'type'
+                )
+            if statement.count is None:
+                raise SyntaxProblem(statement.at, 'an array needs the number of its elements')
+        elif name == 'write':
+            code = made.string(value)
+        elif name == 'writebin':
+            code = made.whole(value)
+        else:
+            if not isinstance(value, Name | Apply):
+                raise SyntaxProblem(value.at, 'must be a variable', 'type')
+            reference, type_name = made.reference(value)
+            wanted = STRING if name == 'read' else INT
+            if TYPES[type_name].kind != wanted:
+                what = 'a string' if name == 'read' else 'a whole number or an array of them'
+                raise SyntaxProblem(value.at, f'{statement.name} needs {what}', 'type')
+            code = f'(*{reference}, {type_name!r})'
+        self._act(f's_{name}(v[0], {port}, {code}, {count})')
+
+    @_statement.register
+    def _(self, statement: Xqt) -> None:
+        code = self._codes.get(statement.function.lower())
+        if code is None:
+            text = f'there is no function {statement.function}'
+            raise SyntaxProblem(statement.at, text, 'unknown')
+        for argument in statement.arguments:
+            if argument.by_reference and not argument.whole_array:
+                text = 'Xqt hands values over: no ByRef'
+                raise SyntaxProblem(statement.at, text, 'type')
+        made = self._expressions
+        given = made.parameters(code.name, code.parameters, statement.arguments, statement.at)
+        number = '0' if statement.number is None else made.whole(statement.number)
+        kind = int(TASK_TYPE_WORDS[statement.type])
+        self._do(f'v[0].xqt({number}, F[{code.index}], [{given}], {kind})')
+
+    @_statement.register
+    def _(self, statement: TaskCommand) -> None:
+        task = repr(statement.function.lower()) if statement.function else 'None'
+        if statement.task is not None:
+            task = self._expressions.whole(statement.task)
+        self._act(f's_{statement.name.lower()}(v[0], {task})')
+
+    @_statement.register
+    def _(self, statement: Wait) -> None:
+        made = self._expressions
+        what = statement.condition
+        if what is None or not is_condition(what, self._scope):
+            if what is None or statement.time is not None:
+                text = 'Wait takes a time, or a condition with a time'
+                raise SyntaxProblem(statement.at, text, 'wait-condition')
+            self._act(f's_wait(v[0], {made.number(what).text})')
+            return
+        before, test = condition(what, made)
+        time = 'None' if statement.time is None else made.number(statement.time).text
+        self._act(f'{before}s_waitcondition(v[0], lambda: {test}, {time})')
+
+    @_statement.register
+    def _(self, statement: Store) -> None:
+        before, test = condition(statement.condition, self._expressions)
+        self._do(f'{before}s_store(v[0], {statement.name.lower()!r}, lambda: {test})')
+
+    @_statement.register
+    def _(self, statement: Trap) -> None:
+        made = self._expressions
+        number = 'None' if statement.number is None else made.whole(statement.number)
+        before, test = '', 'None'
+        if statement.condition is not None:
+            before, test = condition(statement.condition, made)
+            test = f'lambda: {test}'
+        code = self._codes.get(statement.target.lower())
+        if statement.target and code is None:  # its Function line could not be read
+            text = f'there is no function {statement.target}'
+            raise SyntaxProblem(statement.at, text, 'unknown')
+        if code is not None:
+            most = 3 if statement.event == 'error' else 0
+            whole = all(TYPES[each.type].kind == INT for each in code.parameters)
+            if (
+                len(code.parameters) > most
+                or not whole
+                or any(each.by_reference for each in code.parameters)
+            ):
+                text = f'{code.name}: a function of Trap takes no parameters, '
+                text += 'that of Trap Error up to three Integers'
+                raise SyntaxProblem(statement.at, text, 'arguments')
+        target = 'None' if code is None else f'F[{code.index}]'
+        given = f'{statement.event!r}, {number}, {test}, {target}, {statement.action!r}'
+        self._do(f'{before}s_trap(v[0], {given})')
+
+    @_statement.register
+    def _(self, statement: Redim) -> None:
+        made = self._expressions
+        variable = self._scope.variable(statement.name)
+        name = Name(statement.name, statement.at)
+        code, _ = made.array(Argument(name, whole_array=True))
+        assert variable is not None  # noqa: S101 - array() has refused that
+        if not variable.bounds:
+            text = f'{statement.name} came ByRef: Redim cannot change it'
+            raise SyntaxProblem(statement.at, text, 'type')
+        if len(variable.bounds) != len(statement.bounds):
+            text = f'Redim cannot change how many dimensions {statement.name} has'
+            raise SyntaxProblem(statement.at, text, 'type')
+        bounds = ''.join(f'{made.whole(bound)}, ' for bound in statement.bounds)
+        shared = variable.place == 'g'
+        self._do(f's_redim(v[0], {code}, ({bounds}), {statement.preserve}, {shared})')
+
+    @_statement.register
+    def _(self, statement: Motion) -> None:
+        made = self._expressions
+        name = statement.name.lower()
+        if name == 'pulse':
+            values = ''.join(f'{made.number(each).text}, ' for each in statement.points)
+            points = f'f_pulse({values}), '
+        else:
+            points = ''.join(f'{made.point(each)}, ' for each in statement.points)
+        before = ''
+        conditions = []
+        for given, stored in ((statement.till, 'till'), (statement.find, 'find')):
+            if given is False:
+                conditions.append('None')
+            elif given is True:
+                conditions.append(f'v[0].stored({stored!r})')
+            else:
+                more, test = condition(given, made)
+                before += more
+                conditions.append(f'lambda: {test}')
+        conditions.append("v[0].stored('sense')" if statement.sense else 'None')
+        ljm = 'None'
+        for kind, number in statement.numbers:
+            if kind == 'ljm' and number is not None:
+                ljm = made.whole(number)
+        self._act(
+            f'{before}v[0].move({name!r}, ({points}), {statement.cp}, '
+            f'{", ".join(conditions)}, {statement.words!r}, {ljm})'
+        )
+
+
+def _form_kind(form: str, number: int) -> str:
+    """Return the kind of an argument by the table: 'n', 's', 'p', 'a' or 'v'."""
+    if form.startswith('@'):
+        return 'n'
+    kinds = [kind for kind in form.split(',') if not kind.startswith('w(')]
+    return kinds[min(number, len(kinds) - 1)][0]
+
+
+def inner_blocks(statement: Statement) -> list[Block]:
+    """Return the blocks within a statement."""
+    if isinstance(statement, If):
+        return [*(body for _, body in statement.branches), statement.otherwise]
+    if isinstance(statement, Select):
+        return [*(body for _, body in statement.cases), statement.default]
+    if isinstance(statement, Do | For):
+        return [statement.body]
+    return []

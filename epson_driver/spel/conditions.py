@@ -1,0 +1,87 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Conditions that Wait, Till, Sense, Find and Trap take: events and whole global variables.
+
+The controller looks at them while the task stands, so only what it can see by itself may be on
+the left; the right side is worked out once, when the statement begins (SPEL+ p881, p859).
+"""
+
+from epson_driver.spel.errors import SyntaxProblem
+from epson_driver.spel.expression_code import Expressions
+from epson_driver.spel.functions import FUNCTIONS
+from epson_driver.spel.scope import Scope
+from epson_driver.spel.syntax import Apply, Binary, Expression, Name, Unary
+from epson_driver.spel.values import INT, TYPES, type_word
+
+_JOIN = {'and': 'and', 'or': 'or', 'xor': '!='}
+_COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
+
+
+def is_condition(expression: Expression, scope: Scope) -> bool:
+    """Return whether an expression after Wait is a condition, not a time."""
+    if isinstance(expression, Binary):
+        return expression.operator in ('and', 'or', 'xor', 'mask', *_COMPARE)
+    if isinstance(expression, Unary):
+        return expression.operator == 'not'
+    if isinstance(expression, Name | Apply) and scope.variable(expression.name) is None:
+        rule = FUNCTIONS.get(expression.name.lower())
+        return rule is not None and rule.event
+    return False
+
+
+def condition(expression: Expression, made: Expressions) -> tuple[str, str]:
+    """Return Python lines to run once, and the test. Raises SyntaxProblem."""
+    before: list[str] = []
+    test = _test(expression, made, before)
+    return ''.join(f'{line}\n' for line in before), test
+
+
+def _test(expression: Expression, made: Expressions, before: list[str]) -> str:
+    if isinstance(expression, Binary) and expression.operator in _JOIN:
+        left = _test(expression.left, made, before)
+        right = _test(expression.right, made, before)
+        if expression.operator == 'xor':
+            return f'(bool({left}) != bool({right}))'
+        return f'({left} {_JOIN[expression.operator]} {right})'
+    if isinstance(expression, Unary) and expression.operator == 'not':
+        return f'(not {_test(expression.operand, made, before)})'
+    if isinstance(expression, Binary) and expression.operator in _COMPARE:
+        left = _event(expression.left, made, before)
+        return f'({left} {_COMPARE[expression.operator]} {_once(expression.right, made, before)})'
+    return _event(expression, made, before)
+
+
+def _once(expression: Expression, made: Expressions, before: list[str]) -> str:
+    """Work a whole number out once; return the name that keeps it."""
+    name = made.temporary()
+    before.append(f'{name} = {made.whole(expression)}')
+    return name
+
+
+def _event(expression: Expression, made: Expressions, before: list[str]) -> str:
+    if isinstance(expression, Binary) and expression.operator == 'mask':
+        left = _event(expression.left, made, before)
+        return f'({left} & {_once(expression.right, made, before)})'
+    if isinstance(expression, Name | Apply):
+        variable = made.scope.variable(expression.name)
+        if variable is not None:
+            wrong = ''
+            if variable.place != 'g':
+                wrong = 'is a local variable'
+            elif variable.array:
+                wrong = 'is an array'
+            elif TYPES[variable.type].kind != INT:
+                wrong = f'is {type_word(variable.type)}'
+            if wrong:
+                text = f'{expression.name} {wrong}: a condition takes whole Global or module '
+                raise SyntaxProblem(expression.at, f'{text}variables only', 'wait-condition')
+            return made.read(variable).text
+        rule = FUNCTIONS.get(expression.name.lower())
+        if rule is not None and rule.event:
+            if isinstance(expression, Name):
+                return made.value(expression).text
+            if len(expression.arguments) == 1 and rule.arguments == 'i':
+                index = _once(expression.arguments[0].value, made, before)
+                return f't_{rule.name.lower()}(v[0], {index})'
+    text = 'a condition takes inputs, outputs, memory, states and whole global variables only'
+    raise SyntaxProblem(expression.at, text, 'wait-condition')

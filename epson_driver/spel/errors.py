@@ -1,0 +1,137 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a program: problems found before it starts, errors while it runs."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+from epson_driver.inputs import InputError, printable
+
+LISTED = 20
+"""So many problems are spelled out in one exception; the rest is counted."""
+
+
+class Position(NamedTuple):
+    """Where something stands: file, line and column, both counted from 1."""
+
+    file: str
+    line: int
+    column: int = 1
+
+    def __str__(self) -> str:
+        return f'{printable(self.file)}:{self.line}:{self.column}'
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong with a program: where, the rule's name, a sentence."""
+
+    position: Position
+    rule: str
+    text: str
+    warning: bool = False
+
+    def __str__(self) -> str:
+        kind = 'warning' if self.warning else 'error'
+        return f'{self.position}: {kind}: {printable(self.text)} [{self.rule}]'
+
+
+class ProgramError(InputError):
+    """A program that cannot be started. The text has a line for each problem."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        more = len(problems) - LISTED
+        lines = [str(problem) for problem in problems[:LISTED]]
+        super().__init__('\n'.join([*lines, f'and {more} more'] if more > 0 else lines))
+        self.problems = problems
+
+
+class SyntaxProblem(Exception):  # noqa: N818 - it is caught line by line, and becomes a Problem
+    """What the parser and the compiler raise about one statement."""
+
+    def __init__(self, position: Position, text: str, rule: str = 'syntax') -> None:
+        super().__init__(f'{position}: {text}')
+        self.problem = Problem(position, rule, text)
+
+
+class ErrorNumber(IntEnum):
+    """Error numbers that the language itself raises.
+
+    Those from 9990 are this interpreter's own: no document at hand gives the controller's. A
+    program must not depend on them.
+    """
+
+    LOOP_LEFT = 2020
+    TASK_NUMBER = 2260
+    NO_SUCH_TASK = 2261
+    WAIT_TIMEOUT = 2280
+    RETURN_WITHOUT_GOSUB = 2383
+    NO_LIBRARY = 2473
+    INPUT_COUNT = 2505
+    ENDLESS_LOOP = 2556
+    NETWORK = 2902
+    PORT_IN_USE = 2907
+    PORT_NOT_OPEN = 2909
+    READ_TIMEOUT = 2910
+    POINT_UNDEFINED = 7007
+    OVERFLOW = 9990
+    DIVISION_BY_ZERO = 9991
+    INDEX = 9992
+    ARGUMENT = 9993
+    STRING_LENGTH = 9994
+    CALL_DEPTH = 9995
+    TASK_TYPE = 9996
+    SYNC = 9997
+    RESUME = 9998
+
+
+TEXTS: dict[int, str] = {
+    ErrorNumber.LOOP_LEFT: 'loops were left by GoTo too often',
+    ErrorNumber.TASK_NUMBER: 'the task number is out of range',
+    ErrorNumber.NO_SUCH_TASK: 'the task does not exist',
+    ErrorNumber.WAIT_TIMEOUT: 'the Wait took longer than TMOut allows',
+    ErrorNumber.RETURN_WITHOUT_GOSUB: 'Return without GoSub',
+    ErrorNumber.NO_LIBRARY: 'the DLL cannot be reached',
+    ErrorNumber.INPUT_COUNT: 'the number of values does not fit the variables of Input',
+    ErrorNumber.ENDLESS_LOOP: 'an endless loop without a Wait: put one of 0.01 s or more into it',
+    ErrorNumber.NETWORK: 'network error: the peer is lost',
+    ErrorNumber.PORT_IN_USE: 'the port belongs to another task',
+    ErrorNumber.PORT_NOT_OPEN: 'the port is not open',
+    ErrorNumber.READ_TIMEOUT: 'reading from the network took too long',
+    ErrorNumber.POINT_UNDEFINED: 'the point is not defined',
+    ErrorNumber.OVERFLOW: 'the value does not fit its type',
+    ErrorNumber.DIVISION_BY_ZERO: 'division by zero',
+    ErrorNumber.INDEX: 'an array index is out of range',
+    ErrorNumber.ARGUMENT: 'an argument is out of range',
+    ErrorNumber.STRING_LENGTH: 'a string is longer than 255 characters',
+    ErrorNumber.CALL_DEPTH: 'functions call each other without end',
+    ErrorNumber.TASK_TYPE: 'this type of task cannot execute the statement',
+    ErrorNumber.SYNC: 'SyncLock twice, or SyncUnlock by a task that has not locked',
+    ErrorNumber.RESUME: 'EResume without an error',
+}
+
+
+class SpelError(Exception):
+    """An error while a program runs: its number, and what it is about."""
+
+    def __init__(self, number: int, text: str = '') -> None:
+        self.number = int(number)
+        self.text = text or TEXTS.get(self.number, 'see the manual')
+        super().__init__(f'error {self.number}: {self.text}')
+
+
+@dataclass(frozen=True, slots=True)
+class TaskError:
+    """An error as RC+ shows it: number, text, file and line, function and task."""
+
+    number: int
+    text: str
+    position: Position
+    function: str
+    task: int
+
+    def __str__(self) -> str:
+        where = f'{printable(self.position.file)}:{self.position.line}'
+        text = printable(self.text)
+        return f'{where}: error {self.number} in {self.function} (task {self.task}): {text}'

@@ -1,0 +1,466 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Expressions to Python: their text, the kind of their value, and the checks of their types.
+
+Functions of the program are called before the statement whose expression they stand in, as
+instructions of their own: they may wait. Both sides of And and Or are always worked out.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from epson_driver.spel.code import Variable
+from epson_driver.spel.errors import Position, Problem, SyntaxProblem
+from epson_driver.spel.expressions import is_point_literal
+from epson_driver.spel.functions import AXES, FUNCTIONS, NOT_SIMULATED, FunctionRule, counts
+from epson_driver.spel.scope import Scope, constant
+from epson_driver.spel.syntax import (
+    Apply,
+    Argument,
+    Binary,
+    Expression,
+    Name,
+    Number,
+    Parameter,
+    PointFlag,
+    Target,
+    Text,
+    Unary,
+)
+from epson_driver.spel.values import (
+    DOUBLE,
+    INT,
+    LONGEST_STRING,
+    NUMBERS,
+    POINT,
+    SINGLE,
+    STRING,
+    TYPES,
+    type_word,
+)
+
+_COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
+_BITS = {'and': '&', 'or': '|', 'xor': '^', 'mask': '&'}
+_WORDS = {
+    INT: 'a whole number',
+    SINGLE: 'a number',
+    DOUBLE: 'a number',
+    STRING: 'a string',
+    POINT: 'a point',
+}
+_DEEPEST_PYTHON = 90
+"""Brackets within each other that Python's own compiler is trusted with."""
+
+
+class Code(NamedTuple):
+    """Python text and the kind of its value. `truth`: the same as a Python condition."""
+
+    text: str
+    kind: str
+    truth: str = ''
+    checked: bool = False
+    """Its value is known to fit (a whole number -1 or 0, or a Double from a variable)."""
+
+
+class Expressions:
+    """Makes Python of the expressions of one function.
+
+    `call` adds the instruction that calls a function of the program, and returns the slot where
+    its value will be.
+    """
+
+    def __init__(
+        self, scope: Scope, call: Callable[[str, tuple[Argument, ...], Position], int]
+    ) -> None:
+        self.scope = scope
+        self.notes: list[Problem] = []
+        """What is allowed, but better not done."""
+        self._call = call
+        self._temporaries = 0
+
+    def temporary(self) -> str:
+        """Return a name of Python that is not used in this function yet."""
+        self._temporaries += 1
+        return f'_{self._temporaries}'
+
+    # Values by kind
+
+    def number(self, expression: Expression) -> Code:
+        """Return the code of a number."""
+        return self._expect(expression, NUMBERS, 'a number')
+
+    def whole(self, expression: Expression) -> str:
+        """Return the code of a whole number; a real is made one as on assignment."""
+        return _rounded(self.number(expression))
+
+    def string(self, expression: Expression) -> str:
+        """Return the code of a string."""
+        return self._expect(expression, (STRING,), 'a string').text
+
+    def point(self, expression: Expression) -> str:
+        """Return the code of a point."""
+        return self._expect(expression, (POINT,), 'a point').text
+
+    def _expect(self, expression: Expression, kinds: Sequence[str], what: str) -> Code:
+        code = self.value(expression)
+        if code.kind not in kinds:
+            text = f'must be {what}, is {_WORDS[code.kind]}'
+            raise SyntaxProblem(expression.at, text, 'type')
+        return code
+
+    def truth(self, expression: Expression) -> str:
+        """Return the code of a condition, as Python tests it."""
+        code = self.number(expression)
+        return code.truth or code.text
+
+    def as_type(self, expression: Expression, type_name: str) -> str:
+        """Return the code of a value as a variable of a type takes it."""
+        wanted = TYPES[type_name]
+        fixed = constant(expression, self.scope.constants)
+        code = self.value(expression)
+        if (code.kind in NUMBERS) != (wanted.kind in NUMBERS):
+            text = f'{type_word(type_name)} cannot take {_WORDS[code.kind]}'
+            raise SyntaxProblem(expression.at, text, 'type')
+        if isinstance(fixed, int) and wanted.kind == INT:
+            if not wanted.least <= fixed <= wanted.most:
+                text = f'{fixed} does not fit {type_word(type_name)}'
+                text += f' ({wanted.least}..{wanted.most})'
+                raise SyntaxProblem(expression.at, text, 'overflow')
+            return code.text
+        self._note(expression, code, type_name)
+        return self._converted(code, type_name)
+
+    def _note(self, expression: Expression, code: Code, type_name: str) -> None:
+        """Note a value that may not arrive as it is."""
+        wanted = TYPES[type_name]
+        if wanted.kind != INT:
+            return
+        name = type_word(type_name)
+        if code.kind != INT:
+            text = f'whether a Real is rounded or cut on its way to {name} is not documented: '
+            text += 'write Int( ) or Fix( )'
+            self.notes.append(Problem(expression.at, 'real-to-integer', text, warning=True))
+        elif isinstance(expression, Name | Apply):
+            variable = self.scope.variable(expression.name)
+            if variable is not None and TYPES[variable.type].most > wanted.most:
+                text = f'{expression.name} is {type_word(variable.type)} and may not fit {name}'
+                self.notes.append(Problem(expression.at, 'integer-range', text, warning=True))
+
+    def _converted(self, code: Code, type_name: str) -> str:
+        wanted = TYPES[type_name]
+        if wanted.kind == STRING:
+            if code.checked:
+                return code.text
+            name = self.temporary()
+            limit = f'len({name} := {code.text}) <= {LONGEST_STRING}'
+            return f'({name} if {limit} else LONG({name}))'
+        if wanted.kind == INT:
+            if code.kind == INT and code.checked:
+                return code.text
+            name = self.temporary()
+            within = f'{wanted.least} <= ({name} := {_rounded(code)}) <= {wanted.most}'
+            return f'({name} if {within} else OVER({type_name!r}, {name}))'
+        if wanted.kind == SINGLE:
+            return f'SINGLE({code.text})'
+        if code.kind == INT:
+            return f'float({code.text})'
+        if code.checked or code.kind == SINGLE:
+            return code.text
+        name = self.temporary()
+        return f'({name} if ({name} := {code.text}) - {name} == 0.0 else FINITE({name}))'
+
+    # Variables
+
+    def read(self, variable: Variable) -> Code:
+        """Return the code of a variable's value."""
+        kind = TYPES[variable.type].kind
+        place = f'{variable.place}[{variable.slot}]'
+        if variable.by_reference:
+            place = f'{place}[0][{place}[1]]'
+        return Code(place, kind, checked=kind in (DOUBLE, STRING))
+
+    def array(self, argument: Argument) -> tuple[str, str]:
+        """Return the code of a whole array and its type. Raises SyntaxProblem."""
+        value = argument.value
+        variable = self.scope.variable(value.name) if isinstance(value, Name) else None
+        if variable is None or not variable.array:
+            raise SyntaxProblem(value.at, 'must be an array', 'type')
+        return f'{variable.place}[{variable.slot}]', variable.type
+
+    def _element(self, variable: Variable, target: Apply) -> tuple[str, str]:
+        """Return list and index of an element."""
+        array = f'{variable.place}[{variable.slot}]'
+        dimensions = len(variable.bounds)
+        given = target.arguments
+        if dimensions and len(given) != dimensions:
+            text = f'{target.name} has {dimensions} dimensions, not {len(given)}'
+            raise SyntaxProblem(target.at, text, 'type')
+        for argument in given:
+            if argument.by_reference or argument.whole_array:
+                raise SyntaxProblem(target.at, 'an index must be a number', 'type')
+        if len(given) != 1 or not dimensions:
+            indices = ', '.join(self.whole(argument.value) for argument in given)
+            return f'{array}.d', f'{array}.at({indices})'
+        fixed = constant(given[0].value, self.scope.constants)
+        index = self.whole(given[0].value)
+        if isinstance(fixed, int):
+            if fixed < 0:
+                raise SyntaxProblem(target.at, f'index {fixed} is below 0', 'array-index')
+            return f'{array}.d', index
+        name = self.temporary()
+        return f'{array}.d', f'{name} if ({name} := {index}) >= 0 else INDEX({name})'
+
+    def place(self, target: Target) -> tuple[str, str]:
+        """Return the code that can be assigned to, and its type."""
+        variable = self._stored_in(target)
+        if isinstance(target, Apply):
+            container, index = self._element(variable, target)
+            return f'{container}[{index}]', variable.type
+        return self.read(variable).text, variable.type
+
+    def reference(self, target: Target) -> tuple[str, str]:
+        """Return the code of (list, index), and the type."""
+        variable = self._stored_in(target)
+        if isinstance(target, Apply):
+            container, index = self._element(variable, target)
+            return f'({container}, {index})', variable.type
+        place = f'{variable.place}[{variable.slot}]'
+        if variable.by_reference:
+            return place, variable.type
+        return f'({variable.place}, {variable.slot})', variable.type
+
+    def _stored_in(self, target: Target) -> Variable:
+        variable = self.scope.variable(target.name)
+        if variable is None:
+            what = 'array' if isinstance(target, Apply) else 'variable'
+            raise SyntaxProblem(
+                target.at, f'{target.name[:40]} is not a declared {what}', 'unknown'
+            )
+        if variable.array != isinstance(target, Apply):
+            is_what = 'is an array: it needs an index' if variable.array else 'is not an array'
+            raise SyntaxProblem(target.at, f'{target.name} {is_what}', 'type')
+        return variable
+
+    # Expressions
+
+    def value(self, expression: Expression) -> Code:
+        """Return the code of any expression."""
+        if isinstance(expression, Number):
+            if isinstance(expression.value, int):
+                return Code(str(expression.value), INT)
+            return Code(repr(expression.value), DOUBLE, checked=True)
+        if isinstance(expression, Text):
+            if len(expression.value) > LONGEST_STRING:
+                text = f'a string has at most {LONGEST_STRING} characters'
+                raise SyntaxProblem(expression.at, text, 'string-length')
+            return Code(repr(expression.value), STRING, checked=True)
+        if isinstance(expression, Name):
+            return self._name(expression)
+        if isinstance(expression, Apply):
+            return self._apply(expression)
+        if isinstance(expression, Unary):
+            return self._unary(expression)
+        if isinstance(expression, Binary):
+            return self._binary(expression)
+        point = self.point(expression.point)
+        if isinstance(expression, PointFlag):
+            return Code(f'{point}.flagged({expression.flag!r})', POINT)
+        axis = AXES.index(expression.axis)
+        moved = self.number(expression.value).text
+        return Code(f'{point}.changed({expression.operator!r}, {axis}, {moved})', POINT)
+
+    def _unary(self, expression: Unary) -> Code:
+        code = self.number(expression.operand)
+        if expression.operator == '-':
+            return Code(f'(-{code.text})', code.kind, checked=code.kind == DOUBLE and code.checked)
+        if code.kind != INT:
+            raise SyntaxProblem(expression.at, 'Not needs a whole number', 'type')
+        truth = f'(not {code.truth})' if code.truth else ''
+        return Code(f'(~{code.text})', INT, truth, checked=bool(truth))
+
+    def _binary(self, expression: Binary) -> Code:
+        operator, at = expression.operator, expression.at
+        left, right = self.value(expression.left), self.value(expression.right)
+        if POINT in (left.kind, right.kind):
+            raise SyntaxProblem(at, f'{operator} does not take points', 'type')
+        if (left.kind == STRING) != (right.kind == STRING):
+            text = f'{operator} has {_WORDS[left.kind]} on one side'
+            raise SyntaxProblem(at, f'{text} and {_WORDS[right.kind]} on the other', 'type')
+        if operator in _COMPARE:
+            if left.kind == STRING and operator not in ('=', '<>'):
+                raise SyntaxProblem(at, 'strings can be compared by = and <> only', 'type')
+            compared = f'({left.text} {_COMPARE[operator]} {right.text})'
+            return Code(f'(-{compared})', INT, compared, checked=True)
+        if left.kind == STRING:
+            if operator != '+':
+                raise SyntaxProblem(at, f'{operator} does not take strings', 'type')
+            return Code(f'({left.text} + {right.text})', STRING)
+        whole = left.kind == INT and right.kind == INT
+        if operator in _BITS or operator == 'mod':
+            if not whole:
+                raise SyntaxProblem(at, f'{operator.capitalize()} needs whole numbers', 'type')
+            if operator == 'mod':
+                return Code(f'MOD({left.text}, {right.text})', INT)
+            sign = _BITS[operator]
+            truth = ''
+            if left.truth and right.truth:
+                truth = f'({left.truth} {sign} {right.truth})'
+            text = f'({left.text} {sign} {right.text})'
+            return Code(text, INT, truth, checked=bool(truth))
+        if operator == '**':
+            return Code(f'POWER({left.text}, {right.text})', DOUBLE, checked=True)
+        text = f'({left.text} {operator} {right.text})'
+        if operator == '/':
+            return Code(text, DOUBLE)
+        if whole:
+            return Code(text, INT)
+        kinds = {left.kind, right.kind}
+        return Code(text, DOUBLE if DOUBLE in kinds else SINGLE)
+
+    def _name(self, expression: Name) -> Code:
+        name, key = expression.name, expression.name.lower()
+        variable = self.scope.variable(name)
+        if variable is not None:
+            if variable.array:
+                raise SyntaxProblem(
+                    expression.at, f'{name} is an array: it needs an index', 'type'
+                )
+            return self.read(variable)
+        if key in self.scope.constants:
+            fixed = self.scope.constants[key]
+            return Code(repr(fixed), INT if isinstance(fixed, int) else DOUBLE)
+        if is_point_literal(name):
+            return Code(f't_p(v[0], {int(name[1:])})', POINT)
+        return self._function(name, (), expression.at)
+
+    def _apply(self, expression: Apply) -> Code:
+        variable = self.scope.variable(expression.name)
+        if variable is not None and variable.array:
+            container, index = self._element(variable, expression)
+            kind = TYPES[variable.type].kind
+            return Code(f'{container}[{index}]', kind, checked=kind in (DOUBLE, STRING))
+        if variable is not None and expression.name.lower() not in self.scope.functions:
+            raise SyntaxProblem(expression.at, f'{expression.name} is not an array', 'type')
+        return self._function(expression.name, expression.arguments, expression.at)
+
+    def _function(self, name: str, arguments: tuple[Argument, ...], at: Position) -> Code:
+        key = name.lower()
+        if key in self.scope.functions:
+            result = self.scope.functions[key].result
+            if not result:
+                text = f'{name} has no value: its Function line has no As'
+                raise SyntaxProblem(at, text, 'type')
+            slot = self._call(name, arguments, at)
+            kind = TYPES[result].kind
+            return Code(f'v[{slot}]', kind, checked=kind in (DOUBLE, STRING))
+        if key in self.scope.libraries:
+            return self._library(key, arguments, at)
+        rule = FUNCTIONS.get(key)
+        if rule is None:
+            if key in NOT_SIMULATED:
+                raise SyntaxProblem(at, f'not simulated: {name}', 'not-simulated')
+            what = 'function or array' if arguments else 'variable, constant or function'
+            raise SyntaxProblem(at, f'unknown {what} {name[:40]}', 'unknown')
+        return self._built_in(rule, arguments, at)
+
+    def _built_in(self, rule: FunctionRule, arguments: tuple[Argument, ...], at: Position) -> Code:
+        least, most = counts(rule.arguments)
+        if not least <= len(arguments) <= most:
+            number = str(least) if least == most else f'{least} to {most}'
+            text = f'{rule.name} takes {number} arguments, not {len(arguments)}'
+            raise SyntaxProblem(at, text, 'arguments')
+        kinds = rule.arguments.split(',')
+        codes: list[Code] = []
+        for argument, wanted in zip(arguments, kinds, strict=False):
+            codes.append(self._argument(argument, wanted[0]))
+        given = ', '.join(code.text for code in codes)
+        key = rule.name.lower()
+        name = key.replace('$', '_s')
+        kind = codes[0].kind if rule.result == '=' else rule.result
+        if rule.by == 'value':
+            text = f'f_{name}({given})'
+        elif rule.by == 'task':
+            text = f't_{name}(v[0]{", " if given else ""}{given})'
+        else:
+            text = f'v[0].value({key!r}, ({given}{"," if given else ""}))'
+        return Code(text, kind)
+
+    def _argument(self, argument: Argument, wanted: str) -> Code:
+        value = argument.value
+        if wanted == 'a':
+            return Code(self.array(argument)[0], INT)
+        if argument.by_reference or argument.whole_array:
+            raise SyntaxProblem(value.at, 'must be a value, not ByRef nor an array', 'type')
+        if wanted == 's':
+            return Code(self.string(value), STRING)
+        if wanted == 'p':
+            return Code(self.point(value), POINT)
+        if wanted == 't' and isinstance(value, Name):
+            key = value.name.lower()
+            if key in self.scope.functions and self.scope.variable(key) is None:
+                return Code(repr(key), INT)
+        if wanted == 'n':
+            return self.number(value)
+        return Code(self.whole(value), INT)
+
+    def _library(self, key: str, arguments: tuple[Argument, ...], at: Position) -> Code:
+        number, declared = self.scope.libraries[key]
+        given = self.parameters(declared.name, declared.parameters, arguments, at)
+        kind = TYPES[declared.result].kind
+        return Code(f'v[0].library({number}, ({given}{"," if given else ""}))', kind)
+
+    def parameters(
+        self,
+        name: str,
+        parameters: tuple[Parameter, ...],
+        arguments: tuple[Argument, ...],
+        at: Position,
+    ) -> str:
+        """Return the code of the arguments of a call. Raises SyntaxProblem."""
+        if len(parameters) != len(arguments):
+            text = f'{name} takes {len(parameters)} arguments, not {len(arguments)}'
+            raise SyntaxProblem(at, text, 'arguments')
+        given = []
+        for parameter, argument in zip(parameters, arguments, strict=True):
+            if parameter.array:
+                code, kind = self.array(argument)
+            elif parameter.by_reference and argument.by_reference:
+                if not isinstance(argument.value, Name | Apply):
+                    raise SyntaxProblem(argument.value.at, 'ByRef needs a variable', 'type')
+                code, kind = self.reference(argument.value)
+            elif parameter.by_reference:
+                kind = parameter.type
+                code = f'([{self.as_type(argument.value, kind)}], 0)'
+            else:
+                if argument.by_reference or argument.whole_array:
+                    text = f'{name}: {parameter.name} is not ByRef'
+                    raise SyntaxProblem(argument.value.at, text, 'type')
+                kind = parameter.type
+                code = self.as_type(argument.value, kind)
+            if TYPES[kind] != TYPES[parameter.type]:
+                text = f'{name}: {parameter.name} is {type_word(parameter.type)}'
+                text += f', not {type_word(kind)}'
+                raise SyntaxProblem(argument.value.at, text, 'type')
+            given.append(code)
+        return ', '.join(given)
+
+
+def _rounded(code: Code) -> str:
+    return code.text if code.kind == INT else f'WHOLE({code.text})'
+
+
+_QUOTED = re.compile(r"'(?:[^'\\]|\\.)*'" + r'|"(?:[^"\\]|\\.)*"')
+
+
+def check_depth(text: str, at: Position) -> None:
+    """Refuse an instruction with more brackets than Python's compiler takes."""
+    depth = deepest = 0
+    for sign in _QUOTED.sub('', text):
+        if sign in '([{':
+            depth += 1
+            deepest = max(deepest, depth)
+        elif sign in ')]}':
+            depth -= 1
+    if deepest > _DEEPEST_PYTHON:
+        raise SyntaxProblem(at, 'the expression is too deep: divide it')

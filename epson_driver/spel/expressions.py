@@ -1,0 +1,254 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Expressions of SPEL+, by precedence: ( ) ** * / Mod + - = <> < > Not And Or Xor."""
+
+from epson_driver.spel.errors import Position, SyntaxProblem
+from epson_driver.spel.functions import AXES, POINT_FLAGS
+from epson_driver.spel.lexer import END, NAME, NUMBER, STRING, SYMBOL, Token
+from epson_driver.spel.syntax import (
+    Apply,
+    Argument,
+    Binary,
+    Expression,
+    Name,
+    Number,
+    PointChange,
+    PointFlag,
+    Target,
+    Text,
+    Unary,
+)
+
+DEEPEST = 40
+"""Brackets, signs and Nots within each other."""
+
+MOST_OPERATORS = 100
+"""In one statement."""
+
+_LEVELS: tuple[tuple[str, ...], ...] = (
+    ('xor',),
+    ('or',),
+    ('and', 'mask'),
+    (),  # Not
+    ('=', '<>', '<', '>', '<=', '>=', '=<', '=>'),
+    ('+', '-'),
+    ('mod',),
+    ('*', '/'),
+    ('**',),
+)
+_SAME = {'=<': '<=', '=>': '>='}
+_POINT_FUNCTIONS = frozenset({'p', 'xy', 'ja', 'agltopls', 'pulse', 'here', 'curpos', 'realpos'})
+
+
+def is_point_literal(name: str) -> bool:
+    """Return whether a name is P0, P1 and so on."""
+    return name[:1] in 'pP' and name[1:].isdigit() and name.isascii() and len(name) < 8
+
+
+def is_point(expression: Expression) -> bool:
+    """Return whether an expression can only be a point."""
+    if isinstance(expression, PointChange | PointFlag):
+        return True
+    if isinstance(expression, Name | Apply):
+        name = expression.name.lower()
+        return name in _POINT_FUNCTIONS or is_point_literal(expression.name)
+    return False
+
+
+class Reader:
+    """The tokens of one statement, read from the left."""
+
+    def __init__(self, found: list[Token], at: Position) -> None:
+        self._tokens = found
+        self._next = 0
+        self._depth = 0
+        self._operators = 0
+        self._start = at
+
+    @property
+    def here(self) -> Token:
+        """Return the next token; behind the last one an END."""
+        if self._next < len(self._tokens):
+            return self._tokens[self._next]
+        at = self._start
+        if self._tokens:
+            last = self._tokens[-1]
+            at = last.position._replace(column=last.position.column + len(last.text))
+        return Token(END, '', at)
+
+    def look(self, ahead: int) -> Token:
+        """Return the token `ahead` places behind the next one."""
+        index = self._next + ahead
+        return self._tokens[index] if index < len(self._tokens) else Token(END, '', self._start)
+
+    def step(self) -> Token:
+        """Take the next token."""
+        token = self.here
+        self._next += 1
+        return token
+
+    def wrong(self, expected: str) -> SyntaxProblem:
+        """Return the problem that something else was expected."""
+        token = self.here
+        found = token.text[:40] or token.kind
+        return SyntaxProblem(token.position, f'expected {expected}, found {found}')
+
+    def at_end(self) -> bool:
+        """Return whether nothing is left."""
+        return self.here.kind == END
+
+    def end(self) -> None:
+        """Refuse what is left."""
+        if not self.at_end():
+            raise self.wrong('the end of the statement')
+
+    def sees(self, *texts: str) -> bool:
+        """Return whether the next token is one of these names or signs."""
+        token = self.here
+        return token.kind in (NAME, SYMBOL) and token.lower in texts
+
+    def takes(self, *texts: str) -> bool:
+        """Take the next token if it is one of these names or signs."""
+        if self.sees(*texts):
+            self._next += 1
+            return True
+        return False
+
+    def need(self, text: str) -> Token:
+        """Take this name or sign, or refuse."""
+        if not self.sees(text):
+            raise self.wrong('a comma' if text == ',' else text)
+        return self.step()
+
+    def name(self, what: str) -> Token:
+        """Take any name."""
+        if self.here.kind != NAME:
+            raise self.wrong(what)
+        return self.step()
+
+    def expression(self) -> Expression:
+        """Read an expression."""
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise SyntaxProblem(self.here.position, 'the expression is too deep: divide it')
+        read = self._binary(0)
+        self._depth -= 1
+        return read
+
+    def optional(self, *ends: str) -> Expression | None:
+        """Read an expression unless the statement, or one of these signs, comes first."""
+        return None if self.at_end() or self.sees(*ends) else self.expression()
+
+    def _binary(self, level: int) -> Expression:
+        if level == len(_LEVELS):
+            return self._point()
+        operators = _LEVELS[level]
+        if not operators:
+            return self._not(level)
+        left = self._binary(level + 1)
+        while self.sees(*operators):
+            token = self.step()
+            self._operators += 1
+            if self._operators > MOST_OPERATORS:
+                raise SyntaxProblem(token.position, 'the expression is too long: divide it')
+            operator = _SAME.get(token.lower, token.lower)
+            left = Binary(operator, left, self._binary(level + 1), token.position)
+        return left
+
+    def _not(self, level: int) -> Expression:
+        if not self.sees('not'):
+            return self._binary(level + 1)
+        token = self.step()
+        self._deeper()
+        operand = self._not(level)
+        self._depth -= 1
+        return Unary('not', operand, token.position)
+
+    def _deeper(self) -> None:
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise SyntaxProblem(self.here.position, 'the expression is too deep: divide it')
+
+    def _point(self) -> Expression:
+        """Read an operand, and what can only follow a point: :Z(0), +Z(10), /L."""
+        left = self._operand()
+        while is_point(left):
+            self._operators += 1
+            if self._operators > MOST_OPERATORS:
+                raise SyntaxProblem(self.here.position, 'the expression is too long: divide it')
+            token, after = self.here, self.look(1)
+            axis = after.kind == NAME and after.lower in AXES and self.look(2).text == '('
+            if token.text in (':', '+', '-') and axis:
+                self.step()
+                self.step()
+                self.need('(')
+                value = self.expression()
+                self.need(')')
+                left = PointChange(left, token.text, after.lower, value, token.position)
+            elif token.text == '/' and (after.lower in POINT_FLAGS or after.kind == NUMBER):
+                self.step()
+                left = PointFlag(left, self.step().lower, token.position)
+            else:
+                break
+        return left
+
+    def _operand(self) -> Expression:
+        token = self.here
+        if token.kind == NUMBER:
+            self.step()
+            assert not isinstance(token.value, str)  # noqa: S101 - the lexer makes numbers of them
+            return Number(token.value, token.position, token.text)
+        if token.kind == STRING:
+            self.step()
+            return Text(str(token.value), token.position)
+        if token.text in ('-', '+'):
+            self.step()
+            self._deeper()
+            operand = self._point()
+            self._depth -= 1
+            return Unary('-', operand, token.position) if token.text == '-' else operand
+        if token.text == '(':
+            self.step()
+            inner = self.expression()
+            self.need(')')
+            return inner
+        if token.kind == NAME:
+            self.step()
+            if self.sees('('):
+                return Apply(token.text, self.arguments(), token.position)
+            return Name(token.text, token.position)
+        raise self.wrong('a value')
+
+    def arguments(self) -> tuple[Argument, ...]:
+        """Read ( … ) with its arguments."""
+        self.need('(')
+        self._deeper()
+        if self.takes(')'):
+            self._depth -= 1
+            return ()
+        read = [self.argument()]
+        while self.takes(','):
+            read.append(self.argument())
+        self.need(')')
+        self._depth -= 1
+        return tuple(read)
+
+    def argument(self) -> Argument:
+        """Read one argument: ByRef and a() too."""
+        by_reference = self.takes('byref')
+        if not by_reference:
+            self.takes('byval')
+        token = self.here
+        if token.kind == NAME and self.look(1).text == '(' and self.look(2).text == ')':
+            after = self.look(3)
+            if after.kind == END or after.text in (',', ')', ';'):
+                self._next += 3
+                return Argument(Name(token.text, token.position), by_reference, whole_array=True)
+        return Argument(self.expression(), by_reference)
+
+    def target(self) -> Target:
+        """Read what a value can be stored in."""
+        token = self.name('a variable')
+        if self.sees('('):
+            return Apply(token.text, self.arguments(), token.position)
+        return Name(token.text, token.position)

@@ -1,0 +1,96 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A line of SPEL+ as tokens."""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from epson_driver.spel.errors import Position, SyntaxProblem
+
+NAME: Final = 'name'
+NUMBER: Final = 'number'
+STRING: Final = 'string'
+SYMBOL: Final = 'symbol'
+END: Final = 'end of the line'
+
+LONGEST_LINE = 5_000
+"""Characters of a line that is read at all; RC+ takes 512."""
+
+_LONGEST_NUMBER = 400
+
+_TOKEN = re.compile(
+    r"""
+    (?P<space>[ \t\f\v\r\x1a\ufeff]+)
+    | (?P<comment>'.*)
+    | (?P<string>"[^"]*")
+    | (?P<hex>&[hH][0-9a-fA-F]+)
+    | (?P<binary>&[bB][01]+)
+    | (?P<number>([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?)
+    | (?P<name>[A-Za-z_][A-Za-z0-9_]*\$?)
+    | (?P<symbol>\*\*|<>|<=|>=|=<|=>|[-+*/=<>(),;:\#!@.])
+    """,
+    re.VERBOSE,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """One word, number, string or sign. `lower` is what names are compared by."""
+
+    kind: str
+    text: str
+    position: Position
+    value: int | float | str = ''
+
+    @property
+    def lower(self) -> str:
+        """Return the text in lower case: SPEL+ does not tell them apart."""
+        return self.text.lower()
+
+
+def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
+    """Return the tokens of a line without its comment. Raises SyntaxProblem."""
+    if len(text) > LONGEST_LINE:
+        where = Position(file, line, LONGEST_LINE)
+        raise SyntaxProblem(where, 'the line is too long: RC+ takes 512 characters', 'line-length')
+    found: list[Token] = []
+    at = 0
+    while at < len(text):
+        position = Position(file, line, column + at)
+        match = _TOKEN.match(text, at)
+        if match is None or match.lastgroup is None:
+            raise SyntaxProblem(position, _unreadable(text[at]))
+        kind, word = match.lastgroup, match.group()
+        at = match.end()
+        if kind in ('space', 'comment'):
+            continue
+        if kind == 'string':
+            found.append(Token(STRING, word, position, word[1:-1]))
+        elif kind in ('hex', 'binary', 'number'):
+            found.append(Token(NUMBER, word, position, _number(kind, word, position)))
+        else:
+            found.append(Token(NAME if kind == 'name' else SYMBOL, word, position))
+    return found
+
+
+def _unreadable(character: str) -> str:
+    if character == '"':
+        return 'the string has no end: put a quote (") after it'
+    return f'{character!r} cannot stand here'
+
+
+def _number(kind: str, word: str, position: Position) -> int | float:
+    if len(word) > _LONGEST_NUMBER:
+        raise SyntaxProblem(position, 'the number has too many digits')
+    if kind == 'hex':
+        return int('0x' + word[2:], 0)
+    if kind == 'binary':
+        return int('0b' + word[2:], 0)
+    if word.isdigit() and len(word) < 25:
+        return int(word)
+    number = float(word)
+    if math.isinf(number):
+        raise SyntaxProblem(position, f'{word[:20]} is larger than a Double')
+    return number

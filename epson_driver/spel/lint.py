@@ -1,0 +1,515 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`spel check`: what is wrong with a program, and what will be trouble on a controller.
+
+Errors are what a controller of that version refuses or fails at; warnings are what the language
+leaves open, or what usually goes wrong. Each rule has a name and a row in docs/spel.md.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+from epson_driver.spel.code import Program
+from epson_driver.spel.commands import (
+    COMMANDS,
+    TASK_TYPE_WORDS,
+    TYPES,
+    TaskType,
+    forbidden,
+)
+from epson_driver.spel.errors import Position, Problem
+from epson_driver.spel.functions import CONSTANTS, FUNCTIONS
+from epson_driver.spel.project import build_with
+from epson_driver.spel.scope import constant
+from epson_driver.spel.syntax import (
+    Apply,
+    Binary,
+    Call,
+    Command,
+    Declaration,
+    Do,
+    EResume,
+    Exit,
+    Expression,
+    For,
+    Function,
+    If,
+    Input,
+    Jump,
+    Label,
+    Motion,
+    Name,
+    Number,
+    OnErr,
+    Print,
+    Return,
+    Select,
+    Statement,
+    Store,
+    TaskCommand,
+    Transfer,
+    Trap,
+    Wait,
+    Xqt,
+)
+
+LONGEST_LINE = 512
+LONGEST_NAME = 32
+LONGEST_FUNCTION_NAME = 64
+MOST_WAIT_VARIABLES = 64
+DEEPEST_FOR = 10
+
+RULES = {
+    'syntax': 'what cannot be read',
+    'unknown': 'a name that nothing has',
+    'not-simulated': 'SPEL+ has it, this interpreter does not',
+    'type': 'a number where a string must be, ByRef of another type, …',
+    'arguments': 'too many or too few',
+    'declaration': 'declared twice, or with bounds that are no constants',
+    'array-size': 'more elements than the scope allows',
+    'array-index': 'an index below 0',
+    'overflow': 'a constant that does not fit its type',
+    'string-length': 'more than 255 characters',
+    'label': 'missing, or there twice',
+    'wait-condition': 'what Wait, Till and Trap cannot look at: locals, arrays, reals',
+    'preprocessor': '#define, #ifdef … that do not fit',
+    'include': 'a file that is not there',
+    'user-errors': 'UserErrors.dat that cannot be read',
+    'line-length': 'more than 512 characters',
+    'name-length': 'variables and labels up to 32 characters, functions up to 64',
+    'version': 'newer than the controller',
+    'task-type': 'what this type of task cannot execute',
+    'wait-by-reference': 'a variable of a Wait condition that is handed over ByRef',
+    'wait-variables': 'more than 64 variables in Wait conditions',
+    'for-depth': 'more than 10 For in each other',
+    'endless-loop': 'a loop without a Wait (error 2556)',
+    'goto-out-of-loop': 'GoTo that leaves a loop (error 2020 after a while)',
+    'handler': 'an error handler that is fallen into',
+    'port-shared': 'a port that two tasks use (ChkNet -2)',
+    'true-compare': '= True with what is 1, not -1, when it holds',
+    'and-guard': 'an index that And does not guard: both sides are worked out',
+    'real-to-integer': 'rounding that is not documented',
+    'integer-range': 'a Long, or a For, that may not fit an Integer',
+    'declaration-in-loop': 'a declaration that may be executed again',
+    'hex': 'a number above &H7FFFFFFF: its sign is not documented',
+}
+"""The rules by name, with what each finds."""
+
+_ONE_WHEN_TRUE = frozenset({'sw', 'oport', 'memsw', 'motor', 'power', 'btst', 'inpos', 'targetok'})
+_WAITING_COMMANDS = frozenset(
+    {'waitsig', 'waitnet', 'synclock', 'msgbox', 'waitpos', 'home', 'taskwait'}
+)
+
+
+def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
+    """Return all that is wrong with a project's files on controllers of a version, in order."""
+    problems: list[Problem] = []
+    program = build_with(files, problems, problems)
+    lint = _Lint(program, version)
+    for name, text in files.items():
+        problems.extend(_long_lines(name, text))
+    for rule in lint.rules:
+        problems.extend(rule())
+    return sorted(set(problems), key=lambda each: (each.position, each.rule, each.text))
+
+
+def _long_lines(name: str, text: str) -> Iterator[Problem]:
+    for number, line in enumerate(text.split('\n'), 1):
+        if len(line) > LONGEST_LINE:
+            said = f'the line has {len(line)} characters: RC+ takes {LONGEST_LINE}'
+            yield Problem(Position(name, number, LONGEST_LINE + 1), 'line-length', said)
+
+
+def walk(node: Any) -> Iterator[Any]:
+    """Yield a node of the syntax with all that is in it."""
+    todo = [node]
+    while todo:
+        each = todo.pop()
+        if isinstance(each, tuple | list) and not isinstance(each, Position):
+            todo.extend(reversed(each))
+        elif is_dataclass(each):
+            yield each
+            todo.extend(getattr(each, field.name) for field in reversed(fields(each)))
+
+
+@dataclass(frozen=True)
+class _Root:
+    """A function that begins a task, and where that is written."""
+
+    function: str
+    type: TaskType
+    at: Position
+
+
+class _Lint:
+    """The rules, on one program."""
+
+    def __init__(self, program: Program, version: int) -> None:
+        self.program = program
+        self.version = version
+        self.functions: dict[str, Function] = {
+            function.name.lower(): function
+            for file in program.files
+            for function in file.functions
+        }
+        self.rules: list[Callable[[], Iterator[Problem]]] = [
+            self._names,
+            self._versions,
+            self._task_types,
+            self._ports,
+            self._loops,
+            self._gotos,
+            self._handlers,
+            self._wait_variables,
+            self._comparisons,
+            self._nesting,
+            self._numbers,
+        ]
+        self._shared = {
+            variable.name.lower(): variable
+            for file in program.files
+            for declaration in file.declarations
+            for variable in declaration.variables
+        }
+
+    # Who calls whom
+
+    def _called(self, function: Function) -> set[str]:
+        """Return the functions that a function calls, in lower case."""
+        found = set()
+        for node in walk(function.body):
+            if isinstance(node, Call | Apply | Name) and node.name.lower() in self.functions:
+                found.add(node.name.lower())
+        return found
+
+    def _reached(self, root: str) -> set[str]:
+        """Return a function with all that it calls."""
+        seen: set[str] = set()
+        todo = [root]
+        while todo:
+            name = todo.pop()
+            if name not in seen and name in self.functions:
+                seen.add(name)
+                todo.extend(self._called(self.functions[name]))
+        return seen
+
+    def _roots(self) -> list[_Root]:
+        """Return what begins tasks, with the type of each."""
+        roots: dict[tuple[str, TaskType], _Root] = {}
+        todo: list[_Root] = []
+        for name, function in self.functions.items():
+            if name == 'main' or (name.startswith('main') and name[4:].isdigit()):
+                todo.append(_Root(name, TaskType.NORMAL, function.at))
+            elif name == 'bgmain':
+                todo.append(_Root(name, TaskType.BACKGROUND, function.at))
+        while todo:
+            root = todo.pop()
+            if (root.function, root.type) in roots:
+                continue
+            roots[root.function, root.type] = root
+            for name in self._reached(root.function):
+                for node in walk(self.functions[name].body):
+                    started = self._started(node, root.type)
+                    if started is not None:
+                        todo.append(started)
+        return list(roots.values())
+
+    def _started(self, node: Any, kind: TaskType) -> _Root | None:
+        if isinstance(node, Xqt):
+            own = TASK_TYPE_WORDS[node.type]
+            background = kind is TaskType.BACKGROUND
+            return _Root(
+                node.function.lower(), TaskType.BACKGROUND if background else own, node.at
+            )
+        if isinstance(node, Trap) and node.target:
+            after = node.event in ('abort', 'finish')
+            own = TaskType.NO_PAUSE if after else TaskType.NO_EMG_ABORT
+            return _Root(node.target.lower(), own if node.event else TaskType.TRAP, node.at)
+        return None
+
+    # Rules
+
+    def _names(self) -> Iterator[Problem]:
+        for function in self.functions.values():
+            yield from _long(function.name, LONGEST_FUNCTION_NAME, function.at)
+            for parameter in function.parameters:
+                yield from _long(parameter.name, LONGEST_NAME, parameter.at)
+        for file in self.program.files:
+            for node in walk([*file.declarations, *(each.body for each in file.functions)]):
+                if isinstance(node, Label):
+                    yield from _long(node.name, LONGEST_NAME, node.at)
+                elif isinstance(node, Declaration):
+                    for variable in node.variables:
+                        yield from _long(variable.name, LONGEST_NAME, variable.at)
+
+    def _versions(self) -> Iterator[Problem]:
+        for file in self.program.files:
+            for function in file.functions:
+                for parameter in function.parameters:
+                    yield from self._new(parameter.type, TYPES[parameter.type], parameter.at)
+                if function.result:
+                    yield from self._new(function.result, TYPES[function.result], function.at)
+            for node in walk([*file.declarations, *(each.body for each in file.functions)]):
+                if isinstance(node, Declaration):
+                    yield from self._new(node.type, TYPES[node.type], node.at)
+                elif isinstance(node, Command | Motion):
+                    yield from self._new(node.name, COMMANDS[node.name.lower()].since, node.at)
+                elif isinstance(node, Name | Apply):
+                    rule = FUNCTIONS.get(node.name.lower())
+                    if rule is not None and node.name.lower() not in self._shared:
+                        yield from self._new(node.name, rule.since, node.at)
+
+    def _new(self, name: str, since: int, at: Position) -> Iterator[Problem]:
+        if since > self.version:
+            text = f'{name} exists from version {since} on, not on version {self.version}'
+            yield Problem(at, 'version', text)
+
+    def _task_types(self) -> Iterator[Problem]:
+        for root in self._roots():
+            for name in sorted(self._reached(root.function)):
+                for node in walk(self.functions[name].body):
+                    if isinstance(node, Command | Motion | Store):
+                        word, words = node.name.lower(), getattr(node, 'words', ())
+                    elif isinstance(node, Xqt | Trap):
+                        word, words = type(node).__name__.lower(), ()
+                    elif isinstance(node, TaskCommand):
+                        word, words = node.name.lower(), ()
+                    else:
+                        continue
+                    rule = COMMANDS[word]
+                    if forbidden(rule, words, root.type):
+                        kind = root.type.name.lower().replace('_', ' ')
+                        text = f'{rule.name} cannot run in a task {kind}: {root.function} is one '
+                        text += f'({root.at.file}:{root.at.line})'
+                        yield Problem(node.at, 'task-type', text)
+
+    def _ports(self) -> Iterator[Problem]:
+        users: dict[int, dict[str, Position]] = defaultdict(dict)
+        for root in self._roots():
+            for name in self._reached(root.function):
+                for port, at in self._used_ports(self.functions[name]):
+                    users[port].setdefault(root.function, at)
+        for port, tasks in sorted(users.items()):
+            if len(tasks) > 1:
+                names = ' and '.join(sorted(tasks))
+                text = f'port {port} is used by the tasks {names}: only who opens it can use it'
+                yield Problem(max(tasks.values()), 'port-shared', text, warning=True)
+
+    def _used_ports(self, function: Function) -> Iterator[tuple[int, Position]]:
+        for node in walk(function.body):
+            expression: Expression | None = None
+            if isinstance(node, Print | Input | Transfer):
+                expression = node.port
+            elif isinstance(node, Command) and node.name.lower() in ('opennet', 'waitnet'):
+                expression = node.arguments[0]
+            port = constant(expression, CONSTANTS) if expression is not None else None
+            if isinstance(port, int):
+                yield port, node.at
+
+    def _waits(self, name: str, seen: frozenset[str] = frozenset()) -> bool:
+        """Return whether a function waits anywhere, or calls what does."""
+        if name in seen or name not in self.functions:
+            return False
+        return self._block_waits(self.functions[name].body, seen | {name})
+
+    def _block_waits(self, body: Any, seen: frozenset[str]) -> bool:
+        for node in walk(body):
+            if isinstance(node, Wait | Motion | Input | Transfer):
+                return True
+            name = getattr(node, 'name', '')
+            if isinstance(node, Command | TaskCommand) and name.lower() in _WAITING_COMMANDS:
+                return True
+            if isinstance(node, Print) and node.port is not None:
+                return True
+            if isinstance(node, Call | Apply) and self._waits(name.lower(), seen):
+                return True
+        return False
+
+    def _loops(self) -> Iterator[Problem]:
+        for function in self.functions.values():
+            for node in walk(function.body):
+                if not isinstance(node, Do):
+                    continue
+                tests = [test for test in (node.before, node.after) if test is not None]
+                polls = any(self._asks(test.condition) for test in tests)
+                if (polls or not tests) and not self._block_waits(node.body, frozenset()):
+                    text = 'the loop has no Wait: put one of 0.01 s or more into it'
+                    yield Problem(node.at, 'endless-loop', text, warning=True)
+
+    def _asks(self, condition: Expression) -> bool:
+        """Return whether a condition depends on the world, or on another task."""
+        for node in walk(condition):
+            if isinstance(node, Name | Apply):
+                rule = FUNCTIONS.get(node.name.lower())
+                if rule is not None and rule.by != 'value':
+                    return True
+        return False
+
+    def _gotos(self) -> Iterator[Problem]:
+        for function in self.functions.values():
+            for loop in walk(function.body):
+                if not isinstance(loop, Do | For):
+                    continue
+                inside = {n.name.lower() for n in walk(loop.body) if isinstance(n, Label)}
+                for node in walk(loop.body):
+                    if not isinstance(node, Jump) or node.kind != 'goto':
+                        continue
+                    if node.label.lower() not in inside:
+                        text = f'GoTo {node.label} leaves the loop of line {loop.at.line}: '
+                        text += 'use Exit Do or Exit For'
+                        yield Problem(node.at, 'goto-out-of-loop', text, warning=True)
+
+    def _handlers(self) -> Iterator[Problem]:
+        for function in self.functions.values():
+            handlers = {
+                node.label.lower()
+                for node in walk(function.body)
+                if isinstance(node, OnErr) and node.label is not None
+            }
+            yield from self._fallen_into(function.body, handlers)
+
+    def _fallen_into(self, block: tuple[Statement, ...], handlers: set[str]) -> Iterator[Problem]:
+        before: Statement | None = None
+        for statement in block:
+            handler = isinstance(statement, Label) and statement.name.lower() in handlers
+            if handler and before is not None and not _leaves(before):
+                text = 'the error handler is reached without an error: put Exit Function above it'
+                yield Problem(statement.at, 'handler', text, warning=True)
+            for each in _inner(statement):
+                yield from self._fallen_into(each, handlers)
+            before = statement
+
+    def _wait_variables(self) -> Iterator[Problem]:
+        watched: dict[str, Position] = {}
+        handed: dict[str, Position] = {}
+        for function in self.functions.values():
+            for node in walk(function.body):
+                condition = None
+                if isinstance(node, Wait | Trap | Store):
+                    condition = node.condition
+                elif isinstance(node, Motion) and not isinstance(node.till, bool):
+                    condition = node.till
+                for each in walk(condition) if condition is not None else ():
+                    if isinstance(each, Name) and each.name.lower() in self._shared:
+                        watched.setdefault(each.name.lower(), each.at)
+                for argument in getattr(node, 'arguments', ()):
+                    if getattr(argument, 'by_reference', False):
+                        value = argument.value
+                        if isinstance(value, Name):
+                            handed.setdefault(value.name.lower(), value.at)
+        for name in sorted(set(watched) & set(handed)):
+            at = watched[name]
+            text = f'{name} is waited for in {at.file}:{at.line}: it cannot be handed over ByRef'
+            yield Problem(handed[name], 'wait-by-reference', text)
+        if len(watched) > MOST_WAIT_VARIABLES:
+            text = f'{len(watched)} variables are waited for: a controller takes '
+            text += f'{MOST_WAIT_VARIABLES}'
+            yield Problem(max(watched.values()), 'wait-variables', text)
+
+    def _comparisons(self) -> Iterator[Problem]:
+        booleans = self._booleans()
+        for name, function in self.functions.items():
+            for node in walk(function.body):
+                if not isinstance(node, Binary):
+                    continue
+                if node.operator in ('=', '<>'):
+                    yield from self._true(node, booleans | {name})
+                elif node.operator == 'and':
+                    yield from self._guard(node)
+
+    def _booleans(self) -> set[str]:
+        found = set()
+        for file in self.program.files:
+            for node in walk([*file.declarations, *(each.body for each in file.functions)]):
+                if isinstance(node, Declaration) and node.type == 'boolean':
+                    found |= {variable.name.lower() for variable in node.variables}
+            for function in file.functions:
+                found |= {p.name.lower() for p in function.parameters if p.type == 'boolean'}
+                if function.result == 'boolean':
+                    found.add(function.name.lower())
+        return found
+
+    def _true(self, node: Binary, booleans: set[str]) -> Iterator[Problem]:
+        for one, other in ((node.left, node.right), (node.right, node.left)):
+            if not isinstance(one, Name) or one.name.lower() != 'true':
+                continue
+            if not isinstance(other, Name | Apply) or other.name.lower() in booleans:
+                continue
+            name = other.name.lower()
+            if name in FUNCTIONS and name not in _ONE_WHEN_TRUE:
+                continue
+            text = f'{other.name} = True holds only for -1: write {other.name} <> 0, or = On'
+            yield Problem(node.at, 'true-compare', text, warning=True)
+
+    def _guard(self, node: Binary) -> Iterator[Problem]:
+        guarded = set()
+        for each in walk(node.left):
+            if isinstance(each, Binary) and each.operator in ('<', '<=', '>', '>=', '<>'):
+                guarded |= {n.name.lower() for n in (each.left, each.right) if isinstance(n, Name)}
+        for each in walk(node.right):
+            if not isinstance(each, Apply):
+                continue
+            if each.name.lower() in FUNCTIONS or each.name.lower() in self.functions:
+                continue
+            for index in walk(each.arguments):
+                if isinstance(index, Name) and index.name.lower() in guarded:
+                    text = f'And works out both sides: it does not guard {each.name}({index.name})'
+                    yield Problem(each.at, 'and-guard', text, warning=True)
+
+    def _nesting(self) -> Iterator[Problem]:
+        for function in self.functions.values():
+            yield from _nested(function.body, 0, False)
+
+    def _numbers(self) -> Iterator[Problem]:
+        for function in self.functions.values():
+            for node in walk(function.body):
+                if isinstance(node, Number) and node.text[:2] in ('&H', '&h'):
+                    if node.value > 0x7FFF_FFFF:
+                        text = f'{node.text}: whether this is below 0 is not documented'
+                        yield Problem(node.at, 'hex', text, warning=True)
+                elif isinstance(node, For):
+                    limit = constant(node.last, CONSTANTS)
+                    if isinstance(limit, int | float) and limit >= 32_767:
+                        text = f'For up to {limit}: its variable must be a Long'
+                        yield Problem(node.at, 'integer-range', text, warning=True)
+
+
+def _nested(block: tuple[Statement, ...], depth: int, loop: bool) -> Iterator[Problem]:
+    for statement in block:
+        if isinstance(statement, Declaration) and loop:
+            text = 'whether a declaration in a loop clears its variables is not documented: '
+            text += 'put it at the beginning of the function'
+            yield Problem(statement.at, 'declaration-in-loop', text, warning=True)
+        inner = depth + isinstance(statement, For)
+        if inner > DEEPEST_FOR and isinstance(statement, For):
+            text = f'more than {DEEPEST_FOR} For in each other'
+            yield Problem(statement.at, 'for-depth', text)
+        for each in _inner(statement):
+            yield from _nested(each, inner, loop or isinstance(statement, Do | For))
+
+
+def _inner(statement: Statement) -> list[tuple[Statement, ...]]:
+    if isinstance(statement, If):
+        return [*(body for _, body in statement.branches), statement.otherwise]
+    if isinstance(statement, Select):
+        return [*(body for _, body in statement.cases), statement.default]
+    return [statement.body] if isinstance(statement, Do | For) else []
+
+
+def _leaves(statement: Statement) -> bool:
+    """Return whether what follows a statement is not reached from it."""
+    if isinstance(statement, Exit | EResume | Return):
+        return True
+    if isinstance(statement, Do) and statement.before is None and statement.after is None:
+        return not any(isinstance(n, Exit) and n.what == 'do' for n in walk(statement.body))
+    if isinstance(statement, TaskCommand):
+        return statement.name.lower() == 'quit' and statement.task is None
+    return isinstance(statement, Jump) and statement.kind == 'goto'
+
+
+def _long(name: str, most: int, at: Position) -> Iterator[Problem]:
+    if len(name) > most:
+        text = f'{name[:80]} has {len(name)} characters: at most {most} are allowed'
+        yield Problem(at, 'name-length', text)

@@ -1,0 +1,432 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A controller's tasks: who runs when, on a clock that is given from outside.
+
+There is one processor. A task runs for a turn (1 ms of the controller's time), then the next one
+that can; each statement takes its time. Nothing depends on the computer: two runs are the same.
+"""
+
+from collections.abc import Iterator
+from datetime import datetime
+from typing import NamedTuple
+
+from epson_driver.spel import library, values
+from epson_driver.spel.actions import STATEMENTS, resume_paused, set_point
+from epson_driver.spel.builtins import TASK_FUNCTIONS
+from epson_driver.spel.code import Program
+from epson_driver.spel.commands import TaskType
+from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.host import Host
+from epson_driver.spel.library import VALUE_FUNCTIONS, power, remainder
+from epson_driver.spel.ports import NET_STATEMENTS
+from epson_driver.spel.task import (
+    FIRST_BACKGROUND,
+    FIRST_TRAP,
+    Frame,
+    Instruction,
+    Linked,
+    Task,
+    TaskState,
+    Timing,
+    World,
+    blank,
+)
+from epson_driver.spel.values import (
+    ROUNDINGS,
+    Array,
+    Value,
+    finite,
+    overflow,
+    single,
+    store,
+    too_long,
+)
+
+STARTED = datetime(2000, 1, 1)
+"""What the controller's clock shows when nothing else is said."""
+
+_SOURCE = '<spel>'
+_ARITHMETIC: dict[type[Exception], ErrorNumber] = {
+    ZeroDivisionError: ErrorNumber.DIVISION_BY_ZERO,
+    OverflowError: ErrorNumber.OVERFLOW,
+    IndexError: ErrorNumber.INDEX,
+    ValueError: ErrorNumber.ARGUMENT,
+}
+"""What Python raises in arithmetic, and what the program gets."""
+
+_EVENT_TRAPS = {
+    'emergency': TaskType.NO_EMG_ABORT,
+    'error': TaskType.NO_EMG_ABORT,
+    'pause': TaskType.NO_EMG_ABORT,
+    'sgopen': TaskType.NO_EMG_ABORT,
+    'sgclose': TaskType.NO_EMG_ABORT,
+    'abort': TaskType.NO_PAUSE,
+    'finish': TaskType.NO_PAUSE,
+}
+
+
+class TaskView(NamedTuple):
+    """A task as a person sees it."""
+
+    number: int
+    function: str
+    type: TaskType
+    state: TaskState
+    file: str
+    line: int
+
+
+class Machine:
+    """Runs a program on a host.
+
+    Time begins at 0 and only goes on in `advance`. The host calls `advance` at `next_time()`, and
+    at once when something happens that a task may wait for.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        host: Host,
+        timing: Timing | None = None,
+        rounding: str = 'nearest',
+        started: datetime = STARTED,
+    ) -> None:
+        self.world = World(program, host, timing or Timing(), started)
+        self._turn = max(int(self.world.timing.turn / self.world.timing.statement), 1)
+        self._last = 0
+        self._next_scan = 0.0
+        self.statements = 0
+        """So many statements were executed: a For counts twice for each time it goes round."""
+        self._link(rounding)
+
+    def _link(self, rounding: str) -> None:
+        """Make the program's text instructions that know this machine."""
+        whole = ROUNDINGS[rounding]
+
+        def over(type_name: str, value: int) -> Value:
+            raise overflow(type_name, value)
+
+        def index(value: int) -> int:
+            raise SpelError(ErrorNumber.INDEX, f'index {value} is below 0')
+
+        def long(text: str) -> str:
+            raise too_long(text)
+
+        names: dict[str, object] = {
+            'g': self.world.g,
+            'F': self.world.linked,
+            'WHOLE': whole,
+            'OVER': over,
+            'INDEX': index,
+            'LONG': long,
+            'SINGLE': single,
+            'FINITE': finite,
+            'MOD': remainder,
+            'POWER': power,
+            'store': store,
+            'set_point': set_point,
+        }
+        for table, letter in ((VALUE_FUNCTIONS, 'f'), (TASK_FUNCTIONS, 't')):
+            for name, function in table.items():
+                names[f'{letter}_{name.replace("$", "_s")}'] = function
+        for name, statement in {**STATEMENTS, **NET_STATEMENTS}.items():
+            names[f's_{name}'] = statement
+        program = self.world.program
+        exec(compile(program.source, _SOURCE, 'exec'), names)  # noqa: S102 - compiler.py wrote it
+        for code in program.functions:
+            found: list[Instruction] = [
+                names[f'o{code.index}_{number}']  # type: ignore[misc]
+                for number in range(len(code.source))
+            ]
+            self.world.linked.append(Linked(code, found, bytearray(len(found))))
+
+    # What people and the controller do
+
+    def start(
+        self,
+        name: str = 'main',
+        number: int = 1,
+        kind: TaskType = TaskType.NORMAL,
+        clear: bool = True,
+    ) -> None:
+        """Start a function without parameters as a task. `clear`: global variables too.
+
+        Raises SpelError if there is none of that name, or the task is running.
+        """
+        self.world.add(number, self.world.function(name), (), kind)
+        if clear:
+            self.clear_variables()
+
+    def start_background(self, name: str = 'BgMain') -> None:
+        """Start the function that runs as long as the controller does."""
+        self.start(name, FIRST_BACKGROUND, TaskType.BACKGROUND, clear=False)
+
+    def clear_variables(self) -> None:
+        """Set all shared variables to nothing but those that are preserved."""
+        for slot, variable in enumerate(self.world.program.variables):
+            if not variable.preserved:
+                self.world.g[slot] = blank(variable)
+
+    def preserved(self) -> dict[str, list[Value]]:
+        """Return the variables that outlive a power-off, by name."""
+        found: dict[str, list[Value]] = {}
+        for slot, variable in enumerate(self.world.program.variables):
+            if variable.preserved:
+                held = self.world.g[slot]
+                found[variable.name] = (
+                    list(held.d) if isinstance(held, Array) else [held]  # type: ignore[list-item]
+                )
+        return found
+
+    def restore(self, values: dict[str, list[Value]]) -> None:
+        """Set what `preserved` returned; variables that have changed since stay as they are."""
+        for slot, variable in enumerate(self.world.program.variables):
+            given = values.get(variable.name)
+            held = self.world.g[slot]
+            if not variable.preserved or given is None:
+                continue
+            if isinstance(held, Array):
+                if len(given) == len(held.d):
+                    held.d[:] = [store(value, variable.type) for value in given]
+            elif len(given) == 1:
+                self.world.g[slot] = store(given[0], variable.type)
+
+    def emergency_stop(self) -> None:
+        """End all tasks that an E-stop or an error ends."""
+        self._end(TaskType.NORMAL, TaskType.NO_PAUSE, TaskType.TRAP)
+
+    def stop(self) -> None:
+        """End all tasks but those in the background."""
+        self._end(TaskType.NORMAL, TaskType.NO_PAUSE, TaskType.NO_EMG_ABORT, TaskType.TRAP)
+
+    def _end(self, *kinds: TaskType) -> None:
+        for task in list(self.world.tasks.values()):
+            if task.type in kinds:
+                self.world.end(task)
+
+    def pause(self) -> None:
+        """Hold the tasks that a pause or an open door holds."""
+        for task in self.world.tasks.values():
+            task.paused = task.type is TaskType.NORMAL
+
+    def resume(self) -> None:
+        """Let them go on."""
+        resume_paused(self.world)
+
+    def clear_errors(self) -> None:
+        """Forget which tasks ended by an error, as Reset does."""
+        self.world.aborted.clear()
+
+    def event(self, name: str, *numbers: int) -> bool:
+        """Start what Trap has for 'emergency', 'error', 'sgopen', …; return if there is any."""
+        linked = self.world.event_traps.get(name)
+        if linked is None:
+            return False
+        number = FIRST_TRAP + 4 + list(_EVENT_TRAPS).index(name)
+        if number in self.world.tasks:
+            return False
+        wanted = len(linked.code.parameters)
+        given = (*numbers, 0, 0, 0)[:wanted]
+        self.world.add(number, linked, given, _EVENT_TRAPS[name])
+        return True
+
+    # What can be seen
+
+    @property
+    def time(self) -> float:
+        """Return the controller's time, s."""
+        return self.world.time
+
+    def tasks(self) -> Iterator[TaskView]:
+        """Yield the tasks that there are, by number, and those that an error ended."""
+        aborted = self.world.aborted
+        for number in sorted({*self.world.tasks, *aborted}):
+            task = self.world.tasks.get(number)
+            if task is None:
+                error = aborted[number]
+                at = error.position
+                kind = TaskType.NORMAL
+                yield TaskView(number, error.function, kind, TaskState.ABORTED, at.file, at.line)
+            elif task.frame is not None:
+                at = task.frame.linked.code.lines[task.frame.pc]
+                yield TaskView(number, task.function, task.type, task.state, at.file, at.line)
+
+    def lines(self) -> dict[str, dict[int, bool]]:
+        """Return the lines with instructions by file, and whether all of each have been run."""
+        found: dict[str, dict[int, bool]] = {}
+        for linked in self.world.linked:
+            for pc, at in enumerate(linked.code.lines):
+                if pc in linked.code.passed_over:
+                    continue
+                executed = found.setdefault(at.file, {})
+                executed[at.line] = executed.get(at.line, True) and bool(linked.hits[pc])
+        return found
+
+    # Time
+
+    def next_time(self) -> float | None:
+        """Return when something happens by itself; None while all wait for the host."""
+        if self._ready() is not None:
+            return self.world.time
+        return self._next_due()
+
+    def advance(self, to: float) -> None:
+        """Let the tasks run until a time, s. What they begin before it may end behind it.
+
+        News of the host is seen even then: who waited for it runs at `next_time()`.
+        """
+        world = self.world
+        self._wake()
+        while world.time <= to:
+            self._wake()
+            task = self._ready()
+            if task is not None:
+                self._last = task.number
+                used = self._run(task)
+                world.time += used * world.timing.statement
+                self._settle(task)
+                continue
+            due = self._next_due()
+            if due is None or due > to:
+                world.time = to
+                return
+            world.time = max(world.time, due)
+
+    def _ready(self) -> Task | None:
+        """Return the next task that can run, in the order of their numbers after the last one."""
+        tasks = self.world.tasks
+        ready = [number for number, task in tasks.items() if _can_run(task)]
+        if not ready:
+            return None
+        after = [number for number in ready if number > self._last]
+        return tasks[min(after or ready)]
+
+    def _next_due(self) -> float | None:
+        times = []
+        for task in self.world.tasks.values():
+            waiting = task.waiting
+            if waiting is None or not _awake(task):
+                continue
+            if waiting.until is not None:
+                times.append(waiting.until)
+            if waiting.scanned:
+                times.append(waiting.next_scan)
+        if self.world.traps:
+            times.append(self._next_scan)
+        return min(times, default=None)
+
+    def _wake(self) -> None:
+        """Let those go on whose time is over or whose test holds."""
+        time = self.world.time
+        for number in sorted(self.world.tasks):
+            task = self.world.tasks.get(number)
+            if task is None or task.waiting is None or not _awake(task):
+                continue
+            waiting = task.waiting
+            try:
+                holds = False
+                if waiting.test is not None and (not waiting.scanned or time >= waiting.next_scan):
+                    holds = bool(waiting.test())
+                    while waiting.scanned and waiting.next_scan <= time:
+                        waiting.next_scan += self.world.timing.scan
+            except SpelError as error:
+                task.fail(error)
+                continue
+            if holds:
+                task.wake(False)
+            elif waiting.until is not None and time >= waiting.until:
+                task.wake(True)
+        if self.world.traps and time >= self._next_scan:
+            self._next_scan = time + self.world.timing.scan
+            self._spring()
+
+    def _spring(self) -> None:
+        """Start what the Traps whose condition holds have; each is armed once."""
+        for number, trap in list(self.world.traps.items()):
+            if trap.task.frame is None:
+                del self.world.traps[number]
+                continue
+            try:
+                holds = trap.test()
+            except SpelError as error:
+                del self.world.traps[number]
+                trap.task.fail(error)
+                continue
+            if holds:
+                del self.world.traps[number]
+                if FIRST_TRAP + number - 1 in self.world.tasks:
+                    continue
+                started = self.world.add(FIRST_TRAP + number - 1, trap.target, (), TaskType.TRAP)
+                if trap.action == 'call':
+                    trap.task.held_by = started
+
+    def _settle(self, task: Task) -> None:
+        """Count the time of a wait from its statement's end, not from the turn's beginning."""
+        waiting = task.waiting
+        if waiting is not None and waiting.until is not None and waiting.duration is not None:
+            waiting.until = self.world.time + waiting.duration
+
+    def _run(self, task: Task) -> int:
+        """Run a task for a turn, or until it waits or ends; return how many instructions."""
+        limit, used = self._turn, 0
+        frame = task.frame
+        while frame is not None and used < limit and task.waiting is None:
+            used += self._run_frame(task, frame, limit - used)
+            frame = task.frame
+            if task.held:
+                break
+        self.statements += used
+        task.since_wait += used
+        if task.since_wait > self.world.timing.endless and task.frame is not None:
+            task.since_wait = 0
+            task.fail(SpelError(ErrorNumber.ENDLESS_LOOP))
+        return used
+
+    def _run_frame(self, task: Task, frame: Frame, limit: int) -> int:
+        """Run one call until it calls, returns, waits, or the turn is over."""
+        instructions, hits, v, pc = frame.linked.instructions, frame.linked.hits, frame.v, frame.pc
+        used = 0
+        try:
+            while used < limit:
+                used += 1
+                hits[pc] = 1
+                frame.pc = pc
+                following = instructions[pc](v)
+                if following < 0:
+                    if task.frame is not frame or task.waiting is not None:
+                        return used
+                    pc = frame.linked.code.following[pc]
+                    frame.pc = pc
+                    if task.held:
+                        return used
+                    continue
+                pc = following
+            frame.pc = pc
+        except SpelError as error:
+            task.fail(error)
+        except tuple(_ARITHMETIC) as error:
+            if not _of_program(error):  # a fault of the host must not look like the program's
+                raise
+            number = next(_ARITHMETIC[kind] for kind in _ARITHMETIC if isinstance(error, kind))
+            text = f'{error}' if number is ErrorNumber.ARGUMENT else ''
+            task.fail(SpelError(number, text))
+        return used
+
+
+def _of_program(error: Exception) -> bool:
+    """Return whether an error was raised by a program's instruction, or a function of values."""
+    trace = error.__traceback__
+    assert trace is not None  # noqa: S101 - it was raised
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace.tb_frame.f_code.co_filename in (_SOURCE, library.__file__, values.__file__)
+
+
+def _awake(task: Task) -> bool:
+    if task.held_by is not None and task.held_by.frame is None:
+        task.held_by = None
+    return not task.held
+
+
+def _can_run(task: Task) -> bool:
+    return task.waiting is None and _awake(task)

@@ -1,0 +1,555 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Lines of tokens to functions and declarations: recursive descent, one method per form.
+
+A statement that cannot be read becomes a problem, and reading goes on with the next line, so that
+one run shows them all.
+"""
+
+from collections.abc import Iterable, Iterator
+
+from epson_driver.spel.commands import (
+    COMMANDS,
+    NOT_SIMULATED,
+    STRUCTURE_WORDS,
+    TASK_TYPE_WORDS,
+    TYPES,
+)
+from epson_driver.spel.errors import Position, Problem, SyntaxProblem
+from epson_driver.spel.expressions import Reader, is_point_literal
+from epson_driver.spel.lexer import NAME, NUMBER, STRING, Token
+from epson_driver.spel.preprocess import Line
+from epson_driver.spel.statements import Statements
+from epson_driver.spel.syntax import (
+    Assign,
+    Block,
+    Call,
+    CaseItem,
+    Declaration,
+    Declare,
+    Do,
+    Exit,
+    Expression,
+    File,
+    For,
+    Function,
+    If,
+    Label,
+    Parameter,
+    Select,
+    Statement,
+    Test,
+    Variable,
+)
+
+DEEPEST_BLOCK = 30
+"""Blocks within each other. SPEL+ allows 10 For."""
+
+_ENDS = {
+    'else': 'If',
+    'elseif': 'If',
+    'endif': 'If',
+    'case': 'Select',
+    'default': 'Select',
+    'send': 'Select',
+    'loop': 'Do',
+    'next': 'For',
+}
+_CLOSING = {'If': 'EndIf', 'Select': 'Send', 'Do': 'Loop', 'For': 'Next'}
+
+
+def function_names(lines: Iterable[Line]) -> set[str]:
+    """Return the names of all functions that are defined or declared, in lower case."""
+    names = set()
+    for line in lines:
+        if len(line.tokens) > 1 and line.tokens[0].lower in ('function', 'declare'):
+            names.add(line.tokens[1].lower)
+    return names
+
+
+def statements_of(line: Line) -> Iterator[list[Token]]:
+    """Yield the statements of a line; those of `!…!` stay together."""
+    part: list[Token] = []
+    parallel = False
+    for token in line.tokens:
+        if token.text == '!':
+            parallel = not parallel
+        if token.text == ';' and not parallel:
+            yield part
+            part = []
+        else:
+            part.append(token)
+    yield part
+
+
+class Parser(Statements):
+    """Reads one file."""
+
+    def __init__(
+        self, name: str, lines: list[Line], functions: set[str], problems: list[Problem]
+    ) -> None:
+        super().__init__(functions)
+        self._file = File(name)
+        self._problems = problems
+        self._lines = lines
+        self._line = 0
+        self._queue: list[list[Token]] = []
+        self._depth = 0
+        self._end = Position(name, 1)
+        self._function: str | None = None
+
+    def file(self) -> File:
+        """Return what the file holds; problems are in the list."""
+        while (found := self._take()) is not None:
+            try:
+                self._outside(found)
+            except SyntaxProblem as problem:
+                self._refuse(problem)
+                if found[0].lower == 'function':
+                    self._skip_function()
+        return self._file
+
+    def _skip_function(self) -> None:
+        """Pass over the rest of a function that cannot be read."""
+        while (found := self._peek()) is not None and found[0].lower != 'function':
+            self._take()
+            if found[0].lower == 'fend':
+                return
+
+    # Lines and statements
+
+    def _peek(self) -> list[Token] | None:
+        while not self._queue and self._line < len(self._lines):
+            line = self._lines[self._line]
+            self._line += 1
+            self._queue = [part for part in statements_of(line) if part]
+            self._end = line.position
+        return self._queue[0] if self._queue else None
+
+    def _take(self) -> list[Token] | None:
+        found = self._peek()
+        if found is not None:
+            self._queue.pop(0)
+        return found
+
+    def _rest_of_line(self) -> list[list[Token]]:
+        rest, self._queue = self._queue, []
+        return rest
+
+    def _refuse(self, problem: SyntaxProblem) -> None:
+        self._problems.append(problem.problem)
+        if not self._queue or self._queue[0][0].lower not in ('fend', 'function'):
+            self._queue = []
+
+    # Outside functions
+
+    def _outside(self, found: list[Token]) -> None:
+        reader = Reader(found, found[0].position)
+        word = found[0].lower
+        if word == 'function':
+            self._file.functions.append(self._read_function(reader))
+        elif word == 'declare':
+            self._file.declared.append(_declare(reader))
+        elif word == 'global' or word in TYPES:
+            self._file.declarations.append(declaration(reader, 'module'))
+        elif found[0].kind == NUMBER or word == 'fend':
+            raise SyntaxProblem(found[0].position, f'{found[0].text} stands outside a function')
+        else:
+            text = f'{found[0].text} stands outside a function: only declarations may'
+            raise SyntaxProblem(found[0].position, text)
+
+    def _read_function(self, reader: Reader) -> Function:
+        at = reader.step().position
+        name = reader.name('the name of the function')
+        _check_name(name, 'function')
+        parameters: tuple[Parameter, ...] = ()
+        if reader.takes('('):
+            parameters = _parameters(reader)
+        result = ''
+        if reader.takes('as'):
+            result = _type(reader)
+        reader.end()
+        self._function = name.text
+        body = self._block(())
+        end = self._end
+        closing = self._take()
+        if closing is None or closing[0].lower != 'fend':
+            where = at if closing is None else closing[0].position
+            if closing is not None:
+                self._queue.insert(0, closing)
+            text = f'function {name.text} (line {at.line}) has no Fend'
+            raise SyntaxProblem(where, text)
+        return Function(name.text, parameters, result, body, at, end)
+
+    # Blocks
+
+    def _block(self, ends: tuple[str, ...]) -> Block:
+        """Read statements up to a word that ends a block; that one is left."""
+        self._depth += 1
+        read: list[Statement] = []
+        while (found := self._peek()) is not None:
+            word = found[0].lower
+            if word in ends or word in ('fend', 'function'):
+                break
+            self._take()
+            try:
+                if self._depth > DEEPEST_BLOCK:
+                    raise SyntaxProblem(found[0].position, 'blocks are nested too deeply')
+                if word in _ENDS:
+                    text = f'{found[0].text} without {_ENDS[word]}'
+                    raise SyntaxProblem(found[0].position, text)
+                read.extend(self._statement(found))
+            except SyntaxProblem as problem:
+                self._refuse(problem)
+        self._depth -= 1
+        return tuple(read)
+
+    def _closing(self, kind: str, at: Position, *words: str) -> Reader:
+        """Take the statement that ends a block."""
+        found = self._peek()
+        if found is None or found[0].lower not in words:
+            text = f'{kind} of line {at.line} has no {_CLOSING[kind]}'
+            raise SyntaxProblem(at, text)
+        self._take()
+        return Reader(found, found[0].position)
+
+    def _statement(self, found: list[Token]) -> list[Statement]:
+        first = found[0]
+        if first.kind != NAME:
+            raise SyntaxProblem(first.position, f'a statement cannot begin with {first.text[:40]}')
+        read: list[Statement] = []
+        if len(found) > 1 and found[1].text == ':' and not is_point_literal(first.text):
+            read.append(Label(first.text, first.position))
+            found = found[2:]
+            if not found:
+                return read
+            first = found[0]
+            if first.kind != NAME:
+                raise SyntaxProblem(first.position, 'a statement cannot begin so')
+        reader = Reader(found, first.position)
+        read.append(self._one(reader, first))
+        return read
+
+    def _one(self, reader: Reader, first: Token) -> Statement:
+        word = first.lower
+        assigned = _assignment(reader, word)
+        if assigned is not None:
+            return assigned
+        if word in TYPES or word == 'global':
+            return declaration(reader, 'local')
+        rule = COMMANDS.get(word)
+        if rule is None or (word in self._functions and not rule.form.startswith('@')):
+            if word in self._functions:
+                reader.step()
+                return self._call_statement(reader, first)
+            raise SyntaxProblem(first.position, *_unknown(first, reader))
+        reader.step()
+        if rule.form.startswith('@'):
+            method = getattr(self, rule.form.replace('@', 'read_'))
+            statement: Statement = method(reader, first)
+        else:
+            statement = self.read_form(reader, first, rule.form)
+        reader.end()
+        return statement
+
+    def _inline(self, tokens: list[Token]) -> list[Statement]:
+        if not tokens:
+            return []
+        if tokens[0].lower in _ENDS:
+            raise SyntaxProblem(tokens[0].position, f'{tokens[0].text} cannot stand in this line')
+        return self._statement(tokens)
+
+    # Blocks of statements
+
+    def read_if(self, reader: Reader, first: Token) -> If:
+        """Read an If of several lines, or of one."""
+        condition = reader.expression()
+        reader.need('then')
+        if not reader.at_end():
+            return self._one_line_if(reader, first, condition)
+        if self._queue:  # `If c Then; a; b` is one line as well
+            return self._one_line_if(reader, first, condition)
+        branches = [(condition, self._block(('elseif', 'else', 'endif')))]
+        otherwise: Block = ()
+        while True:
+            closing = self._closing('If', first.position, 'elseif', 'else', 'endif')
+            word = closing.step()
+            if word.lower == 'elseif':
+                condition = closing.expression()
+                closing.need('then')
+                self._rest_as_statement(closing)
+                branches.append((condition, self._block(('elseif', 'else', 'endif'))))
+                continue
+            if word.lower == 'else':
+                self._rest_as_statement(closing)
+                otherwise = self._block(('endif',))
+                self._closing('If', first.position, 'endif').step()
+            return If(tuple(branches), otherwise, first.position)
+
+    def _rest_as_statement(self, reader: Reader) -> None:
+        rest = []
+        while not reader.at_end():
+            rest.append(reader.step())
+        if rest:
+            self._queue.insert(0, rest)
+
+    def _one_line_if(self, reader: Reader, first: Token, condition: Expression) -> If:
+        self._depth += 1
+        if self._depth > DEEPEST_BLOCK:
+            self._depth = 0
+            raise SyntaxProblem(first.position, 'blocks are nested too deeply')
+        rest: list[list[Token]] = [[]]
+        while not reader.at_end():
+            rest[0].append(reader.step())
+        rest += self._rest_of_line()
+        branches: list[tuple[Expression, Block]] = []
+        otherwise: Block = ()
+        parts = _split_at_else(rest)
+        for index, part in enumerate(parts):
+            body: list[Statement] = []
+            pending = [each for each in part if each]
+            while pending:
+                tokens = pending.pop(0)
+                self._queue = pending  # an If within takes the rest of the line
+                body.extend(self._inline(tokens))
+                pending = self._queue
+            self._queue = []
+            if index == 0:
+                branches.append((condition, tuple(body)))
+            else:
+                otherwise = tuple(body)
+        self._depth -= 1
+        return If(tuple(branches), otherwise, first.position)
+
+    def read_select(self, reader: Reader, first: Token) -> Select:
+        """Read Select … Send."""
+        reader.takes('case')
+        subject = reader.expression()
+        reader.end()
+        cases: list[tuple[tuple[CaseItem, ...], Block]] = []
+        default: Block = ()
+        ends = ('case', 'default', 'send')
+        stray = self._block(ends)
+        if stray and not all(isinstance(each, Label) for each in stray):
+            text = 'statements between Select and its first Case are never executed'
+            self._problems.append(Problem(stray[0].at, 'syntax', text))
+        while True:
+            closing = self._closing('Select', first.position, *ends)
+            word = closing.step().lower
+            if word == 'send':
+                closing.end()
+                return Select(subject, tuple(cases), default, first.position)
+            if word == 'default':
+                self._rest_as_statement(closing)
+                default = self._block(ends)
+                continue
+            if closing.takes('else'):
+                closing.end()
+                default = self._block(ends)
+                continue
+            items = [_case_item(closing)]
+            while closing.takes(','):
+                items.append(_case_item(closing))
+            closing.end()
+            cases.append((tuple(items), self._block(ends)))
+
+    def read_do(self, reader: Reader, first: Token) -> Do:
+        """Read Do … Loop."""
+        before = _test(reader)
+        reader.end()
+        body = self._block(('loop',))
+        closing = self._closing('Do', first.position, 'loop')
+        closing.step()
+        after = _test(closing)
+        closing.end()
+        return Do(before, body, after, first.position)
+
+    def read_for(self, reader: Reader, first: Token) -> For:
+        """Read For … Next."""
+        variable = reader.target()
+        reader.need('=')
+        low = reader.expression()
+        reader.need('to')
+        high = reader.expression()
+        step = reader.expression() if reader.takes('step') else None
+        reader.end()
+        body = self._block(('next',))
+        closing = self._closing('For', first.position, 'next')
+        closing.step()
+        if not closing.at_end():
+            named = closing.target()
+            if named.name.lower() != variable.name.lower():
+                text = f'Next {named.name} ends For {variable.name} of line {first.position.line}'
+                raise SyntaxProblem(named.at, text)
+        closing.end()
+        return For(variable, low, high, step, body, first.position)
+
+    def read_exit(self, reader: Reader, first: Token) -> Exit:
+        """Read Exit Do, For or Function."""
+        if not reader.sees('do', 'for', 'function'):
+            raise reader.wrong('Do, For or Function')
+        return Exit(reader.step().lower, first.position)
+
+    def _call_statement(self, reader: Reader, first: Token) -> Call:
+        call = self.call_arguments(reader, first)
+        reader.end()
+        return call
+
+
+def _split_at_else(parts: list[list[Token]]) -> list[list[list[Token]]]:
+    """Divide the statements of a one-line If at its own Else; an If within keeps its own."""
+    result: list[list[list[Token]]] = [[[]]]
+    inner = 0
+    for number, part in enumerate(parts):
+        if number:
+            result[-1].append([])
+        for token in part:
+            if token.lower == 'if' and token.kind == NAME:
+                inner += 1
+            if token.lower == 'else' and token.kind == NAME:
+                if inner == 0 and len(result) == 1:
+                    result.append([[]])
+                    continue
+                inner -= 1
+            result[-1][-1].append(token)
+    return result
+
+
+def _assignment(reader: Reader, word: str) -> Assign | None:
+    """Return `a = …` or `a(…) = …`, or None where it is something else."""
+    after = reader.look(1)
+    if word in COMMANDS and COMMANDS[word].form.startswith('@') and after.text != '=':
+        return None
+    if after.text == '=':
+        pass
+    elif after.text == '(':
+        depth, ahead = 0, 1
+        while reader.look(ahead).kind != 'end of the line':
+            text = reader.look(ahead).text
+            depth += (text == '(') - (text == ')')
+            ahead += 1
+            if depth == 0:
+                break
+        if depth or reader.look(ahead).text != '=':
+            return None
+    else:
+        return None
+    target = reader.target()
+    at = reader.need('=').position
+    value = reader.expression()
+    reader.end()
+    return Assign(target, value, at)
+
+
+def _case_item(reader: Reader) -> CaseItem:
+    reader.takes('is')
+    if reader.sees('<', '>', '<=', '>=', '=', '<>', '=<', '=>'):
+        operator = {'=<': '<=', '=>': '>='}.get(reader.here.text, reader.here.text)
+        reader.step()
+        return CaseItem(operator, reader.expression())
+    return CaseItem('=', reader.expression())
+
+
+def _test(reader: Reader) -> Test | None:
+    if reader.sees('while', 'until'):
+        until = reader.step().lower == 'until'
+        return Test(until, reader.expression())
+    return None
+
+
+def _unknown(first: Token, reader: Reader) -> tuple[str, str]:
+    word = first.lower
+    if word in STRUCTURE_WORDS:
+        return f'{first.text} cannot begin a statement', 'syntax'
+    if word in NOT_SIMULATED:
+        return f'not simulated: {first.text}', 'not-simulated'
+    what = 'variable or function' if reader.look(1).text in ('=', '(') else 'statement or function'
+    return f'unknown {what} {first.text[:40]}', 'unknown'
+
+
+def _check_name(name: Token, what: str) -> None:
+    word = name.lower
+    if word in STRUCTURE_WORDS or word in TYPES or word in TASK_TYPE_WORDS:
+        text = f'{name.text} is a word of SPEL+: no {what} can be so named'
+        raise SyntaxProblem(name.position, text)
+
+
+def _type(reader: Reader) -> str:
+    token = reader.name('a type')
+    if token.lower not in TYPES:
+        raise SyntaxProblem(token.position, f'{token.text} is not a type')
+    return token.lower
+
+
+def declaration(reader: Reader, scope: str) -> Declaration:
+    """Read `[Global [Preserve]] type name[(bounds)], …`."""
+    at = reader.here.position
+    if reader.takes('global'):
+        if scope == 'local':
+            raise SyntaxProblem(at, 'Global stands inside a function: put it above all functions')
+        scope = 'preserve' if reader.takes('preserve') else 'global'
+    kind = _type(reader)
+    variables = []
+    while True:
+        name = reader.name('the name of a variable')
+        _check_name(name, 'variable')
+        if (kind == 'string') != name.text.endswith('$'):
+            text = f'{name.text}: names of strings end in $, and no others'
+            raise SyntaxProblem(name.position, text, 'type')
+        bounds: list[Expression] = []
+        if reader.takes('('):
+            bounds.append(reader.expression())
+            while reader.takes(','):
+                bounds.append(reader.expression())
+            reader.need(')')
+            if len(bounds) > 3:
+                raise SyntaxProblem(name.position, 'an array has at most three dimensions', 'type')
+        variables.append(Variable(name.text, tuple(bounds), name.position))
+        if not reader.takes(','):
+            break
+    reader.end()
+    return Declaration(kind, tuple(variables), scope, at)  # type: ignore[arg-type]
+
+
+def _parameters(reader: Reader) -> tuple[Parameter, ...]:
+    """Read what stands in the brackets of a Function, the opening one already taken."""
+    if reader.takes(')'):
+        return ()
+    read = []
+    while True:
+        by_reference = reader.takes('byref')
+        if not by_reference:
+            reader.takes('byval')
+        name = reader.name('the name of a parameter')
+        _check_name(name, 'parameter')
+        array = reader.takes('(')
+        if array:
+            reader.need(')')
+            if not by_reference:
+                text = f'{name.text}(): arrays are handed over ByRef only'
+                raise SyntaxProblem(name.position, text, 'type')
+        reader.need('as')
+        read.append(Parameter(name.text, _type(reader), by_reference, array, name.position))
+        if not reader.takes(','):
+            break
+    reader.need(')')
+    return tuple(read)
+
+
+def _declare(reader: Reader) -> Declare:
+    at = reader.step().position
+    name = reader.name('the name of the function')
+    reader.need(',')
+    texts = []
+    while True:
+        token = reader.step()
+        if token.kind != STRING:
+            raise SyntaxProblem(token.position, 'Declare needs the name of a DLL in quotes')
+        texts.append(str(token.value))
+        if not reader.takes(','):
+            break
+    parameters = _parameters(reader) if reader.takes('(') else ()
+    result = _type(reader) if reader.takes('as') else 'long'
+    reader.end()
+    alias = texts[1] if len(texts) > 1 else name.text
+    return Declare(name.text, texts[0], alias, parameters, result, at)

@@ -1,0 +1,269 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Statements of the network ports, and Print and Input, which use them or the terminal.
+
+A port belongs to the task that opened it, as long as that lives (SPEL+ p194).
+"""
+
+from collections.abc import Callable
+
+from epson_driver.spel.actions import (
+    fill,
+    input_terminal,
+    print_line,
+    print_terminal,
+    seconds,
+    within,
+)
+from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.host import NetSettings
+from epson_driver.spel.task import Port, Reference, Task
+from epson_driver.spel.values import TYPES, Array, Point, Value, nearest, store
+
+FIRST_PORT, LAST_PORT = 201, 216
+_MOST_BYTES = 1_023
+_LONGEST_LINE = 1_024
+_TERMINATORS = {'cr': '\r', 'lf': '\n', 'crlf': '\r\n'}
+
+
+def port_of(task: Task, name: str, number: float) -> Port:
+    """Return a port, open or not. Raises SpelError."""
+    index = within(name, nearest(number), FIRST_PORT, LAST_PORT)
+    return task.world.ports.setdefault(index, Port())
+
+
+def _taken(task: Task, port: Port) -> bool:
+    return port.owner not in (0, task.number) and port.owner in task.world.tasks
+
+
+def _opened(task: Task, name: str, number: int) -> Port:
+    """Return a port that this task has opened. Raises SpelError."""
+    port = port_of(task, name, number)
+    if port.owner == 0:
+        raise SpelError(ErrorNumber.PORT_NOT_OPEN, f'{name}: port {number} is not open')
+    if _taken(task, port):
+        text = f'{name}: port {number} was opened by task {port.owner}'
+        raise SpelError(ErrorNumber.PORT_IN_USE, text)
+    return port
+
+
+def set_net(
+    task: Task,
+    number: float,
+    host: str,
+    tcp_port: float,
+    timeout: float | None = None,
+    words: tuple[str, ...] = ('crlf', 'tcp'),
+) -> None:
+    """SetNet #n, host, port, …."""
+    port = port_of(task, 'SetNet', number)
+    wait = 0.0 if timeout is None else float(timeout)
+    within('SetNet', nearest(wait), 0, 1_000_000)
+    tcp = within('SetNet', nearest(tcp_port), 1, 65_535)
+    port.settings = NetSettings(host, tcp, _TERMINATORS[words[0]], wait)
+
+
+def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
+    """OpenNet #n As Server|Client."""
+    port = port_of(task, 'OpenNet', number)
+    if _taken(task, port):
+        text = f'OpenNet: port {nearest(number)} was opened by task {port.owner}'
+        raise SpelError(ErrorNumber.PORT_IN_USE, text)
+    host = task.world.host
+    if port.owner:
+        host.close_net(nearest(number))
+    host.open_net(nearest(number), port.settings, 'server' in words)
+    port.owner = task.number
+
+
+def close_net(task: Task, number: float | None) -> None:
+    """CloseNet #n|All: those that belong to no other task."""
+    numbers = list(task.world.ports) if number is None else [nearest(number)]
+    for each in numbers:
+        port = port_of(task, 'CloseNet', each)
+        if _taken(task, port):
+            if number is None:
+                continue
+            text = f'CloseNet: port {each} was opened by task {port.owner}'
+            raise SpelError(ErrorNumber.PORT_IN_USE, text)
+        if port.owner:
+            task.world.host.close_net(each)
+            port.owner = 0
+
+
+def wait_net(task: Task, number: float, time: float | None = None) -> None:
+    """WaitNet #n[, s]: until there is a peer; TW says whether the time ran out."""
+    index = nearest(number)
+    _opened(task, 'WaitNet', index)
+    host = task.world.host
+    task.timed_out = False
+
+    def after(timed_out: bool) -> None:
+        task.timed_out = timed_out
+
+    limit = None if time is None else seconds(task, 'WaitNet', time)
+    task.wait(limit, lambda: host.connected(index), after)
+
+
+def check_net(task: Task, number: int) -> int:
+    """Return ChkNet: bytes that have come, -1 no peer, -2 another task's, -3 not open."""
+    port = port_of(task, 'ChkNet', number)
+    if port.owner == 0:
+        return -3
+    if _taken(task, port):
+        return -2
+    host = task.world.host
+    return len(host.received(number)) if host.connected(number) else -1
+
+
+def _receive(
+    task: Task, name: str, number: int, ready: Callable[[bytes], int], use: Callable[[bytes], None]
+) -> None:
+    """Wait until `ready` says how many bytes to take, then use them."""
+    port = _opened(task, name, number)
+    host = task.world.host
+
+    def test() -> bool:
+        return ready(host.received(number)) > 0 or not host.connected(number)
+
+    def after(timed_out: bool) -> None:
+        count = ready(host.received(number))
+        if count > 0:
+            use(host.take(number, count))
+        elif timed_out:
+            raise SpelError(ErrorNumber.READ_TIMEOUT, f'{name}: port {number} got nothing in time')
+        else:
+            raise SpelError(ErrorNumber.NETWORK, f'{name}: port {number} has no peer')
+
+    task.wait(port.settings.timeout or None, test, after)
+
+
+def _send(task: Task, name: str, number: int, data: bytes) -> None:
+    _opened(task, name, number)
+    host = task.world.host
+    if not host.connected(number):
+        raise SpelError(ErrorNumber.NETWORK, f'{name}: port {number} has no peer')
+    task.owe(name.lower())
+    task.since_wait = 0
+    host.send(number, data)
+
+
+def _count(name: str, count: int | None, array: Array) -> int:
+    most = min(len(array.d), _MOST_BYTES)
+    if len(array.bounds) != 1:
+        raise SpelError(ErrorNumber.ARGUMENT, f'{name}: needs an array of one dimension')
+    return within(name, most if count is None else count, 1, most)
+
+
+def _byte(value: int, type_name: str) -> Value:
+    kind = TYPES[type_name]
+    if kind.most < 255 and value > kind.most:
+        value -= 256
+    return store(value, type_name)
+
+
+def read_bin(task: Task, number: int, into: Array | Reference, count: int | None) -> None:
+    """ReadBin #n, a(), count: one byte per element."""
+    if isinstance(into, Array):
+        wanted = _count('ReadBin', count, into)
+        container, start, type_name = into.d, 0, into.type
+    else:
+        wanted = 1
+        container, start, type_name = into
+
+    def use(data: bytes) -> None:
+        for place, value in enumerate(data, start):
+            container[place] = _byte(value, type_name)
+
+    task.owe('readbin')
+    _receive(task, 'ReadBin', number, lambda b: wanted if len(b) >= wanted else 0, use)
+
+
+def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> None:
+    """WriteBin #n, a(), count: the low byte of each element."""
+    if isinstance(what, Array):
+        values = what.d[: _count('WriteBin', count, what)]
+        data = bytes(int(value) & 0xFF for value in values)
+    else:
+        data = bytes([what & 0xFF])
+    _send(task, 'WriteBin', number, data)
+
+
+def read(task: Task, number: int, into: Reference, count: int | None) -> None:
+    """Read #n, s$[, count]: a byte 0 ends the string."""
+    wanted = within('Read', 1 if count is None else count, 1, 255)
+    container, index, type_name = into
+
+    def use(data: bytes) -> None:
+        text = data.decode('latin-1').split('\0')[0]
+        container[index] = store(text, type_name)
+
+    _receive(task, 'Read', number, lambda b: wanted if len(b) >= wanted else 0, use)
+
+
+def write(task: Task, number: int, text: str, _count: int | None = None) -> None:
+    """Write #n, s$."""
+    _send(task, 'Write', number, _encoded(text))
+
+
+def _encoded(text: str) -> bytes:
+    return text.encode('latin-1', 'replace')
+
+
+def _line_end(data: bytes, terminator: bytes) -> int:
+    """Return how many bytes the first line has, its end included; 0 without one."""
+    at = data.find(terminator)
+    if at >= 0:
+        return at + len(terminator)
+    return _LONGEST_LINE if len(data) >= _LONGEST_LINE else 0
+
+
+def print_to(
+    task: Task, number: int | None, items: tuple[tuple[Value | Point, str], ...], line: bool
+) -> None:
+    """Print [#n,] a, b[,]."""
+    text = print_line(items)
+    if number is None:
+        task.owe('print')
+        print_terminal(task, text + ('\n' if line else ' '))
+        return
+    port = _opened(task, 'Print', number)
+    _send(task, 'Print', number, _encoded(text + (port.settings.terminator if line else '')))
+
+
+def input_from(
+    task: Task, number: int | None, targets: tuple[Reference, ...], whole: bool
+) -> None:
+    """Input [#n,] a, b and Line Input [#n,] s$."""
+    if number is None:
+        input_terminal(task, targets, whole)
+        return
+    end = _opened(task, 'Input', number).settings.terminator.encode()
+
+    def use(data: bytes) -> None:
+        fill('Input', data.removesuffix(end).decode('latin-1'), targets, whole)
+
+    _receive(task, 'Input', number, lambda data: _line_end(data, end), use)
+
+
+def lines_waiting(task: Task, number: int) -> int:
+    """Return Lof: how many whole lines have come."""
+    port = port_of(task, 'Lof', number)
+    if port.owner == 0:
+        return 0
+    return task.world.host.received(number).count(port.settings.terminator.encode())
+
+
+NET_STATEMENTS: dict[str, Callable[..., None]] = {
+    'setnet': set_net,
+    'opennet': open_net,
+    'closenet': close_net,
+    'waitnet': wait_net,
+    'readbin': read_bin,
+    'writebin': write_bin,
+    'read': read,
+    'write': write,
+    'print': print_to,
+    'input': input_from,
+}
+"""By name in lower case."""

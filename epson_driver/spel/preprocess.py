@@ -1,0 +1,222 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""#define, #undef, #ifdef, #ifndef, #else, #endif and #include: lines of text to lines of tokens.
+
+A definition holds from its line to the end of the file that is being built, included files too.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from epson_driver.inputs import printable
+from epson_driver.spel.errors import Position, Problem, SyntaxProblem
+from epson_driver.spel.lexer import NAME, SYMBOL, Token, tokens
+
+DEEPEST_INCLUDE = 16
+MOST_PARAMETERS = 8
+MOST_TOKENS = 20_000
+"""Of one line while its definitions are put in."""
+DEEPEST_DEFINITION = 50
+"""So many definitions may stand in each other's texts."""
+MOST_LINES = 200_000
+"""Of one file with all that it includes."""
+
+_DIRECTIVE = re.compile(r'\s*#\s*([A-Za-z]+)')
+_DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
+
+
+@dataclass(frozen=True)
+class Definition:
+    """What a name stands for: tokens, with parameters if it has any."""
+
+    parameters: tuple[str, ...] | None
+    body: tuple[Token, ...]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line that belongs to the program: where it begins, and its tokens."""
+
+    position: Position
+    tokens: tuple[Token, ...]
+
+
+@dataclass
+class _Condition:
+    """An #ifdef: whether its lines count, and where it stands."""
+
+    position: Position
+    active: bool
+    outer: bool
+    turned: bool = False
+
+
+class Preprocessor:
+    """Reads one file with all that it includes."""
+
+    def __init__(self, files: Mapping[str, str], problems: list[Problem]) -> None:
+        self._files = {name.lower(): (name, text) for name, text in files.items()}
+        self._problems = problems
+        self.definitions: dict[str, Definition] = {}
+        self._count = 0
+        self._steps = 0
+
+    def lines(self, name: str) -> Iterator[Line]:
+        """Yield the lines of a file that hold a program; problems go to the list."""
+        yield from self._lines(name.lower(), 0)
+
+    def _lines(self, key: str, depth: int) -> Iterator[Line]:
+        name, text = self._files[key]
+        conditions: list[_Condition] = []
+        for number, line in enumerate(text.split('\n'), 1):
+            self._count += 1
+            if self._count > MOST_LINES:
+                where = Position(name, number)
+                self._problems.append(
+                    Problem(where, 'include', f'the program has more than {MOST_LINES} lines')
+                )
+                return
+            try:
+                yield from self._line(name, number, line, conditions, depth)
+            except SyntaxProblem as problem:
+                self._problems.append(problem.problem)
+        for condition in conditions:
+            text = 'the #ifdef or #ifndef has no #endif'
+            self._problems.append(Problem(condition.position, 'preprocessor', text))
+
+    def _line(
+        self, name: str, number: int, line: str, conditions: list[_Condition], depth: int
+    ) -> Iterator[Line]:
+        active = not conditions or conditions[-1].active
+        directive = _DIRECTIVE.match(line)
+        if directive is not None:
+            position = Position(name, number, directive.start(1))
+            word = directive[1].lower()
+            if word not in _DIRECTIVES:
+                if not active:
+                    return
+                raise SyntaxProblem(position, f'unknown directive #{directive[1]}', 'preprocessor')
+            if word in ('ifdef', 'ifndef', 'else', 'endif'):
+                self._conditional(word, position, line[directive.end() :], conditions)
+            elif active and word == 'include':
+                yield from self._include(position, line[directive.end() :], depth)
+            elif active:
+                rest = tokens(line[directive.end() :], name, number, directive.end() + 1)
+                self._define(word, position, rest)
+            return
+        if not active:
+            return
+        found = tokens(line, name, number)
+        if found:
+            yield Line(found[0].position, tuple(self._expanded(found)))
+
+    def _conditional(
+        self, word: str, position: Position, rest: str, conditions: list[_Condition]
+    ) -> None:
+        if word in ('ifdef', 'ifndef'):
+            named = tokens(rest, position.file, position.line)
+            if not named or named[0].kind != NAME:
+                raise SyntaxProblem(position, f'#{word} needs a name', 'preprocessor')
+            outer = not conditions or conditions[-1].active
+            holds = (named[0].lower in self.definitions) == (word == 'ifdef')
+            conditions.append(_Condition(position, outer and holds, outer))
+            return
+        if not conditions:
+            raise SyntaxProblem(position, f'#{word} without #ifdef', 'preprocessor')
+        if word == 'endif':
+            conditions.pop()
+            return
+        condition = conditions[-1]
+        if condition.turned:
+            raise SyntaxProblem(position, 'a second #else', 'preprocessor')
+        condition.turned = True
+        condition.active = condition.outer and not condition.active
+
+    def _include(self, position: Position, rest: str, depth: int) -> Iterator[Line]:
+        named = re.match(r'\s*"([^"]*)"\s*(\'.*)?\s*\Z', rest)
+        if named is None:
+            raise SyntaxProblem(position, '#include needs a file name in quotes', 'include')
+        if named[1].lower() not in self._files:
+            text = f'#include: there is no file {printable(named[1])} in the project'
+            raise SyntaxProblem(position, text, 'include')
+        if depth >= DEEPEST_INCLUDE:
+            raise SyntaxProblem(position, 'files include each other without end', 'include')
+        yield from self._lines(named[1].lower(), depth + 1)
+
+    def _define(self, word: str, position: Position, rest: list[Token]) -> None:
+        if not rest or rest[0].kind != NAME:
+            raise SyntaxProblem(position, f'#{word} needs a name', 'preprocessor')
+        name, rest = rest[0], rest[1:]
+        if word == 'undef':
+            self.definitions.pop(name.lower, None)
+            return
+        parameters: tuple[str, ...] | None = None
+        end = name.position.column + len(name.text)
+        if rest and rest[0].text == '(' and rest[0].position.column == end:
+            closing = next((i for i, each in enumerate(rest) if each.text == ')'), None)
+            if closing is None:
+                raise SyntaxProblem(position, '#define: the parameters lack a )', 'preprocessor')
+            inner, rest = rest[1:closing], rest[closing + 1 :]
+            names, commas = inner[::2], inner[1::2]
+            wrong = any(each.kind != NAME for each in names)
+            wrong = wrong or any(each.text != ',' for each in commas)
+            if wrong or (inner and len(inner) % 2 == 0) or len(names) > MOST_PARAMETERS:
+                text = f'#define takes at most {MOST_PARAMETERS} names as parameters'
+                raise SyntaxProblem(position, text, 'preprocessor')
+            parameters = tuple(each.lower for each in names)
+        self.definitions[name.lower] = Definition(parameters, tuple(rest))
+
+    def _expanded(self, found: list[Token]) -> list[Token]:
+        result: list[Token] = []
+        self._steps = 0
+        self._expand(found, result, frozenset())
+        return result
+
+    def _expand(self, found: list[Token], into: list[Token], hidden: frozenset[str]) -> None:
+        at = 0
+        while at < len(found):
+            token = found[at]
+            at += 1
+            self._steps += 1
+            if self._steps > MOST_TOKENS or len(hidden) > DEEPEST_DEFINITION:
+                text = 'the #defines make the line too long'
+                raise SyntaxProblem(token.position, text, 'preprocessor')
+            definition = self.definitions.get(token.lower) if token.kind == NAME else None
+            if definition is None or token.lower in hidden:
+                into.append(token)
+                continue
+            body = [Token(t.kind, t.text, token.position, t.value) for t in definition.body]
+            if definition.parameters is not None:
+                arguments, at = _arguments(found, at, token, len(definition.parameters))
+                named = dict(zip(definition.parameters, arguments, strict=True))
+                body = [each for t in body for each in named.get(t.lower, [t])]
+            self._expand(body, into, hidden | {token.lower})
+
+
+def _arguments(
+    found: list[Token], at: int, name: Token, count: int
+) -> tuple[list[list[Token]], int]:
+    """Return the arguments of a definition with parameters, and where the line goes on."""
+    problem = SyntaxProblem(name.position, f'{name.text} needs {count} arguments in ( )')
+    if at >= len(found) or found[at].text != '(':
+        raise problem
+    arguments: list[list[Token]] = [[]]
+    depth = 1
+    at += 1
+    while at < len(found):
+        token = found[at]
+        at += 1
+        if token.kind == SYMBOL and token.text in '()':
+            depth += 1 if token.text == '(' else -1
+            if depth == 0:
+                if count == 0 and arguments == [[]]:
+                    return [], at
+                if len(arguments) != count:
+                    raise problem
+                return arguments, at
+        if token.text == ',' and depth == 1:
+            arguments.append([])
+        else:
+            arguments[-1].append(token)
+    raise problem

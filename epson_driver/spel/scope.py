@@ -1,0 +1,121 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a name means at a place of a program, and the limits of what can be declared."""
+
+from collections.abc import Mapping
+
+from epson_driver.spel.code import Variable
+from epson_driver.spel.errors import Position, SyntaxProblem
+from epson_driver.spel.functions import CONSTANTS
+from epson_driver.spel.syntax import (
+    Binary,
+    Declaration,
+    Declare,
+    Expression,
+    Function,
+    Name,
+    Number,
+    Unary,
+)
+from epson_driver.spel.values import TYPES, size
+
+LIMITS = {
+    'local': (2_000, 200),
+    'module': (100_000, 10_000),
+    'global': (100_000, 10_000),
+    'preserve': (4_000, 400),
+}
+"""Elements of an array by scope; of strings. SPEL+ Language Reference, page 952."""
+
+
+def constant(expression: Expression, constants: Mapping[str, int | float]) -> int | float | None:
+    """Return the value of an expression of constants, None if it is not one."""
+    if isinstance(expression, Number):
+        return expression.value
+    if isinstance(expression, Name):
+        return constants.get(expression.name.lower())
+    if isinstance(expression, Unary):
+        value = constant(expression.operand, constants)
+        if value is None:
+            return None
+        return -value if expression.operator == '-' else ~int(value)
+    if isinstance(expression, Binary):
+        left = constant(expression.left, constants)
+        right = constant(expression.right, constants)
+        if left is None or right is None:
+            return None
+        if expression.operator == '/' and right:
+            return left / right
+        if expression.operator in ('+', '-', '*'):
+            signs = {'+': left + right, '-': left - right, '*': left * right}
+            return signs[expression.operator]
+    return None
+
+
+class Scope:
+    """The variables of a project, a file and a function, and the functions there are."""
+
+    def __init__(
+        self,
+        shared: dict[str, Variable],
+        functions: Mapping[str, Function],
+        libraries: Mapping[str, tuple[int, Declare]],
+        constants: Mapping[str, int],
+    ) -> None:
+        self._shared = shared
+        self._module: dict[str, Variable] = {}
+        self._local: dict[str, Variable] = {}
+        self.functions = functions
+        self.libraries = libraries
+        self.constants: dict[str, int | float] = {**CONSTANTS, **constants}
+
+    def for_file(self, module: dict[str, Variable]) -> 'Scope':
+        """Return the scope inside a file."""
+        inner = Scope(self._shared, self.functions, self.libraries, {})
+        inner.constants = self.constants
+        inner._module = module
+        return inner
+
+    def for_function(self) -> 'Scope':
+        """Return the scope inside a function, without locals yet."""
+        return self.for_file(self._module)
+
+    def variable(self, name: str) -> Variable | None:
+        """Return what a name stands for as a variable."""
+        key = name.lower()
+        return self._local.get(key) or self._module.get(key) or self._shared.get(key)
+
+    def add_local(self, variable: Variable) -> None:
+        """Add a local variable. Raises SyntaxProblem if there is one of that name."""
+        key = variable.name.lower()
+        if key in self._local:
+            text = f'{variable.name} is declared twice in the function'
+            raise SyntaxProblem(variable.at, text, 'declaration')
+        self._local[key] = variable
+
+    def bounds(self, declared: Declaration, number: int) -> tuple[int, ...]:
+        """Return the upper bounds of a declared variable. Raises SyntaxProblem."""
+        variable = declared.variables[number]
+        found = []
+        for expression in variable.bounds:
+            bound = constant(expression, self.constants)
+            if not isinstance(bound, int) or bound < 0:
+                text = f'{variable.name}: the bounds of an array must be whole numbers from 0 on'
+                raise SyntaxProblem(variable.at, text, 'declaration')
+            found.append(bound)
+        bounds = tuple(found)
+        check_size(variable.name, declared.type, declared.scope, bounds, variable.at)
+        return bounds
+
+
+def check_size(
+    name: str, type_name: str, scope: str, bounds: tuple[int, ...], at: Position
+) -> None:
+    """Refuse an array that is larger than its scope allows. Raises SyntaxProblem."""
+    numbers, strings = LIMITS[scope]
+    most = strings if TYPES[type_name].kind == 's' else numbers
+    if size(bounds) > most:
+        text = (
+            f'{name} has {size(bounds)} elements; {scope} arrays of this type have at most {most}'
+        )
+        raise SyntaxProblem(at, text, 'array-size')

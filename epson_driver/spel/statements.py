@@ -1,0 +1,360 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The statements of one line: for each form of commands.py how it is read."""
+
+import re
+
+from epson_driver.spel.commands import TASK_TYPE_WORDS
+from epson_driver.spel.errors import SyntaxProblem
+from epson_driver.spel.expressions import Reader
+from epson_driver.spel.lexer import END, NAME, Token
+from epson_driver.spel.syntax import (
+    Argument,
+    Call,
+    Command,
+    EResume,
+    Expression,
+    Input,
+    Jump,
+    Motion,
+    Name,
+    OnErr,
+    Print,
+    Redim,
+    Return,
+    Store,
+    Target,
+    TaskCommand,
+    Transfer,
+    Trap,
+    Wait,
+    Xqt,
+)
+
+TRAP_EVENTS = ('emergency', 'error', 'pause', 'sgopen', 'sgclose', 'abort', 'finish')
+_TERMINATORS = ('cr', 'lf', 'crlf')
+_PROTOCOLS = ('tcp', 'udp', 'udp_send', 'udp_recv')
+
+
+class Statements:
+    """Reads what follows the word that a statement begins with."""
+
+    def __init__(self, functions: set[str]) -> None:
+        self._functions = functions
+
+    def read_form(self, reader: Reader, first: Token, form: str) -> Command:
+        """Read arguments by a form of the table."""
+        arguments: list[Expression | None] = []
+        words: list[str] = []
+        for number, kind in enumerate(form.split(',') if form else ()):
+            optional = kind.endswith(('?', '*'))
+            if number and not (reader.takes(',') or optional):
+                raise reader.wrong('a comma and one more value')
+            if kind.endswith('*'):
+                while not reader.at_end():
+                    arguments.append(reader.expression())
+                    if not reader.takes(','):
+                        break
+                continue
+            choice = re.match(r'w\((.*)\)', kind)
+            if choice is not None:
+                allowed = choice[1].lower().split('|')
+                if reader.sees(*allowed):
+                    words.append(reader.step().lower)
+                elif not optional:
+                    raise reader.wrong(' or '.join(choice[1].split('|')))
+                continue
+            if reader.at_end() or reader.sees(','):
+                if not optional:
+                    raise reader.wrong('a value')
+                arguments.append(None)
+            else:
+                arguments.append(reader.argument().value)
+        return Command(first.text, tuple(arguments), first.position, tuple(words))
+
+    # Structure
+
+    def read_jump(self, reader: Reader, first: Token) -> Jump:
+        """Read GoTo and GoSub."""
+        label = reader.name('a label').text
+        return Jump('goto' if first.lower == 'goto' else 'gosub', label, first.position)
+
+    def read_return(self, _reader: Reader, first: Token) -> Return:
+        """Read Return."""
+        return Return(first.position)
+
+    def read_call(self, reader: Reader, _first: Token) -> Call:
+        """Read Call f(…)."""
+        return self.call_arguments(reader, reader.name('the name of a function'))
+
+    def call_arguments(self, reader: Reader, name: Token) -> Call:
+        """Read the arguments of a function called as a statement, in brackets or without."""
+        if reader.sees('(') and _brackets_hold_all(reader):
+            return Call(name.text, reader.arguments(), name.position)
+        arguments: list[Argument] = []
+        while not reader.at_end():
+            arguments.append(reader.argument())
+            if not reader.takes(','):
+                break
+        return Call(name.text, tuple(arguments), name.position)
+
+    def read_on_err(self, reader: Reader, first: Token) -> OnErr:
+        """Read OnErr GoTo label."""
+        reader.need('goto')
+        if reader.here.text == '0':
+            reader.step()
+            return OnErr(None, first.position)
+        return OnErr(reader.name('a label or 0').text, first.position)
+
+    def read_e_resume(self, reader: Reader, first: Token) -> EResume:
+        """Read EResume, EResume Next, EResume label."""
+        if reader.at_end():
+            return EResume('again', '', first.position)
+        if reader.takes('next'):
+            return EResume('next', '', first.position)
+        return EResume('label', reader.name('a label').text, first.position)
+
+    def read_redim(self, reader: Reader, first: Token) -> Redim:
+        """Read Redim."""
+        preserve = reader.takes('preserve')
+        name = reader.name('the name of an array').text
+        bounds = [each.value for each in reader.arguments()]
+        if not 1 <= len(bounds) <= 3:
+            raise SyntaxProblem(first.position, 'Redim needs one to three bounds')
+        return Redim(preserve, name, tuple(bounds), first.position)
+
+    # Tasks
+
+    def read_xqt(self, reader: Reader, first: Token) -> Xqt:
+        """Read Xqt [n,] f[(…)] [, type]."""
+        number: Expression | None = None
+        is_name = reader.here.kind == NAME and reader.here.lower in self._functions
+        if not is_name:
+            missing = reader.here
+            number = reader.expression()
+            named = missing.kind == NAME and isinstance(number, Name)
+            if named and (reader.at_end() or reader.look(1).lower in TASK_TYPE_WORDS):
+                text = f'there is no function {missing.text}'
+                raise SyntaxProblem(missing.position, text, 'unknown')
+            reader.need(',')
+        name = reader.name('the name of a function')
+        arguments = reader.arguments() if reader.sees('(') else ()
+        kind = 'normal'
+        if reader.takes(','):
+            if not reader.sees(*TASK_TYPE_WORDS):
+                raise reader.wrong('Normal, NoPause or NoEmgAbort')
+            kind = reader.step().lower
+        return Xqt(number, name.text, arguments, kind, first.position)
+
+    def read_task_command(self, reader: Reader, first: Token) -> TaskCommand:
+        """Read Quit, Halt, Resume, TaskWait, StartMain."""
+        here = reader.here
+        if first.lower == 'quit' and reader.takes('all'):
+            return TaskCommand(first.text, None, '', first.position)
+        if here.kind == NAME and here.lower in self._functions and reader.look(1).kind == END:
+            reader.step()
+            return TaskCommand(first.text, None, here.text, first.position)
+        return TaskCommand(first.text, reader.expression(), '', first.position)
+
+    def read_wait(self, reader: Reader, first: Token) -> Wait:
+        """Read Wait s, or Wait condition[, s]. Which of them, the compiler knows."""
+        condition = reader.expression()
+        time = reader.expression() if reader.takes(',') else None
+        return Wait(condition, time, first.position)
+
+    def read_trap(self, reader: Reader, first: Token) -> Trap:
+        """Read Trap n, condition GoTo|Call|Xqt name, or Trap event Xqt f."""
+        if reader.sees(*TRAP_EVENTS):
+            event = reader.step().lower
+            if reader.at_end():
+                return Trap(event, None, None, '', '', first.position)
+            reader.need('xqt')
+            return Trap(event, None, None, 'xqt', self._function_name(reader), first.position)
+        number = reader.expression()
+        if reader.at_end():
+            return Trap('', number, None, '', '', first.position)
+        reader.need(',')
+        condition = reader.expression()
+        if not reader.sees('goto', 'call', 'xqt'):
+            raise reader.wrong('GoTo, Call or Xqt')
+        action = reader.step().lower
+        if action == 'goto':
+            text = 'not simulated: Trap … GoTo. Use Trap … Call or Xqt'
+            raise SyntaxProblem(first.position, text, 'not-simulated')
+        target = self._function_name(reader)
+        return Trap('', number, condition, action, target, first.position)
+
+    def _function_name(self, reader: Reader) -> str:
+        name = reader.name('the name of a function')
+        if name.lower not in self._functions:
+            raise SyntaxProblem(name.position, f'there is no function {name.text}', 'unknown')
+        if reader.takes('('):
+            reader.need(')')
+        return name.text
+
+    # Terminal and network
+
+    def _port(self, reader: Reader) -> Expression | None:
+        """Read #n with its comma; nothing where there is none."""
+        if not reader.takes('#'):
+            return None
+        port = reader.expression()
+        if not reader.at_end():
+            reader.need(',')
+        return port
+
+    def read_print(self, reader: Reader, first: Token) -> Print:
+        """Read Print [#n,] a, b[,]."""
+        port = self._port(reader)
+        items: list[Expression] = []
+        line = True
+        while not reader.at_end():
+            items.append(reader.expression())
+            line = not reader.takes(',')
+            if line:
+                break
+        return Print(port, tuple(items), line, first.position)
+
+    def read_input(self, reader: Reader, first: Token) -> Input:
+        """Read Input [#n,] a, b."""
+        port = self._port(reader)
+        targets: list[Target] = [reader.target()]
+        while reader.takes(','):
+            targets.append(reader.target())
+        return Input(port, False, tuple(targets), first.position)
+
+    def read_line_input(self, reader: Reader, first: Token) -> Input:
+        """Read Line Input [#n,] s$."""
+        reader.need('input')
+        port = self._port(reader)
+        return Input(port, True, (reader.target(),), first.position)
+
+    def read_transfer(self, reader: Reader, first: Token) -> Transfer:
+        """Read Read, ReadBin, Write, WriteBin: #n, variable or array[, count]."""
+        reader.need('#')
+        port = reader.expression()
+        reader.need(',')
+        value = reader.argument()
+        count = reader.expression() if reader.takes(',') else None
+        return Transfer(first.text, port, value, count, first.position)
+
+    def read_set_net(self, reader: Reader, first: Token) -> Command:
+        """Read SetNet #n, host, port[, terminator[, flow[, timeout[, protocol]]]]."""
+        reader.need('#')
+        port = reader.expression()
+        reader.need(',')
+        host = reader.expression()
+        reader.need(',')
+        number = reader.expression()
+        words = ['crlf', 'tcp']
+        timeout: Expression | None = None
+        if reader.takes(','):
+            if not reader.sees(*_TERMINATORS):
+                raise reader.wrong('CR, LF or CRLF')
+            words[0] = reader.step().lower
+        if reader.takes(','):
+            reader.need('none')
+        if reader.takes(','):
+            timeout = reader.expression()
+        if reader.takes(','):
+            if not reader.sees(*_PROTOCOLS):
+                raise reader.wrong('TCP')
+            if not reader.takes('tcp'):
+                text = f'not simulated: SetNet with {reader.here.text}'
+                raise SyntaxProblem(reader.here.position, text, 'not-simulated')
+        arguments = (port, host, number, timeout)
+        return Command(first.text, arguments, first.position, tuple(words))
+
+    def read_open_net(self, reader: Reader, first: Token) -> Command:
+        """Read OpenNet #n As Server|Client."""
+        reader.need('#')
+        port = reader.expression()
+        reader.need('as')
+        if not reader.sees('server', 'client'):
+            raise reader.wrong('Server or Client')
+        return Command(first.text, (port,), first.position, (reader.step().lower,))
+
+    def read_close_net(self, reader: Reader, first: Token) -> Command:
+        """Read CloseNet #n|All."""
+        if reader.takes('all'):
+            return Command(first.text, (None,), first.position)
+        reader.need('#')
+        return Command(first.text, (reader.expression(),), first.position)
+
+    def read_wait_net(self, reader: Reader, first: Token) -> Command:
+        """Read WaitNet #n[, s]."""
+        reader.need('#')
+        port = reader.expression()
+        time = reader.expression() if reader.takes(',') else None
+        return Command(first.text, (port, time), first.position)
+
+    # The robot
+
+    def read_store(self, reader: Reader, first: Token) -> Store:
+        """Read Till, Sense, Find with a condition."""
+        return Store(first.text, reader.expression(), first.position)
+
+    def read_abort_motion(self, reader: Reader, first: Token) -> Command:
+        """Read AbortMotion n|All."""
+        if reader.takes('all'):
+            return Command(first.text, (None,), first.position, ('all',))
+        return Command(first.text, (reader.expression(),), first.position)
+
+    def read_motion(self, reader: Reader, first: Token) -> Motion:
+        """Read a statement that moves the arm, with its modifiers in any order."""
+        points = [reader.expression()]
+        modifiers = ('cp', 'rot', 'ljm', 'till', 'find', 'sense', 'sync', '!')
+        while reader.takes(','):
+            points.append(reader.expression())
+        # The lists of Pass may be divided by On and Off too: those are not simulated
+        cp = sense = False
+        till: Expression | bool = False
+        find: Expression | bool = False
+        words: list[str] = []
+        numbers: list[tuple[str, Expression | None]] = []
+        while not reader.at_end():
+            token = reader.step()
+            word = token.lower
+            if word == 'cp':
+                cp = True
+            elif word == 'rot':
+                words.append(word)
+            elif word == 'till':
+                till = reader.optional(*modifiers) or True
+            elif word == 'find':
+                find = reader.optional(*modifiers) or True
+            elif word == 'sense':
+                sense = True
+            elif word == 'ljm':
+                numbers.append((word, reader.optional(*modifiers)))
+            elif len(word) == 2 and word[0] == 'c' and word[1].isdigit():
+                numbers.append(('c', None))
+                words.append(word)
+            elif word == 'limz' or word in ('!', 'sync', 'perform', 'ecp'):
+                text = f'not simulated: {first.text} with {token.text}'
+                raise SyntaxProblem(token.position, text, 'not-simulated')
+            else:
+                text = f'{first.text} does not take {token.text[:40]}'
+                raise SyntaxProblem(token.position, text)
+        return Motion(
+            first.text,
+            tuple(points),
+            first.position,
+            cp,
+            till,
+            find,
+            sense,
+            tuple(words),
+            tuple(numbers),
+        )
+
+
+def _brackets_hold_all(reader: Reader) -> bool:
+    """Return whether the bracket that comes next is closed by the last token."""
+    depth, ahead = 0, 0
+    while (token := reader.look(ahead)).kind != END:
+        depth += (token.text == '(') - (token.text == ')')
+        ahead += 1
+        if depth == 0:
+            return reader.look(ahead).kind == END
+    return True

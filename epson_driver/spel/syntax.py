@@ -1,0 +1,434 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a program consists of: expressions, statements, functions. Plain data."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from epson_driver.spel.errors import Position
+
+# Expressions
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number as it is written."""
+
+    value: int | float
+    at: Position
+    text: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A string in quotes."""
+
+    value: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A variable, a constant, or a function without arguments."""
+
+    name: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """One argument: `a`, `ByRef a`, `a()`."""
+
+    value: 'Expression'
+    by_reference: bool = False
+    whole_array: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Apply:
+    """A name with arguments: an element of an array, or a function called."""
+
+    name: str
+    arguments: tuple[Argument, ...]
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Unary:
+    """- or Not."""
+
+    operator: str
+    operand: 'Expression'
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """Two operands. The operator is in lower case."""
+
+    operator: str
+    left: 'Expression'
+    right: 'Expression'
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class PointChange:
+    """A point with one coordinate set (`:Z(0)`) or moved (`+Z(10)`)."""
+
+    point: 'Expression'
+    operator: str
+    axis: str
+    value: 'Expression'
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class PointFlag:
+    """A point with an orientation flag or a local: `/L`, `/2`."""
+
+    point: 'Expression'
+    flag: str
+    at: Position
+
+
+Expression = Number | Text | Name | Apply | Unary | Binary | PointChange | PointFlag
+Target = Name | Apply
+
+# Statements
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One declared name with its upper bounds."""
+
+    name: str
+    bounds: tuple[Expression, ...]
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """`Global Preserve Integer a, b(9)`."""
+
+    type: str
+    variables: tuple[Variable, ...]
+    scope: Literal['local', 'module', 'global', 'preserve']
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Assign:
+    """`a = 1`."""
+
+    target: Target
+    value: Expression
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class If:
+    """Branches in order; `otherwise` is the Else."""
+
+    branches: tuple[tuple[Expression, 'Block'], ...]
+    otherwise: 'Block'
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class CaseItem:
+    """`Case 1` or `Case < 1`."""
+
+    operator: str
+    value: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Select:
+    """Select … Case … Default … Send."""
+
+    subject: Expression
+    cases: tuple[tuple[tuple[CaseItem, ...], 'Block'], ...]
+    default: 'Block'
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Test:
+    """`While c` or `Until c` of a Do or a Loop."""
+
+    until: bool
+    condition: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Do:
+    """Do … Loop."""
+
+    before: Test | None
+    body: 'Block'
+    after: Test | None
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class For:
+    """For … Next."""
+
+    variable: Target
+    first: Expression
+    last: Expression
+    step: Expression | None
+    body: 'Block'
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Exit:
+    """`Exit Do|For|Function`."""
+
+    what: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """`name:`."""
+
+    name: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """GoTo or GoSub a label."""
+
+    kind: Literal['goto', 'gosub']
+    label: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """The end of a GoSub."""
+
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class OnErr:
+    """`OnErr GoTo label`; None is `OnErr GoTo 0`."""
+
+    label: str | None
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class EResume:
+    """`EResume`, `EResume Next`, `EResume label`."""
+
+    kind: Literal['again', 'next', 'label']
+    label: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A function called as a statement."""
+
+    name: str
+    arguments: tuple[Argument, ...]
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A statement of the table: arguments by its form (None where left out), words that stood."""
+
+    name: str
+    arguments: tuple[Expression | None, ...]
+    at: Position
+    words: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A statement that moves the arm. `till` True is the stored condition."""
+
+    name: str
+    points: tuple[Expression, ...]
+    at: Position
+    cp: bool = False
+    till: Expression | bool = False
+    find: Expression | bool = False
+    sense: bool = False
+    words: tuple[str, ...] = ()
+    numbers: tuple[tuple[str, Expression | None], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """`Till cond`, `Sense cond`, `Find cond`: a condition for later motions."""
+
+    name: str
+    condition: Expression
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Print:
+    """Print to the terminal or to a port; `line` False ends with a comma."""
+
+    port: Expression | None
+    items: tuple[Expression, ...]
+    line: bool
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """Input or Line Input from the terminal or a port."""
+
+    port: Expression | None
+    whole_line: bool
+    targets: tuple[Target, ...]
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Transfer:
+    """Read, ReadBin, Write, WriteBin: a variable, or an array and how many elements."""
+
+    name: str
+    port: Expression
+    value: Argument
+    count: Expression | None
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Xqt:
+    """Xqt: a task with a number or without."""
+
+    number: Expression | None
+    function: str
+    arguments: tuple[Argument, ...]
+    type: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """`Wait s`, or `Wait condition[, s]`."""
+
+    condition: Expression | None
+    time: Expression | None
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Trap:
+    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`. No action: disarmed."""
+
+    event: str
+    number: Expression | None
+    condition: Expression | None
+    action: str
+    target: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class TaskCommand:
+    """Quit, Halt, Resume, TaskWait, StartMain: a number, a function's name, or All."""
+
+    name: str
+    task: Expression | None
+    function: str
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Redim:
+    """Redim [Preserve] a(…)."""
+
+    preserve: bool
+    name: str
+    bounds: tuple[Expression, ...]
+    at: Position
+
+
+Statement = (
+    Declaration
+    | Assign
+    | If
+    | Select
+    | Do
+    | For
+    | Exit
+    | Label
+    | Jump
+    | Return
+    | OnErr
+    | EResume
+    | Call
+    | Command
+    | Motion
+    | Store
+    | Print
+    | Input
+    | Transfer
+    | Xqt
+    | Wait
+    | Trap
+    | TaskCommand
+    | Redim
+)
+Block = tuple[Statement, ...]
+
+# Files
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a function."""
+
+    name: str
+    type: str
+    by_reference: bool
+    array: bool
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """Function … Fend. `result` is the type of its value, '' for none."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    result: str
+    body: Block
+    at: Position
+    end: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Declare:
+    """A function of a DLL."""
+
+    name: str
+    library: str
+    alias: str
+    parameters: tuple[Parameter, ...]
+    result: str
+    at: Position
+
+
+@dataclass(slots=True)
+class File:
+    """A .prg file."""
+
+    name: str
+    functions: list[Function] = field(default_factory=list)
+    declarations: list[Declaration] = field(default_factory=list)
+    declared: list[Declare] = field(default_factory=list)

@@ -1,0 +1,476 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tasks: their calls, what they wait for, their errors; and what all tasks of a program share."""
+
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from enum import IntEnum
+
+from epson_driver.spel.code import FunctionCode, Program, Variable
+from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
+from epson_driver.spel.errors import TEXTS, ErrorNumber, SpelError, TaskError
+from epson_driver.spel.functions import FUNCTIONS
+from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
+from epson_driver.spel.values import TYPES, Array, Point, Value, store
+
+DEEPEST_CALL = 100
+"""Calls within each other in one task."""
+
+LAST_NORMAL, FIRST_BACKGROUND, LAST_BACKGROUND, FIRST_TRAP = 32, 65, 80, 257
+
+Instruction = Callable[[list[object]], int]
+Test = Callable[[], object]
+Reference = tuple[list[Value], int, str]
+"""A variable: the list it is in, its index, its type."""
+
+
+class TaskState(IntEnum):
+    """What TaskState(n) returns."""
+
+    NOT_RUNNING = 0
+    RUNNING = 1
+    WAITING = 2
+    HALTED = 3
+    QUICK_PAUSED = 4
+    ABORTED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How long things take on the controller, all in seconds.
+
+    `statement` one simple statement; `granularity` what Wait rounds up to; `scan` how often
+    conditions are looked at; `turn` how long a task runs before the next one may; `endless` how
+    many statements without any wait raise error 2556; `extra` more for some statements, by name
+    in lower case ('print', 'writebin', 'go', …).
+    """
+
+    statement: float = 10e-6
+    granularity: float = 0.010
+    scan: float = 0.010
+    turn: float = 0.001
+    endless: int = 1_000_000
+    extra: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ('statement', 'scan', 'turn'):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f'{name} must be a time above 0 s, is {getattr(self, name)}')
+        if self.granularity < 0.0 or min(self.extra.values(), default=0.0) < 0.0:
+            raise ValueError('granularity and extra must be times from 0 s on')
+
+
+@dataclass(slots=True)
+class Linked:
+    """A function with its instructions ready to run, and which of them have been."""
+
+    code: FunctionCode
+    instructions: list[Instruction]
+    hits: bytearray
+
+
+class Frame:
+    """One call of a function: its variables, where it is, what an error does."""
+
+    __slots__ = ('error_pc', 'gosubs', 'handler', 'handling', 'into', 'linked', 'pc', 'v')
+
+    def __init__(self, task: 'Task', linked: Linked, arguments: Sequence[object], into: int):
+        code = linked.code
+        self.linked = linked
+        self.pc = 0
+        self.handler = -1
+        self.handling = False
+        self.error_pc = 0
+        self.gosubs: list[int] = []
+        self.into = into
+        self.v: list[object] = [task, *arguments, *code.blanks]
+        for variable in code.arrays:
+            self.v[variable.slot] = Array(variable.type, variable.bounds)
+
+
+@dataclass(slots=True)
+class Waiting:
+    """What a task waits for: a time, and perhaps a test that is made whenever there is news.
+
+    `scanned`: the test is made on the controller's scans only. `after` is called with whether
+    the time ran out.
+    """
+
+    until: float | None
+    duration: float | None
+    test: Test | None
+    scanned: bool
+    next_scan: float
+    after: Callable[[bool], None] | None
+
+
+@dataclass(slots=True)
+class Port:
+    """A network port: its settings, and the task that opened it (0: it is not open)."""
+
+    settings: NetSettings = field(default_factory=lambda: NetSettings('', 0))
+    owner: int = 0
+
+
+@dataclass(slots=True)
+class Trap:
+    """An armed Trap 1 to 4."""
+
+    task: 'Task'
+    test: Test
+    target: Linked
+    action: str
+
+
+class World:
+    """What the tasks of a program share: variables, time, ports, locks, the host."""
+
+    def __init__(self, program: Program, host: Host, timing: Timing, started: datetime) -> None:
+        self.program = program
+        self.host = host
+        self.timing = timing
+        self.started = started
+        self.time = 0.0
+        self.linked: list[Linked] = []
+        self.g: list[object] = [blank(variable) for variable in program.variables]
+        self.tasks: dict[int, Task] = {}
+        self.aborted: dict[int, TaskError] = {}
+        self.ports: dict[int, Port] = {}
+        self.locks: dict[int, int] = {}
+        self.signals: dict[int, int] = {}
+        self.points: dict[int, Point] = {}
+        self.conditions: dict[str, Test] = {}
+        self.timers: dict[int, float] = {}
+        self.elapsed_from = 0.0
+        self.traps: dict[int, Trap] = {}
+        self.event_traps: dict[str, Linked] = {}
+        self.random = random.Random(0)  # noqa: S311 - for Rnd, the same in every run
+
+    def function(self, name: str) -> Linked:
+        """Return a function by its name. Raises SpelError."""
+        code = self.program.by_name.get(name.lower())
+        if code is None:
+            raise SpelError(ErrorNumber.NO_SUCH_TASK, f'there is no function {name}')
+        return self.linked[code.index]
+
+    def free_number(self, background: bool) -> int:
+        """Return the lowest task number that is free. Raises SpelError."""
+        first, last = (FIRST_BACKGROUND, LAST_BACKGROUND) if background else (1, LAST_NORMAL)
+        for number in range(first, last + 1):
+            if number not in self.tasks:
+                return number
+        raise SpelError(ErrorNumber.TASK_NUMBER, f'all tasks from {first} to {last} are in use')
+
+    def add(
+        self, number: int, linked: Linked, arguments: Sequence[object], kind: TaskType
+    ) -> 'Task':
+        """Start a task. Raises SpelError."""
+        if number in self.tasks:
+            raise SpelError(ErrorNumber.TASK_NUMBER, f'task {number} is running')
+        code = linked.code
+        if len(arguments) != len(code.parameters):
+            text = f'{code.name} has {len(code.parameters)} parameters'
+            raise SpelError(ErrorNumber.ARGUMENT, text)
+        task = Task(self, number, kind)
+        self.aborted.pop(number, None)
+        task.push(linked, arguments, 0)
+        self.tasks[number] = task
+        return task
+
+    def end(self, task: 'Task') -> None:
+        """End a task: its locks are free again."""
+        task.frames.clear()
+        task.frame = None
+        task.waiting = None
+        if self.tasks.get(task.number) is task:
+            del self.tasks[task.number]
+        for number in [each for each, owner in self.locks.items() if owner == task.number]:
+            del self.locks[number]
+
+    def task(self, which: int | str) -> 'Task | None':
+        """Return a running task by its number or its function's name. Raises SpelError."""
+        if isinstance(which, str):
+            named = (each for each in self.tasks.values() if each.function.lower() == which)
+            return next(named, None)
+        if not 1 <= which <= FIRST_TRAP + 10:
+            raise SpelError(
+                ErrorNumber.TASK_NUMBER, f'task {which} is not in 1..{FIRST_TRAP + 10}'
+            )
+        return self.tasks.get(which)
+
+    def error_text(self, number: int) -> str:
+        """Return what an error number means."""
+        return self.program.texts.get(number) or TEXTS.get(number, 'see the manual')
+
+
+def blank(variable: Variable) -> object:
+    """Return what a variable holds at first."""
+    if variable.bounds:
+        return Array(variable.type, variable.bounds)
+    return TYPES[variable.type].blank
+
+
+class Task:
+    """A task: the calls it is in, and what it waits for.
+
+    Its methods are what the compiled instructions call.
+    """
+
+    def __init__(self, world: World, number: int, kind: TaskType) -> None:
+        self.world = world
+        self.number = number
+        self.type = kind
+        self.frames: list[Frame] = []
+        self.frame: Frame | None = None
+        self.waiting: Waiting | None = None
+        self.halted = False
+        self.paused = False
+        self.held_by: Task | None = None
+        self.function = ''
+        self.timed_out = False
+        self.default_timeout: float | None = None
+        self.error: TaskError | None = None
+        self.since_wait = 0
+
+    # Calls
+
+    def push(self, linked: Linked, arguments: Sequence[object], into: int) -> None:
+        """Enter a function. Raises SpelError."""
+        if len(self.frames) >= DEEPEST_CALL:
+            raise SpelError(
+                ErrorNumber.CALL_DEPTH, f'more than {DEEPEST_CALL} calls in each other'
+            )
+        if not self.frames:
+            self.function = linked.code.name
+        self.frame = Frame(self, linked, arguments, into)
+        self.frames.append(self.frame)
+
+    call = push
+
+    def leave(self) -> None:
+        """Leave a function: its value goes to the caller, the task ends with its last one."""
+        left = self.frames.pop()
+        if not self.frames:
+            self.world.end(self)
+            return
+        self.frame = self.frames[-1]
+        self.frame.v[left.into] = left.v[left.linked.code.result_slot]
+        self.frame.pc = self.frame.linked.code.following[self.frame.pc]
+
+    @property
+    def current(self) -> Frame:
+        """Return the call that is running."""
+        assert self.frame is not None  # noqa: S101 - a task that runs has one
+        return self.frame
+
+    def gosub(self, back: int) -> None:
+        """Remember where Return goes. Raises SpelError."""
+        if len(self.current.gosubs) >= DEEPEST_CALL:
+            raise SpelError(ErrorNumber.CALL_DEPTH, 'GoSub within GoSub without end')
+        self.current.gosubs.append(back)
+
+    def gosub_return(self) -> int:
+        """Return where a GoSub came from. Raises SpelError."""
+        if not self.current.gosubs:
+            raise SpelError(ErrorNumber.RETURN_WITHOUT_GOSUB)
+        return self.current.gosubs.pop()
+
+    # Errors
+
+    def on_error(self, handler: int) -> None:
+        """Set where an error goes; -1 is nowhere."""
+        self.current.handler = handler
+
+    def resumed(self) -> None:
+        """End the handling of an error. Raises SpelError."""
+        if not self.current.handling:
+            raise SpelError(ErrorNumber.RESUME)
+        self.current.handling = False
+
+    def resume(self, following: bool) -> int:
+        """Return where EResume goes on: at the failed statement, or behind it."""
+        self.resumed()
+        frame = self.current
+        starts = frame.linked.code.starts
+        if not following:
+            return starts[frame.error_pc]
+        pc = frame.error_pc + 1
+        while pc < len(starts) - 1 and starts[pc] == starts[frame.error_pc]:
+            pc += 1
+        return pc
+
+    def fail(self, error: SpelError) -> None:
+        """Take an error to the handler of the function or of one of its callers, or end."""
+        if self.frame is None:  # it has ended itself in the statement that failed
+            return
+        frame = self.frame
+        self.waiting = None
+        place = frame.linked.code.lines[frame.pc]
+        name = frame.linked.code.name
+        failure = TaskError(error.number, error.text, place, name, self.number)
+        self.error = failure
+        while self.frames:
+            frame = self.frames[-1]
+            if frame.handler >= 0 and not frame.handling:
+                self.frame = frame
+                frame.handling = True
+                frame.error_pc = frame.pc
+                frame.pc = frame.handler
+                return
+            self.frames.pop()
+        self.world.end(self)
+        self.world.aborted[self.number] = failure
+        self.world.host.task_failed(failure)
+
+    # Waiting
+
+    def wait(
+        self,
+        seconds: float | None,
+        test: Test | None = None,
+        after: Callable[[bool], None] | None = None,
+        scanned: bool = False,
+    ) -> None:
+        """Wait until a test holds or a time is over; not at all if it holds already."""
+        self.since_wait = 0
+        if test is not None and test():
+            if after is not None:
+                after(False)
+            return
+        now = self.world.time
+        self.waiting = Waiting(
+            None if seconds is None else now + seconds,
+            seconds,
+            test,
+            scanned,
+            now + self.world.timing.scan,
+            after,
+        )
+
+    def wake(self, timed_out: bool) -> None:
+        """Go on behind the statement that waited, or to the error that it ends with."""
+        waiting, self.waiting = self.waiting, None
+        frame = self.current
+        try:
+            if waiting is not None and waiting.after is not None:
+                waiting.after(timed_out)
+        except SpelError as error:
+            self.fail(error)
+        else:
+            frame.pc = frame.linked.code.following[frame.pc]
+
+    def wait_for(self, completion: Completion | None) -> None:
+        """Wait for something that the host does."""
+        if completion is None:
+            return
+        begun = completion
+
+        def after(_timed_out: bool) -> None:
+            if begun.error is not None:
+                raise begun.error
+
+        self.wait(None, lambda: begun.done, after)
+
+    # What instructions ask of the host
+
+    @property
+    def caller(self) -> Caller:
+        """Return which task this is, and where."""
+        frame = self.current
+        place = frame.linked.code.lines[frame.pc]
+        return Caller(self.number, self.function, place.file, place.line)
+
+    def may(self, name: str, words: tuple[str, ...] = ()) -> None:
+        """Refuse a statement that this type of task cannot execute. Raises SpelError."""
+        rule = COMMANDS[name]
+        if forbidden(rule, words, self.type):
+            kind = self.type.name.lower().replace('_', ' ')
+            raise SpelError(ErrorNumber.TASK_TYPE, f'{rule.name} cannot run in a task {kind}')
+        self.owe(name)
+
+    def owe(self, name: str) -> None:
+        """Let a statement take the time it takes on the controller."""
+        self.world.time += self.world.timing.extra.get(name, 0.0)
+
+    def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
+        """Return a function of the host."""
+        result = self.world.host.value(name, arguments)
+        return int(result) if FUNCTIONS[name].result == 'i' else result  # type: ignore[arg-type]
+
+    def command(
+        self, name: str, arguments: tuple[Value | Point | None, ...], words: tuple[str, ...]
+    ) -> None:
+        """Execute a statement of the robot."""
+        self.may(name, words)
+        self.wait_for(self.world.host.command(name, arguments, words))
+
+    def stored(self, name: str) -> Callable[[], bool]:
+        """Return the condition of the last Till, Find or Sense. Raises SpelError."""
+        test = self.world.conditions.get(name)
+        if test is None:
+            text = f'no {name.capitalize()} has set a condition'
+            raise SpelError(ErrorNumber.ARGUMENT, text)
+        return lambda: bool(test())
+
+    def move(
+        self,
+        name: str,
+        points: tuple[Point, ...],
+        cp: bool,
+        till: Callable[[], bool] | None,
+        find: Callable[[], bool] | None,
+        sense: Callable[[], bool] | None,
+        words: tuple[str, ...],
+        ljm: int | None,
+    ) -> None:
+        """Begin a motion and wait for its end."""
+        self.may(name)
+        request = MotionRequest(name, points, cp, till, find, sense, words, ljm)
+        self.wait_for(self.world.host.move(request))
+
+    def library(self, number: int, arguments: tuple[object, ...]) -> Value:
+        """Call a function of a DLL; it may write to arrays and ByRef variables."""
+        declared = self.world.program.libraries[number]
+        given: list[Value | Array] = []
+        handed: list[tuple[Array, list[Value], int]] = []
+        for parameter, argument in zip(declared.parameters, arguments, strict=True):
+            if isinstance(argument, tuple):
+                container, index = argument
+                array = Array(parameter.type, (0,))
+                array.d[0] = container[index]
+                handed.append((array, container, index))
+                given.append(array)
+            else:
+                given.append(argument)  # type: ignore[arg-type]
+        result = self.world.host.call_library(declared.library, declared.alias, given)
+        for array, container, index in handed:
+            container[index] = store(array.d[0], array.type)
+        return store(result, declared.result)
+
+    def xqt(self, number: int, linked: Linked, arguments: list[object], kind: int) -> None:
+        """Start a task: a background task starts background tasks only. Raises SpelError."""
+        self.may('xqt')
+        background = self.type is TaskType.BACKGROUND
+        if number == 0:
+            number = self.world.free_number(background)
+        first, last = (FIRST_BACKGROUND, LAST_BACKGROUND) if background else (1, LAST_NORMAL)
+        if not first <= number <= last:
+            text = f'task {number} is not in {first}..{last}'
+            raise SpelError(ErrorNumber.TASK_NUMBER, text)
+        self.world.add(
+            number, linked, arguments, TaskType.BACKGROUND if background else TaskType(kind)
+        )
+
+    @property
+    def held(self) -> bool:
+        """Return whether it stands until somebody lets it go on."""
+        return self.halted or self.paused or self.held_by is not None
+
+    @property
+    def state(self) -> TaskState:
+        """Return what TaskState shows."""
+        if self.halted or self.paused:
+            return TaskState.HALTED
+        return TaskState.RUNNING if self.waiting is None else TaskState.WAITING

@@ -1,0 +1,204 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Values while a program runs: types with their ranges, arrays, points, conversions."""
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+from epson_driver.spel.errors import ErrorNumber, SpelError
+
+INT: Final = 'i'
+SINGLE: Final = 'f'
+DOUBLE: Final = 'n'
+STRING: Final = 's'
+POINT: Final = 'p'
+NUMBERS: Final = (INT, SINGLE, DOUBLE)
+
+LONGEST_STRING = 255
+
+
+class Type(NamedTuple):
+    """A declared type: what kind its values are, and the range of whole ones."""
+
+    kind: str
+    least: int = 0
+    most: int = 0
+    blank: int | float | str = 0
+
+
+def _whole(bits: int, signed: bool) -> Type:
+    half = 1 << (bits - 1)
+    return Type(INT, -half, half - 1) if signed else Type(INT, 0, 2 * half - 1)
+
+
+TYPES: dict[str, Type] = {
+    'boolean': _whole(16, True),
+    'byte': _whole(8, True),
+    'ubyte': _whole(8, False),
+    'integer': _whole(16, True),
+    'short': _whole(16, True),
+    'ushort': _whole(16, False),
+    'long': _whole(32, True),
+    'int32': _whole(32, True),
+    'uint32': _whole(32, False),
+    'int64': _whole(64, True),
+    'uint64': _whole(64, False),
+    'real': Type(SINGLE, blank=0.0),
+    'double': Type(DOUBLE, blank=0.0),
+    'string': Type(STRING, blank=''),
+}
+"""By name in lower case."""
+
+_WORDS = {'ubyte': 'UByte', 'ushort': 'UShort', 'uint32': 'UInt32', 'uint64': 'UInt64'}
+
+Value = int | float | str
+
+
+def type_word(name: str) -> str:
+    """Return a type as it is written."""
+    return _WORDS.get(name, name.capitalize())
+
+
+class Array:
+    """An array: its elements row by row, the upper bound of each dimension, its type."""
+
+    __slots__ = ('bounds', 'd', 'type')
+
+    def __init__(self, type_name: str, bounds: tuple[int, ...]) -> None:
+        self.type = type_name
+        self.bounds = bounds
+        self.d: list[Value] = [TYPES[type_name].blank] * size(bounds)
+
+    def at(self, *indices: int) -> int:
+        """Return where an element of several dimensions is. Raises SpelError."""
+        place = 0
+        for index, bound in zip(indices, self.bounds, strict=True):
+            if not 0 <= index <= bound:
+                raise SpelError(ErrorNumber.INDEX, f'index {index} is not in 0..{bound}')
+            place = place * (bound + 1) + index
+        return place
+
+    def resize(self, bounds: tuple[int, ...], keep: bool) -> None:
+        """Give it other bounds; `keep` what has a place in both."""
+        old = Array.__new__(Array)
+        old.bounds, old.d = self.bounds, self.d
+        self.bounds = bounds
+        self.d = [TYPES[self.type].blank] * size(bounds)
+        if keep:
+            for place in range(len(old.d)):
+                indices = old.indices(place)
+                if all(i <= b for i, b in zip(indices, bounds, strict=True)):
+                    self.d[self.at(*indices)] = old.d[place]
+
+    def indices(self, place: int) -> list[int]:
+        """Return the indices of the element at a place."""
+        found = []
+        for bound in reversed(self.bounds):
+            place, index = divmod(place, bound + 1)
+            found.append(index)
+        return found[::-1]
+
+
+def size(bounds: Sequence[int]) -> int:
+    """Return how many elements there are up to these bounds."""
+    return math.prod(bound + 1 for bound in bounds)
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A point of the robot: six numbers of a kind, and flags.
+
+    `kind` 'xy': x, y, z in mm, u, v, w in degrees; 'angles': joints in degrees (or mm); 'pulses'.
+    """
+
+    kind: str
+    values: tuple[float, ...]
+    flags: tuple[str, ...] = ()
+
+    def changed(self, operator: str, axis: int, value: float) -> 'Point':
+        """Return it with a coordinate set (:) or moved (+, -). Raises SpelError."""
+        if self.kind != 'xy' or axis >= len(self.values):
+            raise SpelError(ErrorNumber.ARGUMENT, 'the point has no such coordinate')
+        values = list(self.values)
+        sign = {':': 0.0, '+': 1.0, '-': -1.0}[operator]
+        values[axis] = value + values[axis] * abs(sign) if sign >= 0 else values[axis] - value
+        return replace(self, values=tuple(values))
+
+    def flagged(self, flag: str) -> 'Point':
+        """Return it with an orientation flag, or a local."""
+        return replace(self, flags=(*self.flags, flag))
+
+    def __str__(self) -> str:
+        return f'{self.kind}({", ".join(f"{value:.3f}" for value in self.values)})'
+
+
+def single(value: float) -> float:
+    """Return a value as binary32 holds it. Raises SpelError."""
+    try:
+        rounded: float = struct.unpack('<f', struct.pack('<f', value))[0]
+    except (OverflowError, struct.error):
+        raise overflow('Real', value) from None
+    return finite(rounded)
+
+
+def finite(value: float) -> float:
+    """Return a Double, or refuse infinity. Raises SpelError."""
+    if value - value != 0.0:
+        raise overflow('Double', value)
+    return float(value)
+
+
+def overflow(type_name: str, value: object) -> SpelError:
+    """Return the error that a value does not fit a type."""
+    return SpelError(ErrorNumber.OVERFLOW, f'{shown(value)} does not fit {type_word(type_name)}')
+
+
+def too_long(text: str) -> SpelError:
+    """Return the error that a string is too long."""
+    return SpelError(ErrorNumber.STRING_LENGTH, f'a string of {len(text)} characters')
+
+
+def shown(value: object) -> str:
+    """Return a value for a sentence."""
+    if isinstance(value, int):
+        return str(value) if abs(value) < 10**30 else 'a number of more than 30 digits'
+    return f'{value:g}' if isinstance(value, float) else repr(value)[:40]
+
+
+def nearest(value: float) -> int:
+    """Return the nearest whole number, halves away from zero. Raises SpelError."""
+    if value - value != 0.0:
+        raise overflow('Long', value)
+    return math.floor(value + 0.5) if value >= 0 else math.ceil(value - 0.5)
+
+
+def towards_zero(value: float) -> int:
+    """Return the whole part. Raises SpelError."""
+    if value - value != 0.0:
+        raise overflow('Long', value)
+    return math.trunc(value)
+
+
+ROUNDINGS: dict[str, Callable[[float], int]] = {'nearest': nearest, 'truncate': towards_zero}
+"""How a Real becomes an Integer on assignment: no document says it, so it can be chosen."""
+
+
+def store(value: Value, type_name: str, rounding: Callable[[float], int] = nearest) -> Value:
+    """Return a value as a variable of a type holds it. Raises SpelError."""
+    kind = TYPES[type_name]
+    if kind.kind == STRING:
+        text = str(value)
+        if len(text) > LONGEST_STRING:
+            raise too_long(text)
+        return text
+    if isinstance(value, str):
+        raise SpelError(ErrorNumber.ARGUMENT, f'{value[:40]!r} is not a number')
+    if kind.kind == INT:
+        whole = value if isinstance(value, int) else rounding(value)
+        if not kind.least <= whole <= kind.most:
+            raise overflow(type_name, whole)
+        return whole
+    return single(value) if kind.kind == SINGLE else finite(value)

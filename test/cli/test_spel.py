@@ -1,0 +1,157 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver spel`: check and test, in a process as a user has them."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import pytest
+
+COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'spel']
+
+GOOD = 'Function main\n  Print 1\nFend\n'
+WARNS = 'Function main\n  Integer i\n  If i = True Then Print 1\nFend\n'
+NEWER = 'Function main\n  UByte b\n  b = 200\nFend\n'
+TESTS = """#include "limits.inc"
+Function TestAdds
+  Print "adding"
+  If 1 + 1 <> 2 Then Error 8001
+Fend
+Function TestFails
+  Print "about to fail"
+  If LIMIT <> 4 Then Error 8002
+Fend
+Function TestWaits
+  Wait 100
+Fend
+Function TestNeverEnds
+  Do
+    Wait 1
+  Loop
+Fend
+Function TestForNobody
+  OpenNet #201 As Server
+  WaitNet #201
+Fend
+Function TestWith(n As Integer)
+Fend
+Function helper
+  Error 8003
+Fend
+"""
+
+
+def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        cwd=cwd,
+    )
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    (tmp_path / 'limits.inc').write_text('#define LIMIT 3\n')
+    (tmp_path / 'tests.prg').write_text(TESTS)
+    return tmp_path / 'tests.prg'
+
+
+def test_check_says_file_line_and_column_and_ends_with_1_for_errors(tmp_path: Path) -> None:
+    path = tmp_path / 'main.prg'
+    path.write_text(GOOD.replace('Print', 'Prin'))
+    done = run('check', path)
+    assert done.returncode == 1
+    assert done.stdout.splitlines() == [
+        'main.prg:2:3: error: unknown statement or function Prin [unknown]',
+        '1 errors, 0 warnings (version 8)',
+    ]
+    path.write_text(GOOD)
+    done = run('check', path)
+    assert (done.returncode, done.stdout) == (0, '0 errors, 0 warnings (version 8)\n')
+
+
+def test_check_has_versions_and_warnings_that_fail_if_wished(tmp_path: Path) -> None:
+    path = tmp_path / 'main.prg'
+    path.write_text(NEWER)
+    assert run('check', path).returncode == 0
+    done = run('check', path, '--version', '6')
+    assert done.returncode == 1
+    assert 'main.prg:2:3: error: ubyte exists from version 7 on' in done.stdout
+    path.write_text(WARNS)
+    assert run('check', path).returncode == 0
+    assert run('check', path, '--strict').returncode == 1
+
+
+def test_check_in_json(tmp_path: Path) -> None:
+    path = tmp_path / 'main.prg'
+    path.write_text(WARNS)
+    (problem,) = json.loads(run('check', '--json', path).stdout)
+    text = problem.pop('text')
+    about = problem.pop('about')
+    assert text.startswith('i = True')
+    assert about
+    assert problem == {
+        'file': 'main.prg',
+        'line': 3,
+        'column': 8,
+        'rule': 'true-compare',
+        'severity': 'warning',
+    }
+    path.write_text(GOOD)
+    assert json.loads(run('check', '--json', path).stdout) == []
+
+
+def test_a_folder_is_a_project(program: Path) -> None:
+    (program.parent / 'main.prg').write_text('Function main\n  helper\nFend\n')
+    done = run('check', program.parent)
+    assert (done.returncode, done.stdout) == (0, '0 errors, 0 warnings (version 8)\n')
+    alone = run('check', program.parent / 'main.prg')
+    assert 'unknown statement or function helper' in alone.stdout
+    both = run('check', program, program.parent / 'main.prg')
+    assert both.returncode == 0
+
+
+def test_tests_run_and_are_reported(program: Path) -> None:
+    report = program.parent / 'report.xml'
+    done = run('test', program, '--junit', report)
+    assert done.returncode == 1
+    assert done.stdout.splitlines() == [
+        'passed TestAdds (0.000 s)',
+        'FAILED TestFails: tests.prg:8: error 8002: see the manual',
+        '  about to fail',
+        'passed TestWaits (100.000 s)',
+        'FAILED TestNeverEnds: tests.prg:15: not over after 600 s of the controller',
+        'FAILED TestForNobody: tests.prg:20: waits for what never comes',
+        'FAILED TestWith: tests.prg:22: a test cannot have parameters',
+        '2 passed, 4 failed',
+    ]
+    suite = Xml.parse(report).getroot()
+    assert (suite.get('tests'), suite.get('failures')) == ('6', '4')
+    assert [case.get('name') for case in suite if case.find('failure') is not None] == [
+        'TestFails',
+        'TestNeverEnds',
+        'TestForNobody',
+        'TestWith',
+    ]
+
+
+def test_some_tests_only(program: Path) -> None:
+    done = run('test', program, '-k', 'ADDS')
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, '1 passed, 0 failed')
+    done = run('test', program, '-k', 'nothing')
+    assert (done.returncode, done.stdout) == (1, 'no function is named Test…\n')
+
+
+def test_a_program_that_cannot_be_read_is_not_tested(tmp_path: Path) -> None:
+    path = tmp_path / 'main.prg'
+    path.write_text('Function TestIt\n  Curve 1\nFend\n')
+    done = run('test', path)
+    assert done.returncode == 1
+    assert done.stdout == 'main.prg:2:3: error: not simulated: Curve [not-simulated]\n'
+    assert done.stderr == ''

@@ -1,0 +1,201 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Any bytes as a program: a result, or sentences with file and line. Nothing else, and in time."""
+
+import random
+import re
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.examples import examples
+from support.spel_harness import ScriptedHost
+
+from epson_driver.spel import Machine, ProgramError, build
+from epson_driver.spel.commands import COMMANDS, NOT_SIMULATED, STRUCTURE_WORDS, TYPES
+from epson_driver.spel.functions import CONSTANTS, FUNCTIONS
+from epson_driver.spel.lint import check
+from epson_driver.spel.project import decoded
+
+WORDS = sorted(
+    {*COMMANDS, *FUNCTIONS, *STRUCTURE_WORDS, *TYPES, *CONSTANTS, *sorted(NOT_SIMULATED)[:5]}
+)
+SIGNS = [
+    '(',
+    ')',
+    ',',
+    ';',
+    ':',
+    '=',
+    '+',
+    '-',
+    '*',
+    '/',
+    '**',
+    '<',
+    '>',
+    '#',
+    '!',
+    '"',
+    "'",
+    '\n',
+]
+PIECES = [
+    *WORDS,
+    *SIGNS * 4,
+    '\n',
+    '\n',
+    'a',
+    'b',
+    'main',
+    's$',
+    'P1',
+    '0',
+    '1',
+    '2.5',
+    '&HFF',
+    '201',
+]
+PROBLEM = re.compile(r'[^\n]*main\.prg:\d+:\d+: error: [^\n]+ \[[a-z-]+\]')
+
+
+def judged(text: str) -> str:
+    """Build, check and run a program; return what it came to, the one of two things."""
+    check({'main.prg': text})
+    try:
+        program = build({'main.prg': text})
+    except ProgramError as error:
+        for line in str(error).split('\n'):
+            assert PROBLEM.fullmatch(line) or re.fullmatch(r'and \d+ more', line), line
+        return 'refused'
+    host = ScriptedHost()
+    host.typed = ['1, 2', 'x'] * 3
+    host.motors = True
+    machine = Machine(program, host)
+    for number, code in enumerate(program.functions[:3], 1):
+        if not code.parameters:
+            machine.start(code.name, number)
+    for step in range(5):
+        machine.advance(step * 0.02)
+        assert machine.statements <= 5 * (0.02 + 0.001) / 10e-6 + 10_000
+    for failure in host.failures:
+        assert re.match(r'main\.prg:\d+: error \d+ in \w+ \(task \d+\): .', str(failure))
+    return 'run'
+
+
+@settings(max_examples=examples(200))
+@given(st.binary(max_size=300))
+def test_any_bytes(content: bytes) -> None:
+    judged(decoded(content))
+    judged('Function main\n' + decoded(content) + '\nFend\n')
+
+
+@settings(max_examples=examples(300))
+@given(st.lists(st.sampled_from(PIECES), max_size=40))
+def test_words_of_the_language_in_any_order(pieces: list[str]) -> None:
+    text = ' '.join(pieces)
+    judged(text)
+    judged(f'Global Integer a, b(3)\nFunction main\n{text}\nFend\n')
+
+
+GOOD = """#define LAST 3
+Global Integer g_n
+Global Preserve Double g_d(20)
+Function main
+  Integer i, k(LAST)
+  String s$
+  OnErr GoTo failed
+  For i = 0 To LAST
+    k(i) = i * i + LShift(1, i)
+    s$ = s$ + Str$(k(i))
+  Next i
+  Xqt 2, worker(k(2), s$), NoPause
+  Do While g_n < 5
+    Select g_n
+      Case 1, 2
+        g_d(g_n) = 1 / g_n
+      Case > 3
+        Print s$, g_d(2)
+      Default
+        If g_n = 0 And i > 2 Then Print "zero" Else Print g_n; Wait 0.01
+    Send
+    Wait g_n > i Or MemSw(3) = On, 0.02
+  Loop
+  Motor On; Go XY(1, 2, 3, 4) +Z(10) CP Till Sw(1) = On
+  SetNet #201, "a", 2000, CRLF, NONE, 0
+  OpenNet #201 As Server
+  WaitNet #201, 0.1
+  Exit Function
+failed:
+  Print Err, Erl, ErrMsg$(Err)
+  EResume Next
+Fend
+Function worker(n As Integer, s$ As String)
+  Do
+    g_n = g_n + 1
+    SyncLock 1; Wait 0.01; SyncUnlock 1
+    change(ByRef g_n, 1)
+  Loop Until g_n > n
+Fend
+Function change(ByRef n As Integer, m As Integer) As Long
+  n = n + m
+  change = n
+Fend
+"""
+
+
+def test_the_good_program_runs() -> None:
+    assert judged(GOOD) == 'run'
+
+
+@settings(max_examples=examples(300))
+@given(st.integers(0, 2**32), st.integers(1, 6))
+def test_a_good_program_with_pieces_taken_away_doubled_and_swapped(
+    seed: int, changes: int
+) -> None:
+    chance = random.Random(seed)
+    words = re.findall(r'\s+|\w+\$?|.', GOOD)
+    for _ in range(changes):
+        at = chance.randrange(len(words))
+        kind = chance.randrange(4)
+        if kind == 0:
+            del words[at]
+        elif kind == 1:
+            words.insert(at, words[chance.randrange(len(words))])
+        elif kind == 2:
+            words[at] = chance.choice(PIECES)
+        else:
+            other = chance.randrange(len(words))
+            words[at], words[other] = words[other], words[at]
+    judged(''.join(words))
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'Function main\n' + 'If 1 Then ' * 300 + '\nFend',
+        'Function main\n' + 'Not ' * 300 + '\nFend',
+        'Function main\nPrint ' + '-' * 1000 + '1\nFend',
+        'Function main\nPrint ' + 'Abs(' * 200 + '1' + ')' * 200 + '\nFend',
+        'Function main\nPrint ' + 'Abs(' * 39 + '1' + ')' * 39 + '\nFend',
+        'Function main\nPrint ' + '(1 + ' * 39 + '1' + ')' * 39 + '\nFend',
+        'Function main\nPrint ' + 'Not ' * 39 + '1\nFend',
+        'Function main\nPrint ' + '1 = ' * 99 + '1\nFend',
+        'Function main\nPrint ' + '9 ** ' * 20 + '9\nFend',
+        'Function main\n' + 'If 1 Then\n' * 29 + 'EndIf\n' * 29 + 'Fend',
+        'Function main\nPrint 9' + ' * 99999999999999' * 90 + '\nFend',
+        'Function main\n Double d\n d = 9' + ' * 99999999999999' * 90 + '\nFend',
+        'Integer a(99999)\n' * 300 + 'Function main\nFend',
+        '\n'.join(f'Integer a{i}(99999)' for i in range(300)) + '\nFunction main\nFend',
+        'Function main\n Integer a(' + '9' * 30 + ')\nFend',
+        'Function ' + 'x' * 4000 + '\nFend',
+        'Function main\nGo P1' + ' +X(1)' * 200 + '\nFend',
+        'Function main\nmain\nFend',
+        'Function main\nDo\nLoop\nFend',
+        'Function main\nDo\nPrint 1\nLoop\nFend',
+        'Function main\nXqt main\nmain\nFend',
+        '\x00\x01Function main\nFend\x1a',
+    ],
+)  # fmt: skip
+def test_what_grows_or_never_ends(text: str) -> None:
+    judged(text)

@@ -1,0 +1,380 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every statement and every function of the tables, executed."""
+
+import math
+
+import pytest
+from support.spel_harness import ScriptedHost, machine, printed, run, value
+
+from epson_driver.spel import Memory, ProgramError
+from epson_driver.spel.actions import STATEMENTS
+from epson_driver.spel.builtins import TASK_FUNCTIONS
+from epson_driver.spel.commands import COMMANDS, NOT_SIMULATED, STRUCTURE_WORDS
+from epson_driver.spel.functions import CONSTANTS, FUNCTIONS
+from epson_driver.spel.functions import NOT_SIMULATED as FUNCTIONS_NOT_SIMULATED
+from epson_driver.spel.library import VALUE_FUNCTIONS
+from epson_driver.spel.parser import Parser
+from epson_driver.spel.ports import NET_STATEMENTS
+
+VALUES = {
+    'abs': ('Abs(-3) + Abs(-0.5)', '3.5'),
+    'int': ('Int(-1.5)', '-2'),
+    'fix': ('Fix(-1.5)', '-1'),
+    'sgn': ('Sgn(-7) + Sgn(0) * 10', '-1'),
+    'sqr': ('Sqr(2.25)', '1.5'),
+    'sin': ('Sin(PI / 2)', '1'),
+    'cos': ('Cos(0)', '1'),
+    'tan': ('Tan(0)', '0'),
+    'asin': ('Asin(1)', f'{math.pi / 2:.15g}'),
+    'acos': ('Acos(1)', '0'),
+    'atan': ('Atan(1)', f'{math.pi / 4:.15g}'),
+    'atan2': ('Atan2(0, 1)', f'{math.pi / 2:.15g}'),
+    'degtorad': ('DegToRad(180)', f'{math.pi:.15g}'),
+    'radtodeg': ('RadToDeg(PI)', '180'),
+    'lshift': ('LShift(1, 31)', '-2147483648'),
+    'rshift': ('RShift(256, 8)', '1'),
+    'lshift64': ('LShift64(1, 40)', '1099511627776'),
+    'rshift64': ('RShift64(1099511627776, 40)', '1'),
+    'bset': ('BSet(1, 2)', '5'),
+    'bclr': ('BClr(5, 0)', '4'),
+    'btst': ('BTst(5, 2) + BTst(5, 1)', '1'),
+    'rnd': ('Rnd(10) >= 0 And Rnd(10) <= 10', '-1'),
+    'len': ('Len("abc")', '3'),
+    'asc': ('Asc("A")', '65'),
+    'chr$': ('Chr$(34) + Chr$(65)', '"A'),
+    'left$': ('Left$("abcdef", 2)', 'ab'),
+    'mid$': ('Mid$("abcdef", 2, 3) + Mid$("abc", 3)', 'bcdc'),
+    'right$': ('Right$("abcdef", 2) + Right$("a", 0)', 'ef'),
+    'instr': ('InStr("abc", "c") * 10 + InStr("abc", "x")', '29'),
+    'lcase$': ('LCase$("AbC")', 'abc'),
+    'ucase$': ('UCase$("AbC")', 'ABC'),
+    'ltrim$': ('LTrim$("  a ") + "|"', 'a |'),
+    'rtrim$': ('RTrim$(" a  ") + "|"', ' a|'),
+    'trim$': ('Trim$("  a  ") + "|"', 'a|'),
+    'space$': ('"a" + Space$(2) + "b"', 'a  b'),
+    'str$': ('Str$(1e14) + Str$(5)', '1.000000E+0145'),
+    'val': ('Val("12.5abc") + Val("&HFF") + Val("x")', '267.5'),
+    'hex$': ('Hex$(255) + Hex$(-1)', 'FFFFFFFFFF'),
+    'fmtstr$': ('FmtStr$(3.14159, "000.00") + FmtStr$(-1, "0.##")', '003.14-1.'),
+    'xy': ('CX(XY(1, 2, 3, 4))', '1'),
+    'ja': ('JA(1, 2, 3, 4, 5, 6)', 'angles(1.000, 2.000, 3.000, 4.000, 5.000, 6.000)'),
+    'agltopls': ('AglToPls(1, 2, 3, 4)', 'angles(1.000, 2.000, 3.000, 4.000)'),
+    'pulse': ('Pulse(1, 2, 3, 4)', 'pulses(1.000, 2.000, 3.000, 4.000)'),
+    'tmr': ('Tmr(0)', '0'),
+    'elapsedtime': ('ElapsedTime', '0'),
+    'time': ('Time(0) + Time(1) + Time(2)', '0'),
+    'date$': ('Date$', '2000/01/01'),
+    'time$': ('Time$', '00:00:00'),
+    'tw': ('TW', '0'),
+    'mytask': ('MyTask', '1'),
+    'taskstate': ('TaskState(1) * 10 + TaskState(main) + TaskState(2)', '11'),
+    'taskinfo': ('TaskInfo(main, 1) + TaskInfo(1, 2) + TaskInfo(1, 3) * 10', '11'),
+    'taskdone': ('TaskDone(1) + TaskDone(2)', '-1'),
+    'err': ('Err + Err(1)', '0'),
+    'erl': ('Erl', '0'),
+    'era': ('Era', '0'),
+    'ert': ('Ert', '0'),
+    'erf$': ('Erf$ + "|"', '|'),
+    'errmsg$': ('ErrMsg$(2260)', 'the task number is out of range'),
+    'chknet': ('ChkNet(201)', '-3'),
+    'opennet': ('OpenNet(201)', '0'),
+    'lof': ('Lof(201)', '0'),
+    'sw': ('Sw(3) * 10 + Sw(4)', '10'),
+    'in': ('In(0)', '8'),
+    'inw': ('InW(0)', '8'),
+    'oport': ('Oport(1)', '0'),
+    'out': ('Out(0)', '0'),
+    'outw': ('OutW(0)', '0'),
+    'memsw': ('MemSw(0)', '0'),
+    'memin': ('MemIn(0)', '0'),
+    'meminw': ('MemInW(0)', '0'),
+    'motor': ('Motor = Off', '-1'),
+    'power': ('Power', '0'),
+    'ctrlinfo': ('CtrlInfo(7)', '12'),
+    'stat': ('Stat(0)', '0'),
+    'syserr': ('SysErr', '0'),
+    'erroron': ('ErrorOn', '0'),
+    'estopon': ('EStopOn = False', '-1'),
+    'safetyon': ('SafetyOn', '0'),
+    'pauseon': ('PauseOn', '0'),
+    'teachon': ('TeachOn', '0'),
+    'athome': ('AtHome', '0'),
+    'robotinfo': ('RobotInfo(0) And &H200', '0'),
+    'robottype': ('RobotType', '0'),
+    'inpos': ('InPos', '0'),
+    'tillon': ('TillOn', '0'),
+    'speed': ('Speed', '5'),
+    'accel': ('Accel(1)', '5'),
+    'accelmax': ('AccelMax', '0'),
+    'speeds': ('SpeedS', '50'),
+    'accels': ('AccelS', '200'),
+    'speedfactor': ('SpeedFactor', '100'),
+    'agl': ('Agl(1)', '0'),
+    'pls': ('Pls(1)', '0'),
+    'realpls': ('RealPls(6)', '0'),
+    'jrange': ('JRange(1, 2)', '0'),
+    'here': ('CX(Here)', '0'),
+    'curpos': ('CY(CurPos)', '0'),
+    'realpos': ('CZ(RealPos)', '0'),
+    'cx': ('CX(XY(1, 2, 3, 4, 5, 6))', '1'),
+    'cy': ('CY(XY(1, 2, 3, 4, 5, 6))', '2'),
+    'cz': ('CZ(XY(1, 2, 3, 4, 5, 6) +Z(10))', '13'),
+    'cu': ('CU(XY(1, 2, 3, 4, 5, 6) :U(7))', '7'),
+    'cv': ('CV(XY(1, 2, 3, 4, 5, 6) -V(1))', '4'),
+    'cw': ('CW(XY(1, 2, 3, 4, 5, 6) /L)', '6'),
+    'ppls': ('PPls(XY(0, 0, 0, 0), 1)', '0'),
+    'pagl': ('PAgl(XY(0, 0, 0, 0), 1)', '0'),
+    'targetok': ('TargetOK(XY(0, 0, 0, 0))', '0'),
+    'ptptime': ('PTPTime(XY(0, 0, 0, 0), 0, 0)', '0'),
+}
+"""An expression for each function, and what Print shows; input 3 is on."""
+
+WITH_VARIABLES = {'parsestr', 'ubound', 'p', 'pdef'}
+"""Those that need more than one line: below, or in test_types.py."""
+
+
+@pytest.mark.parametrize('name', VALUES)
+def test_a_function_of_the_table(name: str) -> None:
+    expression, expected = VALUES[name]
+    assert name.rstrip('$') in expression.lower()
+    host = ScriptedHost()
+    host.write_bits(Memory.INPUT, 3, 1, 1)
+    host.states['ctrlinfo'] = 12
+    run(f'Function main\n  Print {expression}\nFend', host=host)
+    assert host.failures == []
+    assert host.text.splitlines() == [expected]
+
+
+def test_every_function_has_a_test_and_one_place_that_works_it_out() -> None:
+    assert VALUES.keys() | WITH_VARIABLES == FUNCTIONS.keys()
+    by = {
+        kind: {name for name, rule in FUNCTIONS.items() if rule.by == kind}
+        for kind in ('value', 'task', 'host')
+    }
+    assert by['value'] == VALUE_FUNCTIONS.keys()
+    assert by['task'] == TASK_FUNCTIONS.keys()
+    assert not FUNCTIONS.keys() & FUNCTIONS_NOT_SIMULATED
+    assert not FUNCTIONS.keys() & CONSTANTS.keys()
+
+
+def test_points_are_stored_and_parts_of_strings_counted() -> None:
+    body = """
+    String t$(1), s$
+    Integer n
+    P1 = XY(1, 2, 3, 4)
+    P(n + 2) = P1 +X(10)
+    Print CX(P1), CX(P(2)), PDef(1), PDef(3)
+    n = ParseStr("a,b;c", t$(), ",;")
+    Print n, t$(0), t$(2), UBound(t$)
+    ParseStr "x y", t$(), " "
+    Print t$(1)
+    Print CX(P3)
+    """
+    source = 'Function main\n' + body + '\nFend'
+    host = run(source)
+    assert host.text.splitlines() == ['1 11 -1 0', '3 a c 2', 'y']
+    assert [failure.number for failure in host.failures] == [7007]
+
+
+STATEMENTS_AT_WORK = {
+    'if': ('If True Then Print 1', ['1']),
+    'select': ('Select 1\nCase 1\nPrint 1\nSend', ['1']),
+    'do': ('Do\nExit Do\nLoop\nPrint 1', ['1']),
+    'for': ('Integer i\nFor i = 1 To 2\nPrint i\nNext', ['1', '2']),
+    'exit': ('Print 1\nExit Function\nPrint 2', ['1']),
+    'goto': ('GoTo a\nPrint 1\na:\nPrint 2', ['2']),
+    'gosub': ('GoSub a\nPrint 2\nExit Function\na:\nPrint 1\nReturn', ['1', '2']),
+    'return': ('OnErr GoTo a\nReturn\na:\nPrint Err', ['2383']),
+    'call': ('Call helper(5)', ['helper 5']),
+    'onerr': ('OnErr GoTo a\nError 8001\na:\nPrint Err', ['8001']),
+    'eresume': ('OnErr GoTo a\nError 8001\nPrint 2\nExit Function\na:\nEResume Next', ['2']),
+    'error': ('OnErr GoTo a\nError 8002\na:\nPrint Err, Erl, Ert', ['8002 4 1']),
+    'redim': ('Integer a(1)\nRedim a(5)\nPrint UBound(a)', ['5']),
+    'xqt': ('Xqt helper(1)\nXqt 5, helper(2), NoPause\nWait 0.1', ['helper 1', 'helper 2']),
+    'quit': ('Xqt 2, forever\nQuit forever\nPrint TaskState(2)\nQuit All\nPrint 1', ['0']),
+    'halt': ('Xqt 2, forever\nHalt 2\nPrint TaskState(2)', ['3']),
+    'resume': ('Xqt 2, forever\nHalt 2\nResume 2\nWait 0.1\nPrint TaskState(2)', ['2']),
+    'taskwait': ('Xqt 2, pausing\nTaskWait 2\nPrint Tmr(0) > 0.49, TaskDone(pausing)', ['-1 -1']),
+    'startmain': ('OnErr GoTo a\nStartMain main\na:\nPrint Err', ['9996']),
+    'pause': ('Xqt 2, watcher, NoPause\nWait 0.1\nPause\nPrint Tmr(0) > 0.4', ['-1']),
+    'cont': ('Xqt 2, watcher, NoPause\nWait 0.1\nPause\nWait 0.1\nPrint 2', ['2']),
+    'wait': ('Wait 0.005\nPrint Tmr(0)', ['0.01']),
+    'tmout': ('OnErr GoTo a\nTMOut 0.1\nWait Sw(9) = On\na:\nPrint Err', ['2280']),
+    'signal': ('Xqt 2, waiter\nWait 0.1\nSignal 3\nWait 0.1', ['signalled 0']),
+    'waitsig': ('Signal 3\nWaitSig 3, 0.2\nPrint TW', ['-1']),
+    'synclock': ('SyncLock 1\nOnErr GoTo a\nSyncLock 1\na:\nPrint Err', ['9997']),
+    'syncunlock': ('SyncLock 1\nSyncUnlock 1\nSyncLock 1, 1\nPrint TW', ['0']),
+    'trap': ('Trap 1, MemSw(1) = On Call pausing\nMemOn 1\nWait 0.1\nPrint Tmr(0) > 0.4', ['-1']),
+    'tmreset': ('Wait 0.5\nTmReset 1\nWait 0.1\nPrint Tmr(1)', ['0.1']),
+    'resetelapsedtime': ('Wait 0.5\nResetElapsedTime\nWait 0.1\nPrint ElapsedTime', ['0.1']),
+    'randomize': (
+        'Real a\nRandomize 5\na = Rnd(1)\nRandomize 5\nPrint Abs(a - Rnd(1)) < 1e-6\nRandomize',
+        ['-1'],
+    ),
+    'print': ('Print 1, "a",\nPrint 2', ['1 a 2']),
+    'input': ('Integer i\nReal r\nInput i, r\nPrint i, r', ['5 2.5']),
+    'line': ('String s$\nLine Input s$\nPrint s$', ['5, 2.5']),
+    'msgbox': ('Integer i\nMsgBox "go on?", MB_YESNO, "title", i\nPrint i\nMsgBox "x"', ['2']),
+    'parsestr': ('String t$(0)\nParseStr "a b", t$(), " "\nPrint t$(1)', ['b']),
+    'setnet': ('SetNet #201, "10.0.0.1", 2001, CR, NONE, 5, TCP, 3', None),
+    'opennet': ('OpenNet #201 As Server\nPrint ChkNet(201), OpenNet(201)', ['-1 1']),
+    'closenet': ('OpenNet #201 As Client\nCloseNet #201\nPrint ChkNet(201)\nCloseNet All', ['-3']),
+    'waitnet': ('OpenNet #201 As Server\nWaitNet #201, 0.1\nPrint TW', ['-1']),
+    'read': ('String s$\nOnErr GoTo a\nRead #201, s$, 3\na:\nPrint Err', ['2909']),
+    'readbin': ('Integer i\nOnErr GoTo a\nReadBin #201, i\na:\nPrint Err', ['2909']),
+    'write': ('OnErr GoTo a\nWrite #201, "x"\na:\nPrint Err', ['2909']),
+    'writebin': ('OnErr GoTo a\nWriteBin #201, 5\na:\nPrint Err', ['2909']),
+    'on': ('On 5\nPrint Oport(5), Out(0)\nOn 6, 0.1, 1, Forced\nPrint Oport(6)', ['1 32', '0']),
+    'off': ('On 5\nOff 5\nPrint Oport(5)\nOff 6, 0.1\nPrint Oport(6)', ['0', '1']),
+    'out': ('Out 1, 255\nPrint Oport(8), Out(1), OutW(0), Oport(7)', ['1 255 65280 0']),
+    'outw': ('OutW 1, &H8001, Forced\nPrint Oport(16), Oport(31), OutW(1)', ['1 1 32769']),
+    'memon': ('MemOn 3\nPrint MemSw(3), MemIn(0), MemInW(0)', ['1 8 8']),
+    'memoff': ('MemOn 3\nMemOff 3\nPrint MemSw(3)', ['0']),
+    'memout': ('MemOut 1, 3\nPrint MemSw(8), MemIn(1)', ['1 3']),
+    'memoutw': ('MemOutW 1, -1\nPrint MemInW(1)', ['65535']),
+    'motor': ('Motor On\nPrint Motor', ['1']),
+    'power': ('Power High\nPrint Power\nPower Low, Forced\nPrint Power', ['1', '0']),
+    'speed': ('Speed 50, 30, 30\nPrint Speed', ['50']),
+    'accel': ('Accel 40, 50\nPrint Accel(1)', ['40']),
+    'speeds': ('SpeedS 250.5\nPrint SpeedS', ['250.5']),
+    'accels': ('AccelS 1000\nPrint AccelS', ['1000']),
+    'speedfactor': ('SpeedFactor 80\nPrint SpeedFactor', ['80']),
+    'reset': ('Reset Error\nReset', []),
+    'brake': ('Brake Off, 3', []),
+    'abortmotion': ('AbortMotion All\nAbortMotion 1', []),
+    'till': ('Till Sw(1) = On\nMotor On\nGo XY(0,0,0,0) Till', []),
+    'sense': ('Sense Sw(1) = On\nMotor On\nJump XY(0,0,0,0) Sense', []),
+    'find': ('Find Sw(1) = On\nMotor On\nGo XY(0,0,0,0) Find', []),
+    'go': ('Motor On\nGo XY(1,2,3,4) CP\nPrint CX(Here)', ['1']),
+    'move': ('Motor On\nMove XY(1,2,3,4) ROT\nPrint CX(Here)', ['1']),
+    'arc': ('Motor On\nArc XY(1,2,3,4), XY(5,6,7,8)\nPrint CX(Here)', ['5']),
+    'jump': ('Motor On\nP1 = XY(1,2,3,4)\nJump P1 :Z(9) C0\nPrint CZ(Here)', ['9']),
+    'jump3': ('Motor On\nJump3 XY(1,2,3,4), XY(5,6,7,8), XY(9,9,9,9)\nPrint CX(Here)', ['9']),
+    'pass': ('Motor On\nP1 = XY(1,2,3,4)\nPass P1, P1 LJM\nPrint CX(Here)', ['1']),
+    'pulse': ('Motor On\nPulse 1, 2, 3, 4, 5, 6', []),
+    'tgo': ('Motor On\nTGo XY(1,2,3,4) LJM 1 Till Sw(0) = On CP', []),
+    'tmove': ('Motor On\nTMove XY(1,2,3,4)', []),
+    'bgo': ('Motor On\nBGo XY(1,2,3,4)', []),
+    'bmove': ('Motor On\nBMove XY(1,2,3,4)', []),
+}  # fmt: skip
+"""Statements for each command, and what is printed (None: an odd argument is refused)."""
+
+SETTINGS = {
+    'speedr': 'SpeedR 50',
+    'accelr': 'AccelR 50, 60',
+    'cp': 'CP On',
+    'fine': 'Fine 1, 2, 3, 4',
+    'limz': 'LimZ -10',
+    'arch': 'Arch 0, 10, 20',
+    'weight': 'Weight 2.5',
+    'inertia': 'Inertia 0.01, 0',
+    'tool': 'Tool 1',
+    'tlset': 'TLSet 1, XY(0, 0, 10, 0)',
+    'local': 'Local 1, XY(0, 0, 10, 0)',
+    'ptpboost': 'PTPBoost 50',
+    'qp': 'QP Off',
+    'sfree': 'SFree 1, 2',
+    'slock': 'SLock',
+    'home': 'Home',
+    'waitpos': 'WaitPos',
+}
+"""Those that a bare host only keeps."""
+
+HELPERS = """
+Function helper(n As Integer)
+  Print "helper", n
+Fend
+Function forever
+  Do
+    Wait 10
+  Loop
+Fend
+Function pausing
+  Wait 0.5
+Fend
+Function waiter
+  WaitSig 3, 5
+  Print "signalled", TW
+Fend
+Function watcher
+  Wait 0.5
+  Cont
+Fend
+"""
+
+
+@pytest.mark.parametrize('name', STATEMENTS_AT_WORK)
+def test_a_statement_of_the_table(name: str) -> None:
+    body, expected = STATEMENTS_AT_WORK[name]
+    source = f'Function main\n  TmReset 0\n{body}\nFend\n{HELPERS}'
+    if expected is None:
+        with pytest.raises(ProgramError, match='expected the end of the statement'):
+            run(source)
+        return
+    host = ScriptedHost()
+    host.typed = ['5, 2.5']
+    run(source, host=host)
+    assert host.failures == [], str(host.failures[0])
+    assert host.text.splitlines() == expected
+
+
+@pytest.mark.parametrize('name', SETTINGS)
+def test_a_setting_reaches_the_host(name: str) -> None:
+    host = run(f'Function main\n  {SETTINGS[name]}\nFend')
+    assert [command[0] for command in host.commands] == [name]
+    assert host.failures == []
+
+
+def test_every_statement_has_a_test_and_one_place_that_executes_it() -> None:
+    assert STATEMENTS_AT_WORK.keys() | SETTINGS.keys() == COMMANDS.keys()
+    own = {name for name, rule in COMMANDS.items() if not rule.robot and rule.form[:1] != '@'}
+    assert own <= STATEMENTS.keys() | NET_STATEMENTS.keys()
+    for rule in COMMANDS.values():
+        if rule.form.startswith('@'):
+            assert hasattr(Parser, rule.form.replace('@', 'read_')), rule
+    assert not COMMANDS.keys() & (NOT_SIMULATED | STRUCTURE_WORDS)
+
+
+def test_what_is_not_simulated_is_refused_by_name_before_anything_starts() -> None:
+    for name in sorted(NOT_SIMULATED):
+        with pytest.raises(
+            Exception, match=rf'main\.prg:2:3: error: not simulated: {name} '
+        ) as it:
+            machine(f'Function main\n  {name} 1\nFend')
+        assert type(it.value).__name__ == 'ProgramError'
+
+
+def test_a_wait_condition_takes_what_a_controller_can_see() -> None:
+    host = ScriptedHost()
+    source = """
+    Global Integer g_n
+    Integer m_n
+    Function main
+      Integer limit
+      limit = 3
+      Xqt other
+      Wait (Sw(1) = On Or g_n >= limit) And Not MemSw(2) = On And m_n <> 7
+      Print g_n, TW, Tmr(0)
+      Wait In(0) Mask 3 = 2, 0.1
+      Print TW
+      Wait Sw(1) Xor MemSw(1), 0.1
+      Print TW
+    Fend
+    Function other
+      Do While g_n < 10
+        g_n = g_n + 1
+        Wait 0.1
+      Loop
+    Fend
+    """
+    run(source, host=host)
+    assert host.failures == []
+    first, *rest = host.text.splitlines()
+    assert first.startswith('3 0 0.2')
+    assert rest == ['-1', '-1']
+
+
+def test_text_in_the_terminal_is_printed_with_who_printed_it() -> None:
+    assert printed('Print "a"; Print 1, 2.5, 1 / 3') == ['a', '1 2.5 0.333333333333333']
+    assert value('True') == '-1'

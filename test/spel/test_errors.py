@@ -1,0 +1,168 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""OnErr, EResume, and errors that nothing handles."""
+
+import pytest
+from support.spel_harness import ScriptedHost, printed, run
+
+from epson_driver.spel import ErrorNumber, Memory
+
+
+def test_eresume_repeats_the_statement_and_next_goes_on_behind_it() -> None:
+    body = """
+    Integer i, tries
+    OnErr GoTo failed
+    i = 10 / tries
+    Print i
+    tries = 0
+    i = 10 / tries
+    Print "behind"
+    OnErr GoTo 0
+    Exit Function
+    failed:
+    tries = tries + 1
+    If i = 0 Then EResume
+    EResume Next
+    """
+    assert printed(body) == ['10', 'behind']
+
+
+def test_eresume_with_a_label() -> None:
+    body = """
+    OnErr GoTo failed
+    Error 8001
+    Print "never"
+    there:
+    Print "there", Err
+    Exit Function
+    failed: EResume there
+    """
+    assert printed(body) == ['there 8001']
+
+
+CALLS = """
+Global Integer g_n
+Function main
+  OnErr GoTo failed
+  g_n = 5 + may_fail(1) + 1
+  Print g_n
+  Exit Function
+failed:
+  Print "failed", Err, Erl, Erf$, g_n
+  {resume}
+Fend
+Function may_fail(n As Integer) As Integer
+  g_n = g_n + 1
+  If g_n < 3 Then Error 8001
+  may_fail = g_n
+Fend
+"""
+
+
+def test_an_error_in_a_called_function_comes_to_the_handler_of_the_caller() -> None:
+    again = run(CALLS.format(resume='EResume')).text.splitlines()
+    assert again == ['failed 8001 13 may_fail 1', 'failed 8001 13 may_fail 2', '9']
+    following = run(CALLS.format(resume='EResume Next')).text.splitlines()
+    assert following == ['failed 8001 13 may_fail 1', '1']
+
+
+def test_a_handler_is_not_its_own_handler() -> None:
+    source = """
+    Function main
+      OnErr GoTo failed
+      Error 8001
+    failed:
+      Error 8002
+    Fend
+    """
+    (failure,) = run(source).failures
+    assert (failure.number, failure.position.line) == (8002, 5)
+
+
+def test_handlers_belong_to_a_call() -> None:
+    source = """
+    Function main
+      OnErr GoTo failed
+      quiet
+      Print "quiet"
+      quiet
+      Error 8003
+      Exit Function
+    failed:
+      Print "main", Err
+      EResume Next
+    Fend
+    Function quiet
+      OnErr GoTo here
+      Error 8001
+      Exit Function
+    here:
+      EResume Next
+    Fend
+    """
+    assert run(source).text.splitlines() == ['quiet', 'main 8003']
+
+
+@pytest.mark.parametrize('kind', [ValueError, IndexError, ZeroDivisionError, OverflowError])
+def test_a_fault_of_the_host_is_not_taken_for_one_of_the_program(kind: type[Exception]) -> None:
+    class Broken(ScriptedHost):
+        def read_bits(self, memory: Memory, index: int, width: int) -> int:
+            raise kind('a bug')
+
+    with pytest.raises(kind, match='a bug'):
+        run('Function main\n  Print Sw(1)\nFend\n', host=Broken())
+
+
+def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
+    source = 'Function main\n  Trap 1, Sw(-1) = On Call main\n  Wait 1\nFend\n'
+    (failure,) = run(source).failures
+    assert (failure.number, failure.position.line) == (ErrorNumber.ARGUMENT, 3)
+
+
+@pytest.mark.parametrize(
+    ('statements', 'number', 'line', 'said'),
+    [
+        ('i = 1 / z', ErrorNumber.DIVISION_BY_ZERO, 4, 'division by zero'),
+        ('i = 1 Mod z', ErrorNumber.DIVISION_BY_ZERO, 4, 'division by zero'),
+        ('i = a(i + 9)', ErrorNumber.INDEX, 4, 'array index'),
+        ('i = a(z - 1)', ErrorNumber.INDEX, 4, 'index -1 is below 0'),
+        ('l = 255 * &H1000000 + z', ErrorNumber.OVERFLOW, 4, '4278190080 does not fit Long'),
+        ('r = Sqr(z - 1)', ErrorNumber.ARGUMENT, 4, 'math domain'),
+        ('r = (z - 8) ** 0.5', ErrorNumber.ARGUMENT, 4, 'no broken power'),
+        ('r = 10 ** 400', ErrorNumber.OVERFLOW, 4, 'does not fit Double'),
+        ('i = 10 ** 300', ErrorNumber.OVERFLOW, 4, 'does not fit Integer'),
+        ('i = Asc("")', ErrorNumber.ARGUMENT, 4, 'the string is empty'),
+        ('Print Chr$(256)', ErrorNumber.ARGUMENT, 4, '256 is not in 1..255'),
+        ('Print LShift(1, 32)', ErrorNumber.ARGUMENT, 4, 'not in 0..31'),
+        ('Print Mid$("a", 0)', ErrorNumber.ARGUMENT, 4, 'the first one is 1'),
+        ('Print Err(7)', ErrorNumber.NO_SUCH_TASK, 4, 'task 7 does not exist'),
+        ('Print TaskState(999)', ErrorNumber.TASK_NUMBER, 4, 'not in 1..'),
+        ('Quit 7', ErrorNumber.NO_SUCH_TASK, 4, 'task 7 does not exist'),
+        ('Xqt 1, main', ErrorNumber.TASK_NUMBER, 4, 'task 1 is running'),
+        ('Xqt 40, main', ErrorNumber.TASK_NUMBER, 4, 'task 40 is not in 1..32'),
+        ('Wait -1', ErrorNumber.ARGUMENT, 4, '-1 s is not a time'),
+        ('Wait 1e300', ErrorNumber.ARGUMENT, 4, 'is not a time'),
+        ('Error 0', ErrorNumber.ARGUMENT, 4, 'not in 1..9999'),
+        ('EResume', ErrorNumber.RESUME, 4, 'EResume without an error'),
+        ('Return', ErrorNumber.RETURN_WITHOUT_GOSUB, 4, 'Return without GoSub'),
+        ('Redim a(200000)', ErrorNumber.ARGUMENT, 4, 'more than 2000 elements'),
+        ('Print Sw(-1)', ErrorNumber.ARGUMENT, 4, 'no bit or port -1'),
+        ('Out 0, 256', ErrorNumber.ARGUMENT, 4, '256 is not in -128..255'),
+        ('Print ChkNet(5)', ErrorNumber.ARGUMENT, 4, '5 is not in 201..216'),
+        ('OpenNet #300 As Server', ErrorNumber.ARGUMENT, 4, '300 is not in 201..216'),
+        ('Go P5', 7007, 4, 'P5 is not defined'),
+        ('Go XY(1, 2, 3, 4) Till', ErrorNumber.ARGUMENT, 4, 'no Till has set a condition'),
+        ('Go XY(1, 2, 3, 4)', 4031, 4, 'motors off'),
+        ('SyncLock 64', ErrorNumber.ARGUMENT, 4, '64 is not in 0..63'),
+        ('r = Rnd(1); i = Time(5)', ErrorNumber.ARGUMENT, 4, '5 is not in 0..2'),
+        ('GoSub a1\na1:\nGoSub a1', ErrorNumber.CALL_DEPTH, 6, 'GoSub within GoSub'),
+    ],
+)
+def test_an_error_without_a_handler_has_number_file_line_and_a_sentence(
+    statements: str, number: int, line: int, said: str
+) -> None:
+    head = 'Function main\n  Integer i, z, a(5)\n  Long l; Double r\n'
+    (failure,) = run(f'{head}{statements}\nFend\n').failures
+    assert (failure.number, failure.position.line, failure.task) == (number, line, 1)
+    assert said in failure.text
+    assert str(failure).startswith(f'main.prg:{line}: error {number:d} in main (task 1): ')

@@ -1,0 +1,170 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The linter's rules: each finds its fault at its place, and nothing where there is none."""
+
+import pytest
+from support.spel_harness import files
+
+from epson_driver.spel import build
+from epson_driver.spel.lint import RULES, check
+
+
+def found(source: str, version: int = 8) -> list[tuple[str, int]]:
+    """Return rule and line of each problem."""
+    given = {'main.prg': source}
+    return [(each.rule, each.position.line) for each in check(given, version)]
+
+
+def main(body: str, declarations: str = '') -> str:
+    return f'{declarations}\nFunction main\n{body}\nFend\n'
+
+
+SHARED_PORT = """Function main
+  Xqt a
+  OpenNet #201 As Server
+Fend
+Function a
+  OpenNet #201 As Server
+Fend
+"""
+HANDED_OVER = """Global Integer g
+Function main
+  Wait g = 1, 2
+  f(ByRef g)
+Fend
+Function f(ByRef n As Integer)
+Fend
+"""
+BAD = [
+    ('line-length', 3, main('  Print 1 \' ' + 'x' * 510)),
+    ('name-length', 3, main('  Integer ' + 'x' * 33)),
+    ('name-length', 3, main('x' * 33 + ':')),
+    ('name-length', 1, f'Function {"f" * 65}\nFend'),
+    ('task-type', 5, 'Function BgMain\n  act\nFend\nFunction act\n  Motor On\nFend'),
+    ('task-type', 5, 'Function main\n  Xqt act, NoEmgAbort\nFend\nFunction act\n  Go P1\nFend'),
+    ('task-type', 5, 'Function BgMain\n  Xqt act\nFend\nFunction act\n  Reset\nFend'),
+    ('task-type', 5, 'Function main\n  Xqt a, NoEmgAbort\nFend\nFunction a\n  Xqt main\nFend'),
+    ('task-type', 5, 'Function main\n  Trap Emergency Xqt a\nFend\nFunction a\n  Speed 5\nFend'),
+    ('endless-loop', 3, main('  Do\n    MemOn 1\n  Loop')),
+    ('endless-loop', 3, main('  Do While Sw(1) = Off\n    MemOn 1\n  Loop')),
+    ('goto-out-of-loop', 4, main('  Do\n    GoTo out\n    Wait 1\n  Loop\nout:')),
+    ('handler', 5, main('  OnErr GoTo bad\n  Print 1\nbad:\n  EResume Next')),
+    ('wait-by-reference', 4, HANDED_OVER),
+    ('true-compare', 4, main('  Integer i\n  If i = True Then Print 1')),
+    ('true-compare', 3, main('  If Sw(1) = True Then Print 1')),
+    ('and-guard', 4, main('  Integer i, a(3)\n  If i < 4 And a(i) = 1 Then Print 1')),
+    ('real-to-integer', 5, main('  Integer i\n  Double d\n  i = d / 2')),
+    ('integer-range', 5, main('  Integer i\n  Long l\n  i = l')),
+    ('integer-range', 4, main('  Integer i\n  For i = 1 To 32767\n  Next')),
+    ('declaration-in-loop', 4, main('  Do\n    Integer i\n    Wait 1\n  Loop')),
+    ('hex', 4, main('  Int64 l\n  l = &HFFFFFFFF')),
+    ('for-depth', 14, main('  Integer i\n' + '  For i = 1 To 2\n' * 11 + '  Next\n' * 11)),
+    ('port-shared', 6, SHARED_PORT),
+    ('version', 3, main('  UByte b')),
+    ('version', 3, main('  SpeedFactor 50')),
+    ('version', 3, main('  Print ElapsedTime')),
+    ('version', 1, 'Function main As Int64\nFend'),
+    ('version', 1, 'Function f(a As UShort)\nFend'),
+    ('unknown', 3, main('  Foo 1')),
+    ('not-simulated', 3, main('  Curve "a"')),
+    ('type', 3, main('  Print 1 + "a"')),
+    ('arguments', 3, main('  Print Sin(1, 2)')),
+    ('declaration', 3, main('  Integer a, a')),
+    ('array-size', 3, main('  Integer a(5000)')),
+    ('array-index', 4, main('  Integer a(5)\n  a(-1) = 2')),
+    ('overflow', 4, main('  Integer i\n  i = 40000')),
+    ('string-length', 3, main('  Print "' + 'x' * 256 + '"')),
+    ('label', 3, main('  GoTo nowhere')),
+    ('wait-condition', 4, main('  Integer i\n  Wait i = 1')),
+    ('preprocessor', 1, '#endif\nFunction main\nFend'),
+    ('include', 1, '#include "no.inc"\nFunction main\nFend'),
+    ('syntax', 3, main('  If 1 Then\n')),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(('rule', 'line', 'source'), BAD)
+def test_a_rule_finds_its_fault_at_its_line(rule: str, line: int, source: str) -> None:
+    problems = found(source, 6)
+    assert (rule, line) in problems
+    assert {each for each, _ in problems} - {rule} <= {'version'}
+
+
+def test_more_than_64_variables_in_wait_conditions() -> None:
+    names = [f'g_{number}' for number in range(65)]
+    declared = '\n'.join(f'Global Integer {name}' for name in names)
+    waits = '\n'.join(f'  Wait {name} = 1, 1' for name in names)
+    assert [rule for rule, _ in found(main(waits, declared))] == ['wait-variables']
+    assert found(main(waits.rsplit('\n', 1)[0], declared)) == []
+
+
+def test_a_bad_user_errors_file_is_found() -> None:
+    given = files('Function main\nFend\n')
+    given['UserErrors.dat'] = 'nError=many\n'
+    (problem,) = check(given)
+    assert (problem.rule, problem.position.file) == ('user-errors', 'UserErrors.dat')
+
+
+def test_every_rule_has_a_program_that_breaks_it() -> None:
+    elsewhere = {'wait-variables', 'user-errors'}
+    assert {rule for rule, _, _ in BAD} | elsewhere == RULES.keys()
+
+
+def test_where_exactly_a_problem_is() -> None:
+    (problem,) = check(files('Function main\n  Integer i\n  If i = True Then Print 1\nFend\n'))
+    assert str(problem) == (
+        'main.prg:3:8: warning: i = True holds only for -1: write i <> 0, or = On [true-compare]'
+    )
+
+
+GOOD = """
+Global Integer g_run
+Function main
+  Integer i, n
+  Long l
+  Double d
+  Boolean ready
+  OnErr GoTo failed
+  Xqt server, NoEmgAbort
+  i = Int(d * 2)
+  l = i
+  ready = Sw(1) = On
+  If ready = True Then Print "ready"
+  If EStopOn = True Then Print "stopped"
+  Do While i < 3
+    i = i + 1
+  Loop
+  Do
+    Wait 0.01
+    i = i + 1
+    If i > 5 Then Exit Do
+  Loop
+  Do
+    waits
+  Loop While g_run = 1
+  Motor On
+  Go XY(1, 2, 3, 4)
+  GoTo done
+again:
+  n = n + 1
+done:
+  Exit Function
+failed:
+  Print Err
+  EResume Next
+Fend
+Function waits
+  Wait 0.1
+Fend
+Function server
+  OpenNet #201 As Server
+  Do
+    WaitNet #201, 1
+  Loop
+Fend
+"""
+
+
+@pytest.mark.parametrize('version', [6, 7, 8])
+def test_a_good_program_is_clean_on_every_version(version: int) -> None:
+    build(files(GOOD))
+    assert found(GOOD, version) == []

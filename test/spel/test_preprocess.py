@@ -1,0 +1,121 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""#define, #ifdef, #include."""
+
+import pytest
+from support.spel_harness import files, printed, run
+
+from epson_driver.spel import ProgramError, build
+
+
+def test_a_definition_is_put_in_wherever_its_name_stands_in_any_case() -> None:
+    before = """
+    #define COUNT 3 ' how many
+    #define SUM (Count + 1)
+    #define SQUARE(x) ((x) * (x))
+    #define PAIR(a, b) a, b
+    """
+    body = """
+    Print COUNT, sum, Square(2 + 1)
+    Print Pair(7, Square(2)), "COUNT"
+    """
+    assert printed(body, before=before) == ['3 4 9', '7 4 COUNT']
+
+
+def test_a_definition_that_names_itself_stays() -> None:
+    before = '#define g_n g_n\n#define a_ b_\n#define b_ a_\nGlobal Integer g_n, a_'
+    assert printed('g_n = 4; a_ = 5\nPrint g_n, a_', before=before) == ['4 5']
+
+
+def test_conditions_nest() -> None:
+    before = """
+    #define ONE
+    #ifdef ONE
+    #ifndef TWO
+    #define RESULT 12
+    #else
+    #define RESULT 13
+    this is no program
+    #endif
+    #else
+    #nonsense %%
+    #ifdef TWO
+    #else
+    #define RESULT 14
+    #endif
+    #endif
+    #undef ONE
+    #ifdef ONE
+    #define RESULT 15
+    #endif
+    """
+    assert printed('Print RESULT', before=before) == ['12']
+
+
+def test_included_files_are_found_in_any_case_and_globals_may_come_twice() -> None:
+    shared = 'Global Integer g_x\n#define TEN 10\n'
+    others = {
+        'config_inc': '#include "Shared.INC"\n#define ELEVEN (TEN + 1)\n',
+        'shared_inc': shared,
+        'other_prg': '#include "shared.inc"\nFunction add\n  g_x = g_x + TEN\nFend\n',
+    }
+    source = '#include "CONFIG.inc"\nFunction main\n  g_x = ELEVEN; add\n  Print g_x\nFend\n'
+    program = build(files(source, **others))
+    assert program.by_name.keys() == {'main', 'add'}
+    assert [variable.name for variable in program.variables] == ['g_x']
+
+
+@pytest.mark.parametrize(
+    ('source', 'said'),
+    [
+        ('#include "no.inc"', 'main.prg:1:1: error: #include: there is no file no.inc'),
+        ('#include no.inc', 'needs a file name in quotes'),
+        ('#include "main.prg"', 'include each other without end'),
+        ('#if X', 'unknown directive #if'),
+        ('#ifdef X', 'has no #endif'),
+        ('#endif', '#endif without #ifdef'),
+        ('#else', '#else without #ifdef'),
+        ('#ifdef X\n#else\n#else\n#endif', 'main.prg:3:1: error: a second #else'),
+        ('#define', '#define needs a name'),
+        ('#define A(b c) b', 'at most 8 names as parameters'),
+        ('#define A(b,c,d,e,f,g,h,i,j) b', 'at most 8 names as parameters'),
+        ('#define A(b', 'the parameters lack a )'),
+        ('#define A(b) b\nGlobal Integer A', 'A needs 1 arguments in ( )'),
+        ('#define A(b) b\nGlobal Integer A(1, 2)', 'A needs 1 arguments in ( )'),
+    ],
+)
+def test_what_does_not_fit_is_said_with_its_line(source: str, said: str) -> None:
+    with pytest.raises(ProgramError) as caught:
+        build(files(source + '\nFunction main\nFend\n'))
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize('last', ['#define n40 1', '#define n40'])
+def test_definitions_that_double_each_time_end_with_a_sentence(last: str) -> None:
+    """Forty definitions of two names each would be 2 ** 40 tokens."""
+    lines = [f'#define n{i} n{i + 1} n{i + 1}' for i in range(40)]
+    with pytest.raises(ProgramError, match='the #defines make the line too long'):
+        build(files('\n'.join([*lines, last, 'Function main', 'n0', 'Fend'])))
+
+
+def test_a_long_chain_of_definitions_ends_with_a_sentence() -> None:
+    lines = [f'#define n{i} n{i + 1}' for i in range(3000)]
+    with pytest.raises(ProgramError, match='the #defines make the line too long'):
+        build(files('\n'.join([*lines, 'Function main', 'Print n0', 'Fend'])))
+
+
+def test_user_errors_have_names_and_texts() -> None:
+    source = """
+    Function main
+      OnErr GoTo failed
+      Error CORRUPT_MSG
+    failed:
+      Print Err, ErrMsg$(Err)
+    Fend
+    """
+    given = files(source)
+    given['UserErrors.dat'] = 'nError1=8000\nsLabel1="CORRUPT_MSG"\nsMessage1="a bad message"\n'
+    program = build(given)
+    assert program.texts == {8000: 'a bad message'}
+    with pytest.raises(ProgramError, match='unknown variable, constant or function CORRUPT_MSG'):
+        run(source)

@@ -1,0 +1,528 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tasks on a clock: who runs when, what a wait takes, what stops whom, two runs alike."""
+
+import pytest
+from support.spel_harness import ScriptedHost, files, machine, run
+
+from epson_driver.spel import (
+    ErrorNumber,
+    Machine,
+    SpelError,
+    TaskState,
+    TaskType,
+    Timing,
+    build,
+)
+
+COUNTING = """
+Global Long g_a, g_b
+Function main
+  Xqt 2, count_b
+  Do
+    g_a = g_a + 1
+  Loop
+Fend
+Function count_b
+  Do
+    g_b = g_b + 1
+  Loop
+Fend
+"""
+
+
+def test_the_clock_is_only_the_one_that_is_given() -> None:
+    made = machine(COUNTING)
+    made.start()
+    made.advance(0.0)
+    before = made.statements
+    made.advance(0.0)
+    assert made.statements == before
+    made.advance(0.1)
+    assert made.statements == pytest.approx(0.1 / 10e-6, rel=0.03)
+    assert made.time == pytest.approx(0.1, abs=0.0011)
+
+
+def test_tasks_share_the_processor_turn_by_turn() -> None:
+    made = machine(COUNTING)
+    made.start()
+    made.advance(1.0)
+    (a, b) = made.world.g
+    assert isinstance(a, int)
+    assert isinstance(b, int)
+    assert abs(a - b) <= 100
+    assert a + b == pytest.approx(made.statements / 2, abs=100)
+
+
+@pytest.mark.parametrize('statement', [5e-6, 20e-6])
+def test_a_statement_costs_what_the_timing_says(statement: float) -> None:
+    source = """
+    Function main
+      Integer i
+      For i = 1 To 1000
+      Next
+      Print Tmr(0)
+    Fend
+    """
+    host = ScriptedHost()
+    made = machine(source, host, statement=statement)
+    made.start()
+    made.advance(1.0)
+    assert float(host.text) == pytest.approx(2000 * statement, abs=0.0011)
+
+
+@pytest.mark.parametrize('name', ['statement', 'scan', 'turn'])
+def test_a_time_that_would_stand_still_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=f'{name} must be a time above 0 s'):
+        Timing(**{name: 0.0})
+
+
+def test_extra_times_of_statements_are_added() -> None:
+    source = 'Function main\n  Print 1\n  Print 2\n  Print Tmr(0)\nFend\n'
+    host = ScriptedHost()
+    made = Machine(build(files(source)), host, Timing(extra={'print': 0.25}))
+    made.start()
+    made.advance(1.0)
+    assert float(host.text.split()[-1]) == pytest.approx(0.5, abs=0.0011)
+
+
+def test_a_wait_is_rounded_up_to_whole_ticks_and_counted_from_its_own_statement() -> None:
+    source = """
+    Function main
+      Wait 0.001
+      Print Tmr(0)
+      Wait 0.02
+      Print Tmr(0)
+      Wait 0
+      Print Tmr(0)
+    Fend
+    """
+    assert run(source).text.split() == ['0.01', '0.03', '0.03']
+
+
+def test_next_time_says_when_to_come_back() -> None:
+    source = 'Function main\n  Wait 0.5\n  Input g_n\nFend\nGlobal Integer g_n\n'
+    made = machine(source)
+    assert made.next_time() is None
+    made.start()
+    assert made.next_time() == 0.0
+    made.advance(0.0)
+    assert made.next_time() == pytest.approx(0.5, abs=1e-4)
+    made.advance(0.4)
+    assert made.next_time() == pytest.approx(0.5, abs=1e-4)
+    made.advance(0.6)
+    assert made.next_time() is None  # it waits for the host
+
+
+def test_a_task_that_waits_for_the_host_goes_on_when_there_is_news() -> None:
+    host = ScriptedHost()
+    made = machine('Function main\n  Integer i\n  Input i\n  Print i\nFend\n', host)
+    made.start()
+    made.advance(100.0)
+    host.typed.append('7')
+    made.advance(100.0)
+    assert host.text == '7\n'
+
+
+def test_conditions_are_looked_at_on_scans_only() -> None:
+    """A value that holds for less than a scan may be missed, as the manual says."""
+    source = """
+    Global Integer g_n
+    Function main
+      Xqt 2, blink
+      Wait g_n = 1, 0.5
+      Print TW
+      Wait g_n = 2, 0.5
+      Print TW
+    Fend
+    Function blink
+      Wait 0.1
+      g_n = 1; g_n = 2
+    Fend
+    """
+    assert run(source).text.split() == ['-1', '0']
+
+
+LIVES = """
+Function bgmain
+  Xqt g_child
+  forever
+Fend
+Function g_child
+  forever
+Fend
+Function main
+  Xqt 2, forever, NoPause
+  Xqt 3, forever, NoEmgAbort
+  forever
+Fend
+Function forever
+  Do
+    Wait 0.01
+  Loop
+Fend
+"""
+
+
+def living(made: Machine) -> dict[int, TaskType]:
+    return {view.number: view.type for view in made.tasks()}
+
+
+def test_what_stops_which_tasks() -> None:
+    made = machine(LIVES)
+    made.start_background()
+    made.start(clear=False)
+    made.advance(0.1)
+    assert living(made) == {
+        1: TaskType.NORMAL,
+        2: TaskType.NO_PAUSE,
+        3: TaskType.NO_EMG_ABORT,
+        65: TaskType.BACKGROUND,
+        66: TaskType.BACKGROUND,
+    }
+    made.pause()
+    states = {view.number: view.state for view in made.tasks()}
+    assert [states[1], states[2], states[3], states[65]] == [
+        TaskState.HALTED,
+        TaskState.WAITING,
+        TaskState.WAITING,
+        TaskState.WAITING,
+    ]
+    made.resume()
+    made.emergency_stop()
+    assert list(living(made)) == [3, 65, 66]
+    made.stop()
+    assert list(living(made)) == [65, 66]
+
+
+def test_a_wait_begins_again_after_a_pause() -> None:
+    source = 'Function main\n  Wait 1\n  Print Tmr(0)\nFend\n'
+    host = ScriptedHost()
+    made = machine(source, host)
+    made.start()
+    made.advance(0.9)
+    made.pause()
+    made.advance(5.0)
+    assert host.text == ''
+    made.resume()
+    made.advance(5.9)
+    assert host.text == ''
+    made.advance(6.1)
+    assert host.text == '6\n'
+
+
+@pytest.mark.parametrize(
+    ('statement', 'refused_by'),
+    [
+        ('Motor On', {'NoEmgAbort', 'background'}),
+        ('Go XY(0, 0, 0, 0)', {'NoEmgAbort', 'background'}),
+        ('Speed 50', {'NoEmgAbort', 'background'}),
+        ('Reset', {'NoEmgAbort', 'background'}),
+        ('Reset Error', set()),
+        ('Xqt nothing', {'NoEmgAbort'}),
+        ('StartMain other', {'Normal', 'NoPause', 'NoEmgAbort'}),
+        ('AbortMotion All', set()),
+        ('On 1', set()),
+        ('Till Sw(1) = On', {'NoEmgAbort', 'background'}),
+        ('Trap 1, Sw(1) = On Call nothing', {'NoEmgAbort', 'background'}),
+    ],
+)
+def test_statements_that_a_type_of_task_cannot_run(statement: str, refused_by: set[str]) -> None:
+    source = f"""
+    Function main
+    Fend
+    Function other
+    Fend
+    Function nothing
+    Fend
+    Function act
+      {statement}
+    Fend
+    Function bgmain
+      Xqt act
+    Fend
+    Function start_NoPause
+      Xqt act, NoPause
+    Fend
+    Function start_NoEmgAbort
+      Xqt act, NoEmgAbort
+    Fend
+    Function start_Normal
+      Xqt act, Normal
+    Fend
+    """
+    found = set()
+    for kind in ('Normal', 'NoPause', 'NoEmgAbort', 'background'):
+        host = ScriptedHost()
+        host.motors = True
+        made = machine(source, host)
+        if kind == 'background':
+            made.start_background()
+        else:
+            made.start(f'start_{kind}', 9)
+        made.advance(1.0)
+        if host.failures:
+            assert [each.number for each in host.failures] == [ErrorNumber.TASK_TYPE]
+            found.add(kind)
+    assert found == refused_by
+
+
+def test_background_tasks_start_main_again() -> None:
+    source = """
+    Function bgmain
+      Do
+        If TaskState(main) = 0 Then StartMain main
+        Wait 0.1
+      Loop
+    Fend
+    Function main
+      Print MyTask
+      Wait 0.15
+    Fend
+    """
+    host = ScriptedHost()
+    made = machine(source, host)
+    made.start_background()
+    made.advance(1.0)
+    assert host.text.split() == ['1'] * 5
+
+
+def test_locks_are_taken_in_turn_and_freed_by_the_end_of_a_task() -> None:
+    source = """
+    Function main
+      Xqt 2, worker(1)
+      Xqt 3, worker(2)
+      Xqt 4, worker(3)
+    Fend
+    Function worker(n As Integer)
+      SyncLock 5
+      Print n, "in"
+      Wait 0.1
+      Print n, "out"
+      If n = 1 Then SyncUnlock 5
+    Fend
+    """
+    lines = run(source).text.splitlines()
+    assert lines == ['1 in', '1 out', '2 in', '2 out', '3 in', '3 out']
+
+
+def test_a_lock_that_is_not_free_in_time_sets_tw() -> None:
+    source = """
+    Function main
+      Xqt 2, holder
+      Wait 0.1
+      SyncLock 5, 0.2
+      Print TW
+      OnErr GoTo failed
+      SyncUnlock 5
+      Exit Function
+    failed:
+      Print Err
+    Fend
+    Function holder
+      SyncLock 5
+      Wait 5
+    Fend
+    """
+    assert run(source).text.split() == ['-1', f'{ErrorNumber.SYNC:d}']
+
+
+def test_event_traps_start_their_functions() -> None:
+    source = """
+    Function main
+      Trap Emergency Xqt stopped
+      Trap Error Xqt failed
+      Trap SGOpen Xqt door
+      Trap SGOpen
+      Wait 100
+    Fend
+    Function stopped
+      Print "stopped", TaskInfo(MyTask, 2)
+    Fend
+    Function failed(n As Integer, robot As Integer, joint As Integer)
+      Print "failed", n, robot, joint
+    Fend
+    Function door
+      Print "door"
+    Fend
+    """
+    host = ScriptedHost()
+    made = machine(source, host)
+    made.start()
+    made.advance(0.1)
+    made.emergency_stop()
+    assert made.event('emergency')
+    assert made.event('error', 4031, 1)
+    assert not made.event('sgopen')
+    made.advance(0.2)
+    assert host.text.splitlines() == ['stopped 2', 'failed 4031 1 0']
+
+
+@pytest.mark.parametrize(('action', 'expected'), [('Call', '0.5'), ('Xqt', '0.1')])
+def test_a_trap_that_calls_holds_its_task_and_one_that_starts_does_not(
+    action: str, expected: str
+) -> None:
+    source = f"""
+    Function main
+      Trap 1, MemSw(1) = On {action} handle
+      MemOn 1
+      Wait 0.1
+      Print Tmr(0)
+    Fend
+    Function handle
+      Wait 0.5
+    Fend
+    """
+    assert float(run(source).text) == pytest.approx(float(expected), abs=0.002)
+
+
+def test_a_main_with_parameters_cannot_be_started() -> None:
+    made = machine('Function main(n As Integer)\nFend\n')
+    with pytest.raises(SpelError, match='main has 1 parameters'):
+        made.start()
+    assert not list(made.tasks())
+
+
+def test_a_trap_is_armed_once() -> None:
+    source = """
+    Function main
+      Trap 2, MemSw(1) = On Xqt sprung
+      MemOn 1
+      Wait 0.1
+      MemOff 1
+      Wait 0.1
+      MemOn 1
+      Wait 0.1
+    Fend
+    Function sprung
+      Print "sprung"
+    Fend
+    """
+    assert run(source).text == 'sprung\n'
+
+
+def test_a_motion_holds_its_task_until_the_host_says_it_is_over() -> None:
+    source = """
+    Function main
+      Motor On
+      Print "motors"
+      OnErr GoTo failed
+      Go XY(1, 2, 3, 4) CP Till MemSw(1) = On
+      Print "there"
+      Go XY(2, 2, 3, 4)
+      Print "never"
+      Exit Function
+    failed:
+      Print Err, Erl
+    Fend
+    """
+    host = ScriptedHost()
+    host.slow = True
+    made = machine(source, host)
+    made.start()
+    made.advance(1.0)
+    assert host.text == ''
+    host.running.pop().done = True
+    made.advance(1.0)
+    assert host.text == 'motors\n'
+    assert made.next_time() is None
+    motion = host.running.pop()
+    assert motion.request is not None
+    assert motion.request.cp
+    assert motion.request.points[0].values == (1.0, 2.0, 3.0, 4.0, 0.0, 0.0)
+    assert motion.request.till is not None
+    assert not motion.request.till()
+    made.world.host.write_bits(*_bit(1), 1)
+    assert motion.request.till()
+    motion.done = True
+    made.advance(1.0)
+    assert host.text == 'motors\n'  # the machine is some statements ahead of this time
+    due = made.next_time()
+    assert due is not None
+    assert 1.0 < due < 1.001
+    made.advance(due)
+    assert host.text == 'motors\nthere\n'
+    motion = host.running.pop()
+    motion.error, motion.done = SpelError(2999), True
+    made.advance(1.1)
+    assert host.text == 'motors\nthere\n2999 7\n'
+    assert not list(made.tasks())
+
+
+def _bit(number: int):
+    from epson_driver.spel import Memory
+
+    return Memory.MEMORY, number, 1
+
+
+def test_an_endless_loop_without_a_wait_ends_with_an_error_at_its_line() -> None:
+    source = 'Function main\n  Integer i\n  Do\n    i = 1 - i\n  Loop\nFend\n'
+    (failure,) = run(source, 20.0).failures
+    assert failure.number == ErrorNumber.ENDLESS_LOOP
+    assert failure.position.line in (3, 4)
+    assert 'put one of 0.01 s or more into it' in str(failure)
+
+
+def test_a_loop_that_calls_itself_for_ever_ends_with_an_error() -> None:
+    source = 'Function main\n  deeper\nFend\nFunction deeper\n  deeper\nFend\n'
+    (failure,) = run(source).failures
+    assert (failure.number, failure.position.line) == (ErrorNumber.CALL_DEPTH, 5)
+
+
+def test_two_runs_give_the_same_in_whatever_steps_they_are_made() -> None:
+    source = """
+    Global Long g_n
+    Function main
+      Integer i
+      For i = 2 To 6
+        Xqt i, worker(i)
+      Next
+      Wait g_n > 40, 5
+      Print g_n, TW, Tmr(0), Rnd(1)
+    Fend
+    Function worker(n As Integer)
+      Integer i
+      For i = 1 To 10
+        g_n = g_n + 1
+        Print n, i, g_n, Tmr(0)
+        If n Mod 2 = 0 Then Wait n * 0.01
+      Next
+    Fend
+    """
+    texts = []
+    for steps in (1, 1, 7):
+        host = ScriptedHost()
+        made = machine(source, host)
+        made.start()
+        for step in range(steps):
+            made.advance(2.0 * (step + 1) / steps)
+        texts.append(host.text)
+        assert made.time == 2.0
+    assert texts[0].count('\n') == 51
+    assert texts[0] == texts[1] == texts[2]
+
+
+def test_tasks_show_their_state_and_line() -> None:
+    source = """
+    Function main
+      Xqt 2, dies
+      Wait 5
+    Fend
+    Function dies
+      Error 8001
+    Fend
+    """
+    made = machine(source)
+    made.start()
+    made.advance(0.1)
+    first, second = made.tasks()
+    assert (first.function, first.state, first.file, first.line) == (
+        'main',
+        TaskState.WAITING,
+        'main.prg',
+        3,
+    )
+    assert (second.number, second.state, second.line) == (2, TaskState.ABORTED, 6)
+    made.clear_errors()
+    assert [view.number for view in made.tasks()] == [1]
+    assert made.lines()['main.prg'] == {2: True, 3: True, 4: False, 6: True, 7: False}

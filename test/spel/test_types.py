@@ -1,0 +1,278 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Values: ranges, conversions, operators, strings, arrays."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.spel_harness import files, printed, run, value
+
+from epson_driver.spel import ErrorNumber, Machine, ProgramError, build
+from epson_driver.spel.bare_host import BareHost
+
+
+@pytest.mark.parametrize(
+    ('expression', 'expected'),
+    [
+        ('1 + 2 * 3 ** 2', '19'),
+        ('(1 + 2) * 3', '9'),
+        ('-2 ** 2', '4'),
+        ('2 ** -1', '0.5'),
+        ('7 / 2', '3.5'),
+        ('7 Mod 4 * 2', '7'),
+        ('-7 Mod 4', '-3'),
+        ('1 + 2 = 3', '-1'),
+        ('3 <> 3', '0'),
+        ('2 =< 2', '-1'),
+        ('1 => 2', '0'),
+        ('Not 1', '-2'),
+        ('Not 1 = 2', '-1'),
+        ('6 And 3', '2'),
+        ('6 Or 3', '7'),
+        ('6 Xor 3', '5'),
+        ('1 Or 2 And 4', '1'),
+        ('1 = 1 And 2 = 2 Xor True', '0'),
+        ('True', '-1'),
+        ('On + High', '2'),
+        ('&HFF And &B101', '5'),
+        ('"a" + "b" = "ab"', '-1'),
+        ('"a" <> "A"', '-1'),
+        ('1 / 3', '0.333333333333333'),
+        ('1e14', '1.000000E+014'),
+        ('1.5e-7', '1.5E-007'),
+        ('100000 * 100000', '10000000000'),
+    ],
+)
+def test_operators_and_their_order(expression: str, expected: str) -> None:
+    assert value(expression) == expected
+
+
+RANGES = {
+    'Boolean': (-32_768, 32_767),
+    'Byte': (-128, 127),
+    'UByte': (0, 255),
+    'Integer': (-32_768, 32_767),
+    'Short': (-32_768, 32_767),
+    'UShort': (0, 65_535),
+    'Long': (-(2**31), 2**31 - 1),
+    'Int32': (-(2**31), 2**31 - 1),
+    'UInt32': (0, 2**32 - 1),
+    'Int64': (-(2**63), 2**63 - 1),
+    'UInt64': (0, 2**64 - 1),
+}
+
+
+@pytest.mark.parametrize('name', RANGES)
+def test_a_whole_type_takes_its_range_and_no_more(name: str) -> None:
+    least, most = RANGES[name]
+    body = f"""
+    {name} x
+    Int64 one
+    one = 1
+    x = {least}; Print x
+    x = {most}; Print x
+    OnErr GoTo failed
+    x = x + one
+    Print "no error"
+    Exit Function
+    failed:
+    Print Err, x
+    """
+    assert printed(body) == [str(least), str(most), f'{ErrorNumber.OVERFLOW:d} {most}']
+
+
+@pytest.mark.parametrize('name', RANGES)
+def test_a_constant_out_of_range_is_found_before_the_start(name: str) -> None:
+    most = RANGES[name][1]
+    with pytest.raises(ProgramError, match=f'main.prg:3:7: error: {most + 1} does not fit {name}'):
+        build(files(f'Function main\n  {name} x\n  x = {most + 1}\nFend\n'))
+
+
+def test_a_real_has_the_precision_of_binary32_and_a_double_of_binary64() -> None:
+    body = """
+    Real r; Double d
+    r = 0.1; d = 0.1
+    Print r = d, r, d
+    OnErr GoTo failed
+    r = 1e39
+    failed:
+    Print Err, Erl
+    """
+    assert printed(body) == ['0 0.1 0.1', f'{ErrorNumber.OVERFLOW:d} 6']
+
+
+def test_a_double_never_holds_infinity() -> None:
+    body = """
+    Double d
+    d = 1e308
+    OnErr GoTo failed
+    d = d * 10
+    failed:
+    Print Err, d
+    """
+    assert printed(body) == [f'{ErrorNumber.OVERFLOW:d} 1.000000E+308']
+
+
+@pytest.mark.parametrize(('rounding', 'expected'), [('nearest', '3 -3'), ('truncate', '2 -2')])
+def test_how_a_real_becomes_whole_can_be_chosen(rounding: str, expected: str) -> None:
+    source = 'Function main\n  Integer a, b\n  a = 2.5; b = -2.5\n  Print a, b\nFend\n'
+    host = BareHost()
+    machine = Machine(build(files(source)), host, rounding=rounding)
+    machine.start()
+    machine.advance(1.0)
+    assert host.printed == [f'{expected}\n']
+
+
+@given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 31))
+def test_shifts_are_those_of_32_bits(number: int, count: int) -> None:
+    left = struct.unpack('<i', struct.pack('<I', (number << count) & 0xFFFF_FFFF))[0]
+    body = f'Print LShift({number}, {count}), RShift({number}, {count})'
+    assert printed(body) == [f'{left} {number >> count}']
+
+
+def test_strings_have_at_most_255_characters() -> None:
+    body = """
+    String s$
+    Integer i
+    OnErr GoTo failed
+    For i = 1 To 300
+      s$ = s$ + "x"
+    Next
+    failed:
+    Print Err, Len(s$), i
+    """
+    assert printed(body) == [f'{ErrorNumber.STRING_LENGTH:d} 255 256']
+    with pytest.raises(ProgramError, match='a string has at most 255 characters'):
+        build(files(f'Function main\n  Print "{"x" * 256}"\nFend\n'))
+
+
+def test_arrays_begin_at_0_and_end_at_their_upper_bound() -> None:
+    body = """
+    Integer a(3), b(1, 2), c(1, 1, 1), i
+    a(0) = 5; a(3) = 6; b(1, 2) = 7; c(1, 1, 1) = 8; c(0, 1, 0) = 9
+    Print a(0), a(1), a(3), b(1, 2), b(0, 2), c(1, 1, 1), c(0, 1, 0), UBound(b(), 2)
+    Redim Preserve a(5)
+    Print a(0), a(3), a(5), UBound(a)
+    Redim a(1)
+    Print a(0), UBound(a)
+    Redim Preserve b(2, 3)
+    Print b(1, 2)
+    """
+    assert printed(body) == ['5 0 6 7 0 8 9 2', '5 6 0 5', '0 1', '7']
+
+
+@pytest.mark.parametrize('index', ['i', '-1 * i', 'i, 0', '0, i'])
+def test_an_index_out_of_range_is_an_error_with_its_line(index: str) -> None:
+    dimensions = '3, 3' if ',' in index else '3'
+    source = f"""
+    Function main
+      Integer a({dimensions}), i
+      i = 4
+      a({index}) = 1
+    Fend
+    """
+    (failure,) = run(source).failures
+    assert (failure.number, failure.position.line) == (ErrorNumber.INDEX, 4)
+    assert str(failure).startswith('main.prg:4: error 9992 in main (task 1): ')
+
+
+@pytest.mark.parametrize(
+    ('declaration', 'allowed'),
+    [
+        ('Function main\n Integer a(1999)\nFend', True),
+        ('Function main\n Integer a(2000)\nFend', False),
+        ('Function main\n Integer a(49, 39)\nFend', True),
+        ('Function main\n String a$(199)\nFend', True),
+        ('Function main\n String a$(200)\nFend', False),
+        ('Integer a(99999)', True),
+        ('Integer a(100000)', False),
+        ('Global String a$(10000)', False),
+        ('Global Preserve Long a(3999)', True),
+        ('Global Preserve Long a(4000)', False),
+        ('Global Preserve String a$(400)', False),
+    ],
+)
+def test_arrays_have_the_limits_of_their_scope(declaration: str, allowed: bool) -> None:
+    if allowed:
+        build(files(declaration + '\n'))
+        return
+    with pytest.raises(ProgramError, match='elements; '):
+        build(files(declaration + '\n'))
+
+
+@pytest.mark.parametrize(
+    ('statement', 'said'),
+    [
+        ('i = "a"', 'Integer cannot take a string'),
+        ('s$ = 1', 'String cannot take a whole number'),
+        ('s$ = i', 'String cannot take a whole number'),
+        ('i = s$ + 1', 'has a string on one side and a whole number on the other'),
+        ('r = r And 1', 'And needs whole numbers'),
+        ('i = r Mod 2', 'Mod needs whole numbers'),
+        ('i = Not r', 'Not needs a whole number'),
+        ('i = s$ < s$', 'strings can be compared by = and <> only'),
+        ('s$ = s$ - s$', '- does not take strings'),
+        ('i = a', 'a is an array: it needs an index'),
+        ('i(1) = 2', 'i is not an array'),
+        ('i = i(1)', 'i is not an array'),
+        ('a(1, 2) = 3', 'a has 1 dimensions, not 2'),
+        ('a(-1) = 3', 'index -1 is below 0'),
+        ('i = XY(1, 2, 3, 4)', 'Integer cannot take a point'),
+        ('i = P1 + P2', 'does not take points'),
+        ('i = nothing', 'unknown variable, constant or function nothing'),
+        ('i = nothing(1)', 'unknown function or array nothing'),
+        ('nothing = 1', 'nothing is not a declared variable'),
+        ('i = Sin(1, 2)', 'Sin takes 1 arguments, not 2'),
+        ('i = Mid$("a")', 'Mid$ takes 2 to 3 arguments, not 1'),
+        ('If s$ Then Print 1', 'must be a number, is a string'),
+        ('For s$ = 1 To 2', 'For needs a variable that is a number'),
+        ('byRefI(i)', 'byRefI takes 2 arguments, not 1'),
+        ('byRefI(ByRef r, a())', 'n is Integer, not Real'),
+        ('byRefI(ByRef i, i)', 'must be an array'),
+        ('byRefI(ByRef 3, ByRef a())', 'ByRef needs a variable'),
+        ('i = byRefI(ByRef i, a())', 'byRefI has no value'),
+        ('Redim i(3)', 'must be an array'),
+        ('Redim a(1, 1)', 'cannot change how many dimensions'),
+    ],
+)
+def test_a_wrong_type_is_found_before_the_start(statement: str, said: str) -> None:
+    source = f"""
+    Function main
+      Integer i, a(5)
+      Real r
+      String s$
+      {statement}
+    {'  Next' if statement.startswith('For') else ''}
+    Fend
+    Function byRefI(ByRef n As Integer, ByRef m() As Integer)
+    Fend
+    """
+    with pytest.raises(ProgramError) as caught:
+        build(files(source))
+    assert str(caught.value).startswith('main.prg:5:')
+    assert said in str(caught.value)
+
+
+def test_preserved_globals_outlive_the_machine_and_others_are_cleared_by_main() -> None:
+    source = """
+    Global Preserve Long g_kept, g_many(2)
+    Global Long g_lost
+    Function main
+      g_kept = g_kept + 1
+      g_many(1) = g_kept * 2
+      g_lost = g_lost + 1
+      Print g_kept, g_many(1), g_lost
+    Fend
+    """
+    program, host = build(files(source)), BareHost()
+    first = Machine(program, host)
+    for _ in range(2):
+        first.start()
+        first.advance(first.time + 1.0)
+    second = Machine(program, host)
+    second.restore(first.preserved())
+    second.start()
+    second.advance(1.0)
+    assert host.printed == ['1 2 1\n', '2 4 1\n', '3 6 1\n']
