@@ -60,15 +60,15 @@ def joint_position(position: Array) -> JointPosition:
     return JointPosition(0, joint_data(position.tolist()))
 
 
-def joint_feedback(position: Array, velocity: Array, now: float) -> JointFeedback:
-    """Return the message that the joints are there and so fast.
+def joint_feedback(position: Array, velocity: Array) -> JointFeedback:
+    """Return the message that the joints are there and so fast; as from MotoROS, without a time.
 
-    position, velocity: shape (n,), rad, rad/s; now: the controller's time, s.
+    position, velocity: shape (n,), rad, rad/s.
     """
     return JointFeedback(
         0,
-        ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY,
-        now,
+        ValidFields.POSITION | ValidFields.VELOCITY,
+        0.0,
         joint_data(position.tolist()),
         joint_data(velocity.tolist()),
     )
