@@ -153,7 +153,8 @@ class StateProfile:
 
     After `joint_positions_per_status` slots with the joints comes one with a STATUS, or it comes
     together with the last of them (`status_with_joints`). `in_motion`, `motion_possible`: whether
-    the STATUS fills these fields; UNKNOWN otherwise. `errors`: 'alarms': it shows the errors that
+    the STATUS fills these fields; UNKNOWN otherwise. `feedback_time`: whether a JOINT_FEEDBACK
+    carries the controller's time. `errors`: 'alarms': it shows the errors that
     need a reset, not what was rejected or an E-stop.
     """
 
@@ -161,6 +162,7 @@ class StateProfile:
     joint_positions_per_status: int
     status_with_joints: bool
     message: Literal['joint_position', 'joint_feedback']
+    feedback_time: bool
     in_motion: bool
     motion_possible: bool
     errors: Literal['all', 'alarms']

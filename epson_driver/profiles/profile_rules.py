@@ -97,6 +97,7 @@ RULES: dict[str, Rule] = {
     'state.joint_positions_per_status': count(1, 1000),
     'state.status_with_joints': _YES_OR_NO,
     'state.message': choice('joint_position', 'joint_feedback'),
+    'state.feedback_time': _YES_OR_NO,
     'state.in_motion': _YES_OR_NO,
     'state.motion_possible': _YES_OR_NO,
     'state.errors': choice('all', 'alarms'),

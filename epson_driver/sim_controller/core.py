@@ -347,9 +347,10 @@ class Controller:
         return state_messages.joint_position(self.servo.position)
 
     def joint_feedback(self) -> JointFeedback:
-        """Return where the joints are and how fast."""
+        """Return where the joints are and how fast, with the time if the profile says so."""
         servo = self.servo
-        return state_messages.joint_feedback(servo.position, servo.velocity)
+        now = self.clock.now if self.profile.state.feedback_time else None
+        return state_messages.joint_feedback(servo.position, servo.velocity, now)
 
     def status(self) -> Status:
         """Return the STATUS message of this moment."""
