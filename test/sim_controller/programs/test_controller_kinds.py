@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What each kind of controller does with its motion when the motion client is lost."""
+"""What the kinds of controllers do each in its way: a lost client, blending, time, the state."""
 
 import struct
 from dataclasses import replace
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.controller_harness import (
     FAILURE,
+    LIMITS,
     MODEL,
     STOP,
     SUCCESS,
@@ -268,3 +269,22 @@ def test_an_abb_does_not_wait_where_it_is_already():
     harness.send(point(-1, (), 0.0, 10.0, comm_type=1), point(-3, THERE, 0.0, 1.0, comm_type=1))
     assert harness.rest() < 2.0
     assert harness.joints == pytest.approx(THERE, abs=1e-6)
+
+
+@pytest.mark.invariant(2)
+def test_invariant_2_an_abbs_point_to_point_move_takes_as_long_as_its_point_says():
+    harness = new_harness('abb', smooth=False)
+    plan = np.outer(0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 12)), THERE)
+    period = 0.25
+    harness.send(point(-1, plan[0], 0.0, 10.0, comm_type=1))
+    harness.send(*(point(i, plan[i], 0.0, period, comm_type=1) for i in range(1, 11)))
+    harness.send(point(-3, plan[11], 0.0, period, comm_type=1))
+    dt = 0.001
+    trace = harness.run(dt=dt)
+    assert (len(trace) - 1) * dt == pytest.approx(11 * period, rel=0.01)
+    assert harness.joints == pytest.approx(THERE, abs=1e-6)
+    for order, limit in ((1, LIMITS.velocity), (2, LIMITS.acceleration)):
+        differences = np.abs(np.diff(trace, order, axis=0)) / dt**order
+        assert np.all(differences <= limit * 1.001 + 2e-7 / dt**order)  # float32
+    moves = np.max(np.abs(np.diff(trace, axis=0)), axis=1)
+    assert np.min(moves[50:-50]) > 1e-6  # it blends still
