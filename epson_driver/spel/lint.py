@@ -192,9 +192,10 @@ class _Lint:
         found = set()
         named = set(map(id, _task_names(function.body)))
         for node in walk(function.body):
-            if isinstance(node, Call | Apply | Name) and node.name.lower() in self.functions:
-                if id(node) not in named:
-                    found.add(node.name.lower())
+            if not isinstance(node, Call | Apply | Name) or id(node) in named:
+                continue
+            if node.name.lower() in self.functions:
+                found.add(node.name.lower())
         return found
 
     def _reached(self, root: str) -> set[str]:

@@ -127,7 +127,7 @@ Fend
 
 
 def test_what_only_names_a_task_does_not_run_in_this_one() -> None:
-    """TaskState(main) and Quit main in a background task: main is still the only one that moves."""
+    """TaskState(main) and Quit main in a background task: only main moves."""
     assert found(NAMES_ONLY, 6) == []
 
 
