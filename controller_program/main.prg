@@ -137,6 +137,6 @@ Function MoveChain
         If g_epoch = g_seen Then Error STOPPED_BY_BIT
       EndIf
     EndIf
-    If g_epoch = g_seen Then g_tail = following
+    g_tail = following
   Loop
 Fend

@@ -83,6 +83,34 @@ def test_points_that_wait_at_an_estop_are_never_executed_even_if_all_is_quick() 
     assert_still(bench)
 
 
+def test_nor_are_those_that_main_has_not_got_yet() -> None:
+    """main waits until MotionServer has dropped them too."""
+    bench = RobotBench(LOOK_AHEAD='2')
+    client = bench.client()
+    client.send(*(request(each) for each in line(bench, 6)))
+    bench.run(0.6)
+    assert client.replies() == [(0, OK), (1, OK)]
+    bench.press_estop()
+    bench.robot.states['estopon'] = 0
+    bench.robot.motors = True
+    bench.start_main()
+    assert_still(bench)
+    assert client.replies() == [(n, FAILURE) for n in range(2, 6)]
+
+
+def test_motors_off_in_a_pause_drop_the_points_too() -> None:
+    bench = RobotBench()
+    client = bench.client()
+    bench.machine.pause()
+    assert bench.stream(client, line(bench, 3)) == [(n, OK) for n in range(3)]
+    bench.robot.halt()
+    bench.run(0.1)
+    bench.robot.motors = True
+    bench.machine.resume()
+    assert_still(bench)
+    assert_works(bench, client)
+
+
 def test_motors_off_and_on_drop_the_points() -> None:
     bench = RobotBench()
     client = moving(bench)
