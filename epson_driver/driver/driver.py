@@ -213,7 +213,7 @@ class Driver:
         return self.robot.why_not_ready(self._now())
 
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
-        self.disable(outcome.text)
+        self.disable(outcome.text, unexplained=outcome.unexplained)
         if unanswered:  # what comes late now must not be taken for the answer to something newer
             self.motion_link.reconnect('a reply is missing')
 
@@ -225,9 +225,12 @@ class Driver:
         if unanswered and not self.goal_queue.busy:  # a goal that runs does so when it breaks off
             self.motion_link.reconnect('no reply to STOP')
 
-    def disable(self, why: str, *, motors_off: bool = False) -> None:
-        """Close the arm gate; a goal that runs is left alone. `motors_off` as in `fault`."""
-        if self.gate.close(why, motors_off=motors_off):
+    def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
+        """Close the arm gate; a goal that runs is left alone. `motors_off` as in `fault`.
+
+        `unexplained`: the controller has not said why so far.
+        """
+        if self.gate.close(why, motors_off=motors_off, unexplained=unexplained):
             _log.warning('arm disabled: %s', why)
 
     def _on_state_packet(self, packet: Packet) -> None:

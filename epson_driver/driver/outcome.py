@@ -27,11 +27,15 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a goal ended, its result code, and a sentence that says why."""
+    """How a goal ended, its result code, and a sentence that says why.
+
+    `unexplained`: the controller did not say why, so far.
+    """
 
     end: End
     code: ErrorCode
     text: str
+    unexplained: bool = False
 
 
 class GoalRejectedError(ValueError):

@@ -211,14 +211,18 @@ class GoalExecution:
             self._end_at_once(GoalEvent.FAULT, why, code)
 
     def _end_at_once(
-        self, event: GoalEvent, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED
+        self,
+        event: GoalEvent,
+        why: str,
+        code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED,
+        unexplained: bool = False,
     ) -> None:
         needs_stop = self.state is not GoalState.PREPARING and self.state not in REJECTED_STATES
         text = f'{self._rejection}: {why}' if self._rejection else why
         self._step(event)
         if needs_stop:
             self._send_stop()
-        self._on_end(Outcome(End.ABORTED, code, text))
+        self._on_end(Outcome(End.ABORTED, code, text, unexplained))
 
     def _reject(self, why: str, now: float) -> None:
         """Stop, as the controller rejected a point, and wait for the STATUS that says why."""
@@ -242,11 +246,12 @@ class GoalExecution:
             told = self._cause_waited > self.settings.reply_timeout
             patience = self.settings.reply_timeout
         if status is not None and told:
-            error = status.error_code
-            text = robot.errors.phrase(error)
-            self.fault(f'controller error {text}' if error else 'it reports no error')
+            if error := status.error_code:
+                self.fault(f'controller error {robot.errors.phrase(error)}')
+            else:
+                self._end_at_once(GoalEvent.FAULT, 'it reports no error', unexplained=True)
         elif self._cause_waited > patience:
-            self.fault('no status came that says why')
+            self._end_at_once(GoalEvent.FAULT, 'no status came that says why', unexplained=True)
 
     def _send_stop(self) -> None:
         with contextlib.suppress(ConnectionError):  # without a link the controller stops itself

@@ -43,6 +43,7 @@ class ArmGate:
 
     def __init__(self) -> None:
         self._reason: str | None = 'not enabled since the driver started'
+        self._unexplained = False
         self._under_way: list[Enabling] = []
 
     @property
@@ -71,19 +72,25 @@ class ArmGate:
         if enabling not in self._under_way:
             raise GateError('the request to enable the arm has ended')
         self._reason = None
+        self._unexplained = False
 
-    def close(self, reason: str, *, motors_off: bool = False) -> bool:
+    def close(self, reason: str, *, motors_off: bool = False, unexplained: bool = False) -> bool:
         """Close it. Returns True if it was open; otherwise the first reason is kept.
 
         Either way it cancels the requests to open it that are under way. `motors_off`: only that
-        the motors are off closes it.
+        the motors are off closes it. `unexplained`: the controller has not said why so far; the
+        next reason is added to this one.
         """
         for enabling in list(self._under_way):
             if enabling.motors_on or not motors_off:
                 enabling.cancel(reason)
         if self._reason is not None:
+            if self._unexplained and not unexplained:
+                self._reason = f'{self._reason}; then: {reason}'
+                self._unexplained = False
             return False
         self._reason = reason
+        self._unexplained = unexplained
         return True
 
     def see_motors_on(self) -> None:

@@ -403,6 +403,29 @@ def test_the_status_that_says_why_may_wait_for_the_process():
     assert 'controller error 4001' in harness.outcome.text
 
 
+@pytest.mark.parametrize(
+    ('status', 'text', 'unexplained'),
+    [
+        (None, 'no status came that says why', True),
+        ({}, 'it reports no error', True),
+        ({'error_code': 4001}, 'controller error 4001', False),
+    ],
+    ids=['none', 'no error', 'error'],
+)
+def test_a_rejected_goal_says_whether_the_cause_is_known(status, text, unexplained):
+    """What is not explained yet may be by a later status (ArmGate.close)."""
+    harness = Harness()
+    harness.refuse()
+    harness.now += DT
+    if status is not None:
+        harness.status(**status)
+    for _ in range(20):
+        harness.now += DT
+        harness.joints()
+    assert text in harness.outcome.text
+    assert harness.outcome.unexplained is unexplained
+
+
 @pytest.mark.invariant(9)
 def test_a_process_that_stood_still_has_not_waited_for_the_arm_to_begin():
     """docs/invariants.md, 9: as after a download, in whose dead time the arm stands."""

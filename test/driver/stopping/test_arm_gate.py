@@ -37,6 +37,21 @@ def test_the_first_reason_is_kept():
     assert gate.reason == 'the motors are off'
 
 
+def test_a_reason_without_a_cause_is_completed_by_the_next_one():
+    """A STATUS that comes later than a rejected goal waits for still says what to mend."""
+    gate = ArmGate()
+    open_gate(gate)
+    assert gate.close('the controller refused point 1', unexplained=True)
+    assert not gate.close('no status yet', unexplained=True)
+    assert not gate.close('the motors are off')
+    assert not gate.close('the E-stop is pressed')
+    assert gate.reason == 'the controller refused point 1; then: the motors are off'
+    open_gate(gate)
+    assert gate.close('the motors are off')
+    assert not gate.close('the E-stop is pressed')
+    assert gate.reason == 'the motors are off'
+
+
 def test_closing_a_gate_that_was_never_open_says_so():
     gate = ArmGate()
     assert not gate.close('anything')
