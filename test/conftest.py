@@ -5,6 +5,7 @@
 from typing import Any
 
 import pytest
+from support import patient
 from support.examples import load_profile, profile_for
 
 from epson_driver.cli import processes
@@ -24,6 +25,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def _patience() -> None:
     """Processes may take their time to end: on a busy machine they are as right as elsewhere."""
     processes.END_TIMEOUT_S = 300.0
+
+
+@pytest.fixture
+def patient_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the time-outs of a driver in this process long, as those in `support.cell` are."""
+    patient.be_patient(monkeypatch.setattr)
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

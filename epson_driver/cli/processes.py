@@ -19,8 +19,11 @@ from pathlib import Path
 SAFE_DOMAINS = range(1, 102)
 """ROS domains whose ports lie below the ephemeral range of every common system."""
 
-MAX_CLAIMS = 20
-"""How many of the chosen domains stay claimed; the oldest claim is dropped first."""
+MAX_CLAIMS = 5
+"""How many of the chosen domains stay claimed; the oldest claim is dropped first.
+
+Who chose a domain soon has participants in it. Each further claim takes a domain from others: two
+runs of the tests at once have eight processes that choose."""
 
 claims: deque[socket.socket] = deque()
 """Sockets that keep other processes from choosing the same domains, the oldest first."""

@@ -7,6 +7,7 @@ import contextlib
 import threading
 from collections import Counter
 
+import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
@@ -114,6 +115,7 @@ class User:
         return done
 
 
+@pytest.mark.usefixtures('patient_driver')
 def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     monkeypatch.setattr(goal_server, 'RESULT_TIMEOUT_S', KEPT)

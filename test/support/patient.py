@@ -9,6 +9,7 @@ time-out itself are on a manual clock (test/client), or say how long it is.
 """
 
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
@@ -23,6 +24,7 @@ TIMEOUTS = {
     # the end of the process waits so long for what may have failed: not too long, therefore
     'epson_driver.driver.driver': {'STATUS_TIMEOUT_S': LONG, 'SHUT_DOWN_TIMEOUT_S': 8.0},
     'epson_driver.driver.goal.goal_execution': {'SETTLE_TIME_S': LONG},
+    'epson_driver.driver.goal.goal_settings': {'CAUSE_TIMEOUT_MARGIN_S': LONG},
     'epson_driver.node.node': {'RESULTS_TIMEOUT_S': 8.0, 'RESULTS_LINGER_S': 2.0},
     'epson_driver.node.ros_thread': {'LEAVE_TIMEOUT_S': 8.0},
     'epson_driver.driver.arm_commands': {'ANSWER_TIMEOUT_S': LONG},
@@ -35,13 +37,13 @@ TIMEOUTS = {
 }
 
 
-def be_patient() -> None:
-    """Make the client's own time-outs long, in this process."""
+def be_patient(assign: Callable[[object, str, float], object] = setattr) -> None:
+    """Make the client's own time-outs long, in this process; `assign` is setattr or the like."""
     for name, constants in TIMEOUTS.items():
         module = import_module(name)
         for constant, seconds in constants.items():
             assert isinstance(getattr(module, constant), float)
-            setattr(module, constant, seconds)
+            assign(module, constant, seconds)
 
 
 if __name__ == '__main__':

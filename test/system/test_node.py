@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support import patient
 from support.cell import START, Cell
 from support.ros_peer import RosPeer, trajectory
 
@@ -66,7 +67,7 @@ def test_start_order_does_not_matter(tmp_path: Path) -> None:
     ports = probe.ports()
     assert probe.end() == 0
     domain = processes.free_ros_domain()
-    client = processes.client(tmp_path / 'client.log', ports, domain)
+    client = processes.client(tmp_path / 'client.log', ports, domain, run=patient.COMMAND)
     peer = RosPeer(domain)
     try:
         peer.wait_for(lambda: peer.link_states, 'link_state')
@@ -166,7 +167,10 @@ def test_namespace_gives_each_robot_its_own_names(tmp_path: Path) -> None:
                 arguments += ['-p', f'{port}_port:={getattr(ports, port)}']
             environment = processes.ros_environment(domain)
             running.append(
-                processes.Process('client', arguments, tmp_path / f'{name}_c.log', environment)
+                processes.Process(
+                    *('client', arguments, tmp_path / f'{name}_c.log', environment),
+                    run=patient.COMMAND,
+                )
             )
             peers.append(RosPeer(domain, prefix=f'/{name}'))
         for index, peer in enumerate(peers):

@@ -20,6 +20,7 @@ from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from support import patient
 from support.cell import LASTS
 from support.fleet import NAMES, Fleet
 from support.ros_peer import RosPeer, trajectory
@@ -298,7 +299,8 @@ def test_a_controller_that_floods_its_driver_delays_nobody_for_long(tmp_path: Pa
             good = controller.ports()
             noisy = processes.Ports(silent.getsockname()[1], server.getsockname()[1], 0, 0)
             client = processes.clients(
-                tmp_path / 'client.log', {'noisy': noisy, 'good': good}, domain
+                *(tmp_path / 'client.log', {'noisy': noisy, 'good': good}, domain),
+                run=patient.COMMAND,
             )
             peer = RosPeer(domain, prefix='/good')
             try:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from support import patient
 from support.cell import START, Cell
 from support.ros_peer import RosPeer, trajectory
 
@@ -69,7 +70,7 @@ def test_a_recorded_goal_is_played_to_another_node(
 
     process, ports = replay(path)
     domain = processes.free_ros_domain()
-    client = processes.client(tmp_path / 'replayed.log', ports, domain)
+    client = processes.client(tmp_path / 'replayed.log', ports, domain, run=patient.COMMAND)
     peer = RosPeer(domain)
     with processes.ended_at_exit(client):
         try:
