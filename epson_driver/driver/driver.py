@@ -152,6 +152,9 @@ class Driver:
         self._status_missing = Silence(STATUS_TIMEOUT_S)
         self._dropped_throttle = LogThrottle()
         self._link_state = LinkState.DISCONNECTED
+        self._order_known = order is not None
+        self.stop_due = False
+        """STOP is to be sent on this motion connection before anything else."""
         self._missed: set[str] = set()
 
     async def run(self) -> None:
@@ -235,6 +238,8 @@ class Driver:
             return
         now = self._now()
         self.motion_link.dialect = self.state_link.dialect
+        self._order_known = True
+        self._stop_first()
         self.io.follow(self.state_link.dialect)
         message = packet.message
         if isinstance(message, Status):
@@ -305,9 +310,22 @@ class Driver:
         self._on_link(self.state_link, why)
 
     def _on_motion_link(self, state: LinkState, why: str) -> None:
-        if state is not LinkState.CONNECTED:
+        if state is LinkState.CONNECTED:
+            self.stop_due = self.stopper.goes_on
+            self._stop_first()
+        else:
             self.stopper.link_lost()
         self._on_link(self.motion_link, why)
+
+    def _stop_first(self) -> None:
+        """Send STOP on a new motion connection, before anything else, if the arm may go on.
+
+        Before the byte order is known, what a message says is not: STOP waits for the first state
+        message then. So does all else, as nothing is sent to a controller without a state.
+        """
+        if self.stop_due and self._order_known:
+            self.stop_due = False
+            self.stopper.stop()
 
     def _on_link(self, link: Link, why: str) -> None:
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:

@@ -54,9 +54,12 @@ class Delivery(Protocol):
     """A way to a controller.
 
     `resumes`: its first point makes a controller go on that is paused, or says why not.
+    `keeps_points`: a controller of this kind keeps its points when the client is lost, and goes
+    on with them as soon as one connects.
     """
 
     resumes: bool
+    keeps_points: bool
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).

@@ -48,6 +48,7 @@ class Download:
     """Points as topics. The controller keeps `buffer`, and spends `dead_time` s on each."""
 
     resumes = False
+    keeps_points = False
 
     def __init__(
         self,

@@ -6,6 +6,8 @@
 * A point that is answered BUSY has changed nothing; it is sent again after
   BUSY_RETRY_PERIOD_S, until it is taken or the goal is stopped.
 * STOP is STOP_MOTION. The mode stays on.
+* MotoROS keeps queue, job and servos when the client is lost, and goes on as soon as one connects:
+  STOP_MOTION is the first message on each connection (Driver sends it).
 """
 
 import asyncio
@@ -35,6 +37,7 @@ class MotomanDelivery(FullStreaming):
     """Points and STOP for a controller with MotoROS."""
 
     resumes = True
+    keeps_points = True
 
     def __init__(self, link: Link, limits: JointLimits, mapping: JointMapping) -> None:
         super().__init__(link, limits, mapping)

@@ -20,6 +20,7 @@ class Streaming:
     """Points as JOINT_TRAJ_PT requests."""
 
     resumes = False
+    keeps_points = False
 
     def __init__(
         self,
