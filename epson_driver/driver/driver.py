@@ -15,6 +15,7 @@ from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import make_delivery
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.pace import Pace
 from epson_driver.driver.io.io_driver import IoDriver
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
@@ -145,6 +146,7 @@ class Driver:
             self.changed,
             self._on_broken_off,
             _smoother(configuration),
+            Pace(configuration.delivery, configuration.limits),
         )
         self._feedback_leads = False
         self._positions_since_feedback = 0

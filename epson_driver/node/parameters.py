@@ -203,6 +203,13 @@ TABLE = (
         now=True,
     ),
     Row(
+        'require_planned_speed',
+        False,
+        'Reject trajectories that the controller is known to execute at another speed than '
+        'planned, as kinds do that ignore the times of points. False: warn afterwards.',
+        now=True,
+    ),
+    Row(
         'allow_nonzero_velocity_at_trajectory_end',
         False,
         'Accept trajectories whose last point has a velocity. The arm comes to rest there anyway.',

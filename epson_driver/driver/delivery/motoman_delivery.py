@@ -13,7 +13,7 @@
 import asyncio
 import contextlib
 
-from epson_driver.driver.delivery.delivery import OnReply
+from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.streaming import FullStreaming
 from epson_driver.driver.delivery.trajectory_points import STOP
@@ -39,8 +39,10 @@ class MotomanDelivery(FullStreaming):
     resumes = True
     keeps_points = True
 
-    def __init__(self, link: Link, limits: JointLimits, mapping: JointMapping) -> None:
-        super().__init__(link, limits, mapping)
+    def __init__(
+        self, link: Link, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
+    ) -> None:
+        super().__init__(link, limits, mapping, rules)
         self._trajectory = 0
         """Counts trajectories and stops: what belongs to an older one is not sent any more."""
 
