@@ -88,7 +88,8 @@ def main() -> int:
                 runs.append(_run(motion, trajectory, Path(folder), console))
         return _report(arguments, trajectory, runs, console)
     except (RunError, InputError, OSError) as error:
-        console.print(f'[bold red]demo failed:[/] {escape(printable(error))}', highlight=False)
+        said = f'[bold red]demo failed:[/] {escape(printable(error))}'
+        console.print(said, highlight=False, soft_wrap=True)
         return 1
     except KeyboardInterrupt:
         console.print('stopped')

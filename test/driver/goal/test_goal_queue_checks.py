@@ -27,7 +27,8 @@ def goal(times=TIMES, positions=WAY, names=LIMITS.names, tolerance=TOLERANCE, **
 
 
 BAD = {
-    '45 rad': (goal(positions=np.array([HOME, pose(45.0)])), 'position 45 rad is outside'),
+    '45 rad': (goal(positions=np.array([HOME, pose(45.0)])), 'look like degrees'),
+    'outside': (goal(positions=np.array([HOME, pose(4.0)])), 'position 4 rad is outside'),
     'not finite': (goal(positions=np.array([HOME, pose(np.nan)])), 'is not finite'),
     'no points': (goal(times=np.zeros(0), positions=np.zeros((0, JOINTS))), 'has no points'),
     'times': (goal(times=np.array([0.0, 0.0])), 'times must strictly increase'),
@@ -73,7 +74,7 @@ def test_inv2_a_bad_goal_does_not_replace_the_one_that_runs():
             await harness.until_moving()
             bad = Submitted(BAD['45 rad'][0])
             harness.driver.goal_queue.submit(bad.handle)
-            assert 'outside' in bad.outcome.text
+            assert 'look like degrees' in bad.outcome.text
             assert (await running.end()).end is End.SUCCEEDED
 
     run(check())
