@@ -27,6 +27,7 @@ from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import run_task_group
 from epson_driver.link import Link, LinkState
+from epson_driver.link.link_reports import LinkReports
 from epson_driver.link.silence import Silence, passed
 from epson_driver.log_lines import LogThrottle
 from epson_driver.simple_message import (
@@ -157,7 +158,8 @@ class Driver:
         self._order_known = order is not None
         self.stop_due = False
         """STOP is to be sent on this motion connection before anything else."""
-        self._missed: set[str] = set()
+        links = (self.state_link, self.motion_link)
+        self._reports = {link.name: LinkReports(link) for link in links}
 
     async def run(self) -> None:
         """Keep the links alive until cancelled. On the way out the arm is stopped.
@@ -332,7 +334,7 @@ class Driver:
     def _on_link(self, link: Link, why: str) -> None:
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
-        self._tell_link(link, why)
+        self._reports[link.name].tell(why)
         links = (self.state_link, self.motion_link)
         combined = min((each.state for each in links), key=WORST_FIRST.index)
         if combined is not self._link_state:
@@ -340,17 +342,6 @@ class Driver:
             self._events.on_link_state(combined.value, why)
             if not self.state_link.connected:
                 self._events.on_status(Status())
-
-    def _tell_link(self, link: Link, why: str) -> None:
-        """Log that a link came or went, once: not every attempt to bring it back."""
-        if link.connected:
-            self._missed.discard(link.name)
-            _log.info('%s link connected: %s', link.name, why)
-        elif link.state is LinkState.BACKING_OFF and link.name not in self._missed:
-            self._missed.add(link.name)
-            _log.warning('no %s link: %s; trying again at least once a second', link.name, why)
-        else:
-            _log.debug('%s link %s: %s', link.name, link.state.value, why)
 
     async def _watch_status(self) -> None:
         """Drop what is too old, and say so once a second while there is no status."""
