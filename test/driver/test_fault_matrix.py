@@ -48,7 +48,7 @@ QUIET = 0.25
 JOINT_1_END = 3.5
 """Where joint 1 cannot go, rad: the controller knows that, the driver is told otherwise."""
 
-WIDER = replace(LIMITS, position_max=LIMITS.position_max + 1.0)
+WIDER = replace(LIMITS, position_max=LIMITS.position_max + 1.0, velocity=LIMITS.velocity * 1.1)
 
 WAY = tuple(pose(0.15 * count, 0.05 * (count % 2)) for count in range(1, 9))
 """Points that take the arm a few seconds."""
