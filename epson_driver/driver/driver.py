@@ -309,6 +309,7 @@ class Driver:
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
+            self._order_known = self.configuration.byte_order is not None
             self._feedback_leads = False
             self._positions_since_feedback = 0
         self._on_link(self.state_link, why)

@@ -122,6 +122,7 @@ FAULTS = {
     'reboot': Row(fault='reboot for=0.3', text=LOST, gate='link was lost'),
     'wrong_byte_order': Row(
         fault='wrong_byte_order for=0.3',
+        reset=True,  # STOP leaves first on a new connection, in the byte order of the fault
         text='the (state|motion) link was lost: .*length',
         gate='link was lost',
     ),
@@ -163,8 +164,6 @@ EXCEPTIONS = {
         )
     },
     ('door', 'thesis'): {'repair': (Event.DOOR_CLOSE,), 'boots': True},
-    # the last STOP leaves in the byte order of the fault, and comes when that is over
-    ('wrong_byte_order', 'fanuc'): {'reset': True},
 }
 
 NOT_THERE = {('failure_reply', 'thesis'): 'its replies are always SUCCESS'}
