@@ -93,6 +93,8 @@ class ArmCommands:
             )
             if (why := self._in_the_way(status)) is not None:
                 raise CommandError(why)
+            if driver.stopper.keeps_points:  # with the motors, it would go on with them
+                await self._clear_motion()
             if status.drives_powered == TriState.FALSE:
                 await self._act(Action.MOTORS_ON)
                 await self._wait_for_status(
@@ -120,10 +122,10 @@ class ArmCommands:
         """Have the controller drop what it may still have of ours, and see the arm stand."""
         driver = self._driver
         stopper = driver.stopper
-        if driver.goal_queue.busy or (stopper.over and not stopper.ours):
+        if driver.goal_queue.busy or (stopper.over and not stopper.ours and not stopper.kept):
             return
         stopper.stop()
-        if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered:
+        if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered or stopper.kept:
             raise CommandError(f'after the last motion {stopper.doubt}; {stopper.stands}')
 
     async def disable(self) -> str:
@@ -197,6 +199,8 @@ class ArmCommands:
 
         Raises CommandError if it cannot be done, or if no STATUS shows that it was.
         """
+        if self._driver.stop_due:  # STOP goes out before anything else
+            await self._wait_for_status(lambda _: True, 'the controller sends no STATUS')
         await self._act(Action.RESET)
         await self._wait_for_status(
             lambda status: TriState.TRUE not in (status.in_error, status.e_stopped),

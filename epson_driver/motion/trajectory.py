@@ -61,6 +61,9 @@ def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     yield from not_finite
     if not_finite:
         return
+    if (said := _in_degrees(trajectory, limits)) is not None:
+        yield said
+        return
     yield from _times(trajectory)
     yield from _beyond(
         trajectory.positions, limits.position_min, limits.position_max, 'position', '', limits
@@ -70,6 +73,24 @@ def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
             trajectory.velocities, -limits.velocity, limits.velocity, 'velocity', '/s', limits
         )
     yield from _too_fast(trajectory, limits)
+
+
+def _in_degrees(trajectory: Trajectory, limits: JointLimits) -> str | None:
+    """Return a sentence if the angles are beyond the limits, but inside them if they are degrees.
+
+    Only beyond a full turn: a plan that is a little beyond a limit is in rad.
+    """
+    turning = np.array([unit == 'rad' for unit in limits.units])
+    angles = trajectory.positions[:, turning]
+    if not angles.size or np.abs(angles).max() <= 2 * np.pi:
+        return None
+    low, high = limits.position_min[turning], limits.position_max[turning]
+    turned = np.radians(angles)
+    if ((turned < low) | (turned > high)).any():
+        return None
+    point = int(np.abs(angles).max(axis=1).argmax())
+    values = ', '.join(f'{value:g}' for value in angles[point])
+    return f'point {point}: {values} look like degrees: positions are in rad'
 
 
 def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:

@@ -168,3 +168,23 @@ def test_a_later_first_point_must_be_reachable_in_its_time():
     text = rejection(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
     assert '1.2 rad/s' in text
     assert 'limit is 1 rad/s' in text
+
+
+@pytest.mark.parametrize(
+    ('angles', 'seen'),
+    [
+        ((45.0, -30.0, 20.0), True),
+        ((0.5, 0.0, 90.0), True),
+        ((4.0, 0.0, 0.0), False),  # more than the limit, less than a turn
+        ((0.0, 0.0, 9000.0), False),  # too much as degrees, too
+    ],
+)
+def test_angles_in_degrees_are_one_sentence(angles, seen):
+    with pytest.raises(GoalRejectedError) as caught:
+        checked(point(0, (0, 0, 0)), point(90, angles), point(180, angles))
+    text = str(caught.value)
+    if seen:
+        values = ', '.join(f'{angle:g}' for angle in angles)
+        assert text == f'point 1: {values} look like degrees: positions are in rad'
+    else:
+        assert 'degrees' not in text
