@@ -67,7 +67,10 @@ def main() -> int:
         )
         for fault in args.fault:
             controller.faults.start(fault)
-    except ValueError as error:  # too many joints, or a fault that cannot be
+    except (
+        ValueError,
+        InputError,
+    ) as error:  # of joints, faults, program
         parser.error(str(error))
     ports = Ports(*[_port_of(args, name, profile) for name in Ports._fields])
     log = StderrLog()

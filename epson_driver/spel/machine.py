@@ -237,6 +237,11 @@ class Machine:
         """Return the controller's time, s."""
         return self.world.time
 
+    @property
+    def running(self) -> Task | None:
+        """Return the task that runs, or ran last; None if it is over."""
+        return self.world.tasks.get(self._last)
+
     def tasks(self) -> Iterator[TaskView]:
         """Yield the tasks that there are, by number, and those that an error ended."""
         aborted = self.world.aborted

@@ -36,8 +36,8 @@ class Until:
 
 def command(robot: Robot, name: str, arguments: Arguments, words: Words) -> Completion | None:
     """Execute a statement by its name in lower case. Raises SpelError."""
-    if name in _SETTINGS:
-        _set(robot.controller, _SETTINGS[name], arguments)
+    if name in SETTING_WORDS:
+        _set(robot.controller, SETTING_WORDS[name], arguments)
         return None
     if name in WITHOUT_EFFECT:
         return None
@@ -124,7 +124,7 @@ def _zero_only(name: str) -> Run:
     return run
 
 
-_SETTINGS = {name.lower(): name for name in SETTINGS}
+SETTING_WORDS = {name.lower(): name for name in SETTINGS}
 COMMANDS: dict[str, Run] = {
     'motor': _motor,
     'power': _power,

@@ -42,7 +42,8 @@ _IO = {
     Memory.OUTPUT: IoType.DIGITAL_OUTPUT,
     Memory.MEMORY: IoType.FLAG,
 }
-_MOVES = frozenset({'go', 'pulse'})
+MOVES = frozenset({'go', 'pulse'})
+"""Statements that move this arm."""
 
 _terminal = logging.getLogger('epson_driver.spel.terminal')
 
@@ -51,7 +52,7 @@ class SpelHost:
     """The host of a program's interpreter.
 
     `news` is called when a task may go on; `failed` with the error that ended a task, `pauses`
-    with what a program wants: Pause (True) or Cont.
+    with what a program wants: Pause (True) or Cont; `moves` when a task has begun a motion.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class SpelHost:
         news: Callable[[], None],
         failed: Callable[[TaskError], None],
         pauses: Callable[[bool], None],
+        moves: Callable[[], None],
     ) -> None:
         self._controller = controller
         self._robot = robot
@@ -69,6 +71,7 @@ class SpelHost:
         self._news = news
         self._failed = failed
         self._pauses = pauses
+        self._moves = moves
         self._lines: dict[int, str] = {}
 
     # Terminal
@@ -172,14 +175,16 @@ class SpelHost:
 
     def move(self, request: MotionRequest) -> Motion:
         """Begin a motion. Raises SpelError."""
-        if request.name not in _MOVES or request.find or request.sense:
+        if request.name not in MOVES or request.find or request.sense:
             raise SpelError(ErrorNumber.ARGUMENT, f'{request.name} is not simulated: use Go')
         rejection = self._controller.motion_rejection()
         if rejection is not None:
             raise SpelError(rejection.number, rejection.sentence)
         near = self._robot.here
         target = self._robot.points.joints(request.points[-1], near)
-        return self._robot.motion.begin(request, target)
+        motion = self._robot.motion.begin(request, target)
+        self._moves()
+        return motion
 
     def stored_point(self, point: Point) -> Point:
         """Return a point as P0, P1, … hold it."""

@@ -21,6 +21,7 @@ from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.sim_controller.spel_host.robot_values import Robot
 from epson_driver.sim_controller.spel_host.spel_host import SpelHost
+from epson_driver.sim_controller.spel_host.unsimulated import refuse_unsimulated
 from epson_driver.simple_message import Frame
 from epson_driver.spel import (
     Machine,
@@ -31,7 +32,7 @@ from epson_driver.spel import (
     TaskType,
     TaskView,
 )
-from epson_driver.spel.task import FIRST_BACKGROUND, LAST_BACKGROUND
+from epson_driver.spel.task import FIRST_BACKGROUND, LAST_BACKGROUND, Task
 
 MAIN, BACKGROUND = 'main', 'bgmain'
 _TYPES = {
@@ -57,7 +58,7 @@ class SpelProgram:
 
     `program` is what runs. `main` is started at boot and whenever a person starts the program,
     BgMain at boot. Global variables are cleared with a start by hand unless there is a BgMain,
-    which may share them.
+    which may share them. Raises ProgramError for a program with statements that are not simulated.
     """
 
     def __init__(
@@ -74,13 +75,22 @@ class SpelProgram:
         self._motion = RobotMotion(arm, controller.clock, self._soon)
         robot = Robot(controller, self._motion, RobotPoints(controller.model))
         self._host = SpelHost(
-            controller, robot, network, self._soon, self._task_failed, self._asked_to_pause
+            controller,
+            robot,
+            network,
+            self._soon,
+            self._task_failed,
+            self._asked_to_pause,
+            self._task_moves,
         )
+        refuse_unsimulated(program)
         self._timer: Timer | None = None
         self._running = False
         self._later: list[Callable[[], None]] = []
         self._starting = True  # main is to be started
         self._finishing = False
+        self._ended = False  # whether the tasks have ended, until a person starts the program
+        self._mover: Task | None = None  # the task whose motion is under way
         network.news = self._soon
         self._machine, self._begun = self._new_machine()
 
@@ -142,7 +152,8 @@ class SpelProgram:
     def _look_at_tasks(self) -> None:
         """See whether all tasks are over, and whether one still moves the arm."""
         kinds = {task.type for task in self._alive()}
-        if self._motion.busy and not kinds & {TaskType.NORMAL, TaskType.NO_PAUSE, TaskType.TRAP}:
+        mover = self._mover
+        if self._motion.busy and (mover is None or mover.frame is None):
             self._motion.abort(_aborted('its task is over'))
         condition = self._controller.condition
         over = not self._starting and not kinds - {TaskType.BACKGROUND}
@@ -150,6 +161,9 @@ class SpelProgram:
             self._finishing = True
             self._controller.apply(Event.TASKS_FINISHED)
             self._finishing = False
+
+    def _task_moves(self) -> None:
+        self._mover = self._machine.running
 
     def _alive(self) -> Iterator[TaskView]:
         return (task for task in self._machine.tasks() if task.state is not TaskState.ABORTED)
@@ -183,6 +197,7 @@ class SpelProgram:
             self._motion.abort(_aborted('the tasks were ended'))
         aborted = self._controller.condition.tasks is Tasks.ABORTED
         self._starting = False
+        self._ended = True
 
         def end() -> None:
             if aborted:
@@ -194,9 +209,6 @@ class SpelProgram:
 
         self._after_tasks(end)
 
-    def _alive_but_background(self) -> bool:
-        return any(task.type is not TaskType.BACKGROUND for task in self._alive())
-
     def boot(self) -> None:
         """Begin anew; variables that are preserved keep their values."""
         self._after_tasks(self._boot)
@@ -207,7 +219,7 @@ class SpelProgram:
         self._network.close_all()
         self._machine, self._begun = self._new_machine()
         self._machine.restore(kept)
-        self._starting = True
+        self._starting, self._ended = True, False
         self._soon()
 
     def pause(self) -> None:
@@ -221,7 +233,8 @@ class SpelProgram:
             if tasks is Tasks.STOPPED:  # by a reset, perhaps
                 self._after_tasks(self._machine.clear_errors)
             return
-        if not self._alive_but_background():
+        if self._ended:
+            self._ended = False
             self._starting = not self._running  # StartMain starts it by itself
         self._motion.settle()
         self._after_tasks(self._machine.resume)

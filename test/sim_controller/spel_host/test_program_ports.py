@@ -173,6 +173,7 @@ def test_points_move_the_arm_smoothly_and_the_state_port_tells_where_it_is(caplo
     state.closed()
 
 
+@pytest.mark.invariant(3)
 def test_a_lost_motion_client_stops_the_arm_and_the_port_serves_the_next_one(caplog):
     """Invariant: nothing moves any more for a client that is gone."""
     made = bench(caplog)
@@ -194,6 +195,7 @@ def test_a_lost_motion_client_stops_the_arm_and_the_port_serves_the_next_one(cap
     assert peer.got == going(5)
 
 
+@pytest.mark.invariant(7)
 def test_garbage_moves_nothing_and_the_next_client_is_served(caplog):
     made = bench(caplog)
     motion, peer = made.client('motion')
@@ -208,6 +210,7 @@ def test_garbage_moves_nothing_and_the_next_client_is_served(caplog):
     made.until(lambda: abs(made.position[0] - np.radians(3.0)) < 1e-9)
 
 
+@pytest.mark.invariant(4)
 def test_background_tasks_survive_an_estop_and_the_state_port_goes_on(caplog):
     made = bench(caplog)
     _, state = made.client('state')
@@ -240,6 +243,7 @@ def test_a_port_that_the_program_has_not_opened_refuses_and_one_client_is_all(ca
         made.client('motion')
 
 
+@pytest.mark.invariant(7)
 def test_a_client_that_is_not_read_is_cut_off_and_memory_stays_bounded(caplog):
     source = """
     Function main

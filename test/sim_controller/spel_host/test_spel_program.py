@@ -9,6 +9,7 @@ import pytest
 from support.program_bench import ProgramBench
 
 from epson_driver.sim_controller.condition.states import RejectedError, Tasks
+from epson_driver.spel import ProgramError
 
 AWAY = np.radians([30.0, -10.0, 10.0, 0.0, 20.0, 0.0])
 MOVE = """
@@ -43,6 +44,7 @@ def test_go_brings_the_arm_there_and_the_program_goes_on_then(caplog):
     assert acceleration <= 1.01
 
 
+@pytest.mark.invariant(1)
 def test_motors_off_refuses_a_motion_with_4031_and_the_error_names_file_and_line(caplog):
     bench = ProgramBench(
         '\nFunction main\n  Wait 0.1\n  Go AglToPls(1, 0, 0, 0, 0, 0)\nFend\n', caplog
@@ -53,6 +55,7 @@ def test_motors_off_refuses_a_motion_with_4031_and_the_error_names_file_and_line
     assert not np.any(np.diff(bench.positions, axis=0))
 
 
+@pytest.mark.invariant(4)
 @pytest.mark.parametrize('seconds', [0.15, 0.25, 0.35])
 def test_an_estop_in_mid_motion_ends_the_task_and_nothing_moves_until_started(caplog, seconds):
     """Invariant: after an E-stop nothing moves until a person has enabled it, step by step."""
@@ -83,6 +86,7 @@ def test_an_estop_in_mid_motion_ends_the_task_and_nothing_moves_until_started(ca
     assert caplog.text.count('goes') == 2
 
 
+@pytest.mark.invariant(4)
 def test_a_program_that_was_started_does_not_move_with_the_motors_off(caplog):
     bench = ProgramBench(MOVE.replace('Motor On', 'Wait Motor = On'), caplog)
     bench.do('E-stop press', 'E-stop release', 'reset', 'start')
@@ -91,6 +95,7 @@ def test_a_program_that_was_started_does_not_move_with_the_motors_off(caplog):
     assert not np.any(np.diff(bench.positions, axis=0))
 
 
+@pytest.mark.invariant(4)
 def test_no_program_switches_the_motors_on_during_an_estop_nor_resets_it(caplog):
     source = """
     Function BgMain
@@ -246,11 +251,91 @@ def test_out_of_range_is_4001_before_the_arm_moves(caplog):
     assert not np.any(np.diff(bench.positions, axis=0))
 
 
-def test_what_is_not_simulated_is_an_error_that_names_it(caplog):
-    bench = ProgramBench('Function main\n  Motor On\n  Move XY(1, 2, 3, 0, 0, 0)\nFend\n', caplog)
+@pytest.mark.parametrize('line', ['Move P1', 'Jump P1', 'SFree 1', 'Go P1 Sense'])
+def test_what_is_not_simulated_is_refused_before_the_start(line):
+    source = f'Function main\n  If Motor = On Then\n    {line}\n  EndIf\nFend\n'
+    with pytest.raises(ProgramError, match=rf'main.prg:3:\d+: .*{line.split()[0]} is not sim'):
+        ProgramBench(source)
+
+
+def test_motors_that_go_off_end_the_motion_with_2999(caplog):
+    bench = ProgramBench(MOVE, caplog)
+    bench.until(lambda: 'goes' in bench.printed)
+    bench.step(0.3)
+    assert np.any(bench.velocity)
+    bench.do('motors off')
+    bench.step(1.0)
+    assert not bench.controller.condition.powered
+    assert bench.controller.error_number == 2999
+    assert bench.within_limits()[1] <= 1.01
+
+
+@pytest.mark.invariant(3)
+def test_a_task_that_is_quit_in_its_motion_leaves_the_arm_at_rest(caplog):
+    source = """
+    Function BgMain
+      Wait 0.4
+      Quit main
+      Print "quit"
+    Fend
+    Function main
+      Motor On
+      Go AglToPls(90, 0, 0, 0, 0, 0)
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.until(lambda: 'quit' in bench.printed)
+    bench.step(1.0)
+    assert 0.0 < bench.position[0] < np.radians(60.0)
+    assert not np.any(bench.velocity)
+    assert bench.within_limits()[1] <= 1.01
+
+
+def test_the_door_interrupts_and_the_motion_goes_on_after_continue(caplog):
+    bench = ProgramBench(MOVE, caplog)
+    bench.until(lambda: 'goes' in bench.printed)
+    bench.step(0.3)
+    bench.do('door open')
+    bench.step(1.0)
+    assert not bench.controller.condition.powered
+    assert bench.tasks == ['main paused main.prg:8']
+    bench.do('door close')
+    held = bench.position
+    bench.step(1.0)
+    assert np.array_equal(bench.position, held)
+    bench.do('continue')
+    bench.until(lambda: 'there' in bench.printed)
+    assert np.allclose(bench.position, AWAY, atol=1e-9)
+
+
+@pytest.mark.invariant(4)
+def test_continue_does_not_start_a_program_that_ended_in_the_pause(caplog):
+    source = """
+    Function BgMain
+      Wait PauseOn = True
+      Quit main
+    Fend
+    Function main
+      Print "begins"
+      Wait 1000
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.step(0.1)
+    bench.do('pause')
+    bench.step(0.1)
+    bench.do('continue')
     bench.step(0.5)
-    assert bench.controller.error_number == 9993
-    assert any('move is not simulated' in message for message in caplog.messages)
+    assert bench.printed == ['begins']
+    assert bench.controller.condition.tasks is Tasks.STOPPED
+
+
+def test_power_that_a_person_holds_low_is_not_raised_by_the_program(caplog):
+    """Invariant: the power that a person chose is not changed by a program."""
+    bench = ProgramBench(MOVE, caplog)
+    bench.do('power low')
+    bench.until(lambda: 'there' in bench.printed)
+    assert bench.within_limits()[0] <= 0.051
 
 
 def test_functions_of_the_robot(caplog):
