@@ -131,7 +131,7 @@ SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
         'client_connections': frozenset(
             {'clock', 'condition', 'core', 'faults', 'io', 'ports', 'programs', 'remote', 'state'}
         ),
-        'network': frozenset({'arm', 'client_connections', 'core'}),
+        'network': frozenset({'arm', 'client_connections', 'core', 'ports'}),
         'assembly': ANY_SIBLING,
     },
     'driver': {

@@ -253,7 +253,6 @@ POWER: dict[tuple[Power, Event], Power] = {
     (Power.LOW, _E.PROGRAM_POWER_HIGH): Power.HIGH,
     (Power.LOW, _E.POWER_LOW): Power.HELD_LOW,
     (Power.HIGH, _E.POWER_LOW): Power.HELD_LOW,
-    (Power.HIGH, _E.PROGRAM_POWER_LOW): Power.LOW,
     (Power.HIGH, _E.MOTORS_ON): Power.LOW,
     (Power.HIGH, _E.MOTORS_OFF): Power.LOW,
     (Power.HIGH, _E.DOOR_OPEN): Power.LOW,
@@ -265,6 +264,7 @@ POWER: dict[tuple[Power, Event], Power] = {
     (Power.HIGH, _E.STOP): Power.LOW,
     (Power.HIGH, _E.MODE_MANUAL): Power.LOW,
     (Power.HIGH, _E.BOOT): Power.LOW,
+    (Power.HIGH, _E.PROGRAM_POWER_LOW): Power.LOW,
     (Power.HELD_LOW, _E.POWER_HIGH): Power.HIGH,
     (Power.HELD_LOW, _E.BOOT): Power.LOW,
 }

@@ -11,7 +11,7 @@ from epson_driver.sim_controller.arm.planner_process import PlannerError, Planne
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.port_server import PortRules, PortServer, port_rules
-from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
+from epson_driver.sim_controller.ports.program_ports import ProgramPorts
 
 _log = logging.getLogger(__name__)
 
@@ -36,7 +36,7 @@ class ControllerServers:
         self,
         controller: Controller,
         planner: PlannerProcess | None = None,
-        spel: ProgramNetwork | None = None,
+        spel: ProgramPorts | None = None,
         program_ports: Mapping[int, int] | None = None,
     ) -> None:
         self._controller = controller

@@ -11,6 +11,9 @@ from epson_driver.sim_controller.ports.session import Send, Session
 class ProgramPorts(Protocol):
     """Which ports the program has open, and what it does with a client of one."""
 
+    listen: Callable[[int], None]
+    """Called when the program opens a TCP port that has no name here. May raise OSError."""
+
     def rejection(self, port: str) -> str | None:
         """Return why a client of a port cannot be served now, or None."""
 

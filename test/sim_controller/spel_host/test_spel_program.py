@@ -155,7 +155,7 @@ def test_motions_with_cp_blend_and_those_without_stop(caplog):
       Speed 50
       Accel 50, 50
       Go AglToPls(20, 0, 0, 0, 0, 0) {cp}
-      Print "first"
+      Wait 0.02
       Go AglToPls(40, 0, 0, 0, 0, 0)
       Print "there"
     Fend
