@@ -73,7 +73,7 @@ PACKAGES = {
     'spel': Package(1, frozenset({'inputs'})),
     'link': Package(1, frozenset({'inputs', 'log_lines', 'simple_message', 'socket_errors'})),
     'trace': Package(1, frozenset({'inputs', 'link', 'simple_message'})),
-    'sim_controller': Package(2, BOTTOM | {'remote_ethernet'}, ANY),
+    'sim_controller': Package(2, BOTTOM | {'remote_ethernet', 'spel'}, ANY),
     'driver': Package(2, BOTTOM | {'link', 'remote_ethernet', 'trace'}, frozenset({'numpy'})),
     'node': Package(3, BOTTOM | {'link', 'remote_ethernet', 'trace', 'driver'}, ANY, ros=True),
     'planning': Package(3, BOTTOM, ANY),
@@ -116,6 +116,9 @@ SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
         'clock': NOTHING,
         'condition': NOTHING,
         'ports': NOTHING,
+        'spel_host': frozenset(
+            {'arm', 'clock', 'condition', 'core', 'io', 'ports', 'programs', 'remote'}
+        ),
         'arm': NOTHING,
         'io': frozenset({'clock', 'ports'}),
         'faults': frozenset({'clock', 'ports'}),
@@ -128,7 +131,7 @@ SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
         'client_connections': frozenset(
             {'clock', 'condition', 'core', 'faults', 'io', 'ports', 'programs', 'remote', 'state'}
         ),
-        'network': frozenset({'arm', 'client_connections', 'core'}),
+        'network': frozenset({'arm', 'client_connections', 'core', 'ports'}),
         'assembly': ANY_SIBLING,
     },
     'driver': {
