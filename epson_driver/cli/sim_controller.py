@@ -7,6 +7,7 @@ import asyncio
 import dataclasses
 import gc
 import logging
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -66,7 +67,7 @@ def main() -> int:
     log = StderrLog()
     logging.basicConfig(level=logging.INFO, handlers=[log])
     try:
-        return asyncio.run(_run(controller, planner, args.host, ports))
+        return asyncio.run(_run(controller, planner, args.host, ports, args.until_stdin_ends))
     finally:
         log.finish()
 
@@ -86,11 +87,14 @@ async def _run(
     planner: PlannerProcess | None,
     host: str,
     ports: Ports,
+    until_stdin_ends: bool,
 ) -> int:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     for each in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(each, stop.set)
+    if until_stdin_ends:
+        _watch_stdin(stop)
     servers = ControllerServers(controller, planner)
     try:
         ports = await servers.open(host, ports)
@@ -111,6 +115,18 @@ async def _run(
         moving.cancel()
         await servers.close()
     return 0
+
+
+def _watch_stdin(ended: asyncio.Event) -> None:
+    """Set an event when the other end of stdin is closed, as when its process has died."""
+    loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def read() -> None:
+        if not os.read(file, 65536):
+            loop.remove_reader(file)
+            ended.set()
+
+    loop.add_reader(file, read)
 
 
 class _StartError(ValueError):
@@ -202,6 +218,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--seed', type=argument(SEED), default=0, help='of the random faults (%(default)s)'
+    )
+    parser.add_argument(
+        '--until-stdin-ends',
+        action='store_true',
+        help='end when standard input, a pipe, is closed: with the process that has started it',
     )
     parser.add_argument(
         '--start',
