@@ -3,10 +3,10 @@
 """Two threads for a synchronous Robot: one with the event loop, one for the user's callbacks."""
 
 import asyncio
+import contextlib
 import queue
 import threading
 from collections.abc import Callable, Coroutine
-from concurrent.futures import CancelledError
 from functools import partial
 from typing import Any, TypeVar
 
@@ -47,21 +47,33 @@ class LoopThread:
     def run(self, work: Callable[[], Coroutine[Any, Any, T]], timeout: float | None = None) -> T:
         """Run a coroutine in the loop and wait for it, at most `timeout` s (TimeoutError).
 
-        Whatever ends the waiting, Ctrl-C or the time-out, cancels the coroutine. Raises RobotError
-        if the thread was closed, what the coroutine raises otherwise.
+        Ctrl-C and the time-out cancel the coroutine and wait for its end, until a second Ctrl-C.
+        Raises RobotError if the thread was closed, what the coroutine raises otherwise.
         """
         if threading.current_thread() is self._thread:
             raise RobotError('the event loop of the robot cannot wait for itself')
+        tasks: list[asyncio.Task[T]] = []
+        ended = threading.Event()
+
+        def begin() -> None:
+            tasks.append(self._loop.create_task(work()))
+            tasks[0].add_done_callback(lambda _: ended.set())
+
         with self._lock:
             if self._closed:
                 raise RobotError('the robot was closed')
-            future = asyncio.run_coroutine_threadsafe(work(), self._loop)
+            self._loop.call_soon_threadsafe(begin)
         try:
-            return future.result(timeout)
-        except CancelledError as error:
-            raise RobotError('the robot was closed meanwhile') from error
-        finally:
-            future.cancel()
+            if not ended.wait(timeout):
+                raise TimeoutError(f'it has not ended within {timeout:g} s')
+        except BaseException:
+            with contextlib.suppress(RuntimeError):  # the loop is closed, and the task has ended
+                self._loop.call_soon_threadsafe(lambda: tasks[0].cancel())
+            ended.wait()
+            raise
+        if tasks[0].cancelled():
+            raise RobotError('the robot was closed meanwhile')
+        return tasks[0].result()
 
     def call(self, function: Callable[[], T]) -> T:
         """Call a function in the loop; return what it returns."""
