@@ -18,6 +18,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any, Literal, TypeVar
 
+import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api import moves
@@ -38,8 +39,10 @@ from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_error
 from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.cartesian import PosePath, arc, line
 from epson_driver.robots import RobotModel
-from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.cartesian_motion import ToolLimits, cartesian_trajectory
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.simple_message import Status
 
 __all__ = [
@@ -318,6 +321,77 @@ class Robot:
         """
         limits = self.model.limits
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
+        return await self._execute(trajectory, wait)
+
+    async def move_line(
+        self,
+        pose: npt.ArrayLike,
+        *,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        slow: bool = False,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the flange (tool0) straight to a pose in base_link: shape (4, 4), m.
+
+        The orientation turns evenly about one axis. speed, acceleration: of the flange, m/s and
+        m/s²; turn_speed, turn_acceleration: of its turn, rad/s and rad/s². accuracy: how far the
+        way between two points that are sent may be from the line, m. slow: go slower where a joint
+        limit asks for it; otherwise that is refused.
+
+        Raises ValueError, before anything is sent, for a pose out of reach or a way near a
+        singularity, with joint and place; otherwise as `move_joints`. Six-axis arms only;
+        needs py-opw-kinematics (pip install 'epson_driver[planning]').
+        """
+        tool = moves.tool_limits(
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, slow=slow
+        )
+        end = moves.checked_pose('pose', pose)
+        return await self._move_tool(lambda start: line(start, end), tool, wait)
+
+    async def move_arc(
+        self,
+        via: npt.ArrayLike,
+        pose: npt.ArrayLike,
+        *,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        slow: bool = False,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the flange on a circle through a point, shape (3,), m, to a pose in base_link.
+
+        The rest as in `move_line`.
+        """
+        tool = moves.tool_limits(
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, slow=slow
+        )
+        middle = moves.checked_point('via', via)
+        end = moves.checked_pose('pose', pose)
+        return await self._move_tool(lambda start: arc(start, middle, end), tool, wait)
+
+    def pose_of_epson_point(self, xyz: npt.ArrayLike, uvw: npt.ArrayLike) -> Array:
+        """Return a pose in base_link of a point as the teach pendant has it: m and rad."""
+        pose = np.eye(4)
+        pose[:3, 3] = moves.checked_point('xyz', xyz)
+        pose[:3, :3] = rotation_of_uvw(moves.checked_point('uvw', uvw))
+        return self._kinematics.from_base(pose)
+
+    async def _move_tool(
+        self, path: Callable[[Array], PosePath], tool: ToolLimits, wait: bool
+    ) -> Motion:
+        sample = await self._ready()
+        start = sample.positions
+        way = path(self._kinematics.forward(start))
+        trajectory = await asyncio.to_thread(
+            cartesian_trajectory, self._kinematics, start, way, tool
+        )
         return await self._execute(trajectory, wait)
 
     @property

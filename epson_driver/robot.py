@@ -318,6 +318,79 @@ class Robot:
             )
         )
 
+    def move_line(
+        self,
+        pose: npt.ArrayLike,
+        *,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        slow: bool = False,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the flange (tool0) straight to a pose in base_link: shape (4, 4), m.
+
+        The orientation turns evenly about one axis. speed, acceleration: of the flange, m/s and
+        m/s²; turn_speed, turn_acceleration: of its turn, rad/s and rad/s². accuracy: how far the
+        way between two points that are sent may be from the line, m. slow: go slower where a joint
+        limit asks for it; otherwise that is refused.
+
+        Raises ValueError, before anything is sent, for a pose out of reach or a way near a
+        singularity, with joint and place; otherwise as `move_joints`. Six-axis arms only;
+        needs py-opw-kinematics (pip install 'epson_driver[planning]').
+        """
+        return self._move(
+            partial(
+                self._robot.move_line,
+                pose,
+                speed=speed,
+                acceleration=acceleration,
+                turn_speed=turn_speed,
+                turn_acceleration=turn_acceleration,
+                accuracy=accuracy,
+                slow=slow,
+                wait=wait,
+            )
+        )
+
+    def move_arc(
+        self,
+        via: npt.ArrayLike,
+        pose: npt.ArrayLike,
+        *,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        slow: bool = False,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the flange on a circle through a point, shape (3,), m, to a pose in base_link.
+
+        The rest as in `move_line`.
+        """
+        return self._move(
+            partial(
+                self._robot.move_arc,
+                via,
+                pose,
+                speed=speed,
+                acceleration=acceleration,
+                turn_speed=turn_speed,
+                turn_acceleration=turn_acceleration,
+                accuracy=accuracy,
+                slow=slow,
+                wait=wait,
+            )
+        )
+
+    def pose_of_epson_point(self, xyz: npt.ArrayLike, uvw: npt.ArrayLike) -> Array:
+        """Return a pose in base_link of a point as the teach pendant has it: m and rad."""
+        return self._robot.pose_of_epson_point(xyz, uvw)
+
     @property
     def speed_scaling(self) -> float:
         """The share of the planned speed at which all motions run."""

@@ -11,8 +11,10 @@ import numpy.typing as npt
 
 from epson_driver.driver.goal.goal_checks import check_limits, untimed
 from epson_driver.driver.outcome import GoalRejectedError
+from epson_driver.inputs import number
 from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.point_to_point import check_fractions
+from epson_driver.robots.cartesian_motion import ToolLimits
 
 SAMPLE_PERIOD_S = 0.05
 """Time between two points for controllers that interpolate between positions and velocities."""
@@ -69,6 +71,68 @@ def check_shares(speed: float, acceleration: float) -> None:
     except ValueError as error:
         text = str(error).replace('accel =', 'acceleration =')
         raise ValueError(f'{text}, a share of the joint limits') from error
+
+
+def tool_limits(
+    speed: float,
+    acceleration: float,
+    turn_speed: float,
+    turn_acceleration: float,
+    accuracy: float,
+    *,
+    slow: bool,
+) -> ToolLimits:
+    """Return how the flange may move. Raises ValueError that names the argument."""
+    given = {
+        'speed': speed,
+        'acceleration': acceleration,
+        'turn_speed': turn_speed,
+        'turn_acceleration': turn_acceleration,
+        'accuracy': accuracy,
+    }
+    checked_values = {
+        name: _TOOL_RULES[name].checked(value, name) for name, value in given.items()
+    }
+    return ToolLimits(**checked_values, slow=bool(slow))
+
+
+_TOOL_RULES = {
+    'speed': number(1e-5, 100.0, 'm/s'),
+    'acceleration': number(1e-4, 1000.0, 'm/s²'),
+    'turn_speed': number(1e-4, 100.0, 'rad/s'),
+    'turn_acceleration': number(1e-3, 10000.0, 'rad/s²'),
+    'accuracy': number(1e-6, 1.0, 'm'),
+}
+
+
+def checked_point(field: str, values: npt.ArrayLike) -> Array:
+    """Return three finite numbers, shape (3,). Raises ValueError."""
+    return _finite(field, values, (3,))
+
+
+def checked_pose(field: str, values: npt.ArrayLike) -> Array:
+    """Return a homogeneous matrix, shape (4, 4), whose place is in m. Raises ValueError."""
+    pose = _finite(field, values, (4, 4))
+    turn = pose[:3, :3]
+    if (
+        np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6
+        or np.linalg.det(turn) < 0.0
+        or np.abs(pose[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9
+    ):
+        raise ValueError(f'{field}: must be a rotation and a place, with 0 0 0 1 in its last row')
+    return pose
+
+
+def _finite(field: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{field}: must be numbers of shape {shape} ({error})') from error
+    if array.shape != shape:
+        raise ValueError(f'{field} has shape {array.shape}: must be {shape}')
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f'{field} = {array.tolist()}: must be finite numbers')
+    return array
 
 
 def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajectory:

@@ -15,6 +15,7 @@ SAID = (
     'the arm is enabled',
     'the arm is not enabled (not enabled since the driver started): call enable()',
     'canceled; the arm stands',
+    'out of reach',
     'link disconnected',
     '0.4',
 )

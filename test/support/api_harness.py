@@ -26,11 +26,11 @@ def ports_of(ports):
 
 
 @contextlib.asynccontextmanager
-async def robot_cell(*, enabled=True, profile='rc620', settings=None):
+async def robot_cell(*, enabled=True, profile='rc620', model='c3_a601s', settings=None):
     """Run a simulated controller in this process; yield a connected robot, and the controller."""
     async with (
-        simulated(profile=profile) as (controller, ports),
-        aio.Robot(controller=profile, settings=settings, **ports_of(ports)) as robot,
+        simulated(profile=profile, model=model) as (controller, ports),
+        aio.Robot(controller=profile, model=model, settings=settings, **ports_of(ports)) as robot,
     ):
         if enabled:
             await robot.enable()
