@@ -11,6 +11,7 @@ asyncio. A Robot may be used from several threads.
 """
 
 import logging
+import threading
 from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from types import TracebackType
@@ -128,6 +129,7 @@ class Robot:
         self._begin()
 
     def _begin(self) -> None:
+        self._closing = threading.Lock()
         self._thread: LoopThread | None = None
         self._callbacks = CallbackThread('robot callbacks', self._callback_failed)
         self.io = Io(self._robot.io, self._running)
@@ -174,15 +176,16 @@ class Robot:
 
     def close(self) -> None:
         """Stop the arm, disable it, and disconnect. Nothing if there is no connection."""
-        thread = self._thread
-        if thread is None:
-            return
-        try:
-            thread.run(self._robot.close)
-        finally:
-            self._thread = None
-            thread.close()
-            self._callbacks.close()
+        with self._closing:
+            thread = self._thread
+            if thread is None:
+                return
+            try:
+                thread.run(self._robot.close)
+            finally:
+                self._thread = None
+                thread.close()
+        self._callbacks.close()  # without the lock: one of them may be closing, too
 
     def __enter__(self: R) -> R:
         return self.connect()

@@ -39,3 +39,26 @@ def test_ros_really_cannot_be_imported_there(module: str) -> None:
     _, errors = process.communicate(timeout=300)
     assert process.returncode == 1
     assert 'no ROS here' in errors
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ('robots',),
+        ('robots', 'c3_a601s'),
+        ('sim_controller', '--help'),
+        ('pendant', '--help'),
+        ('smooth', '--help'),
+        ('replay', '--help'),
+        ('spel', '--help'),
+    ],
+    ids=' '.join,
+)
+def test_executables_that_need_no_ros_run_without_it(words: tuple[str, ...]) -> None:
+    code = f"""
+import sys
+from epson_driver.cli.__main__ import main
+sys.argv = ['epson_driver', *{words!r}]
+sys.exit(main())
+"""
+    assert output(program(code))

@@ -300,6 +300,23 @@ def test_closing_from_a_callback_and_from_a_thread_that_waits(ports):
     until(closed)
 
 
+@pytest.mark.invariant(9)
+def test_closing_from_a_callback_and_from_the_block_at_once(ports):
+    for _ in range(5):
+        with robot_at(ports) as robot:
+            told = threading.Event()
+
+            def close(_name, _why, robot=robot, told=told):
+                told.set()
+                robot.close()
+
+            robot.on_link(close)
+            robot._call(lambda robot=robot: robot._robot.on_link_state('connected', 'a test'))
+            told.wait(PATIENCE)
+        with pytest.raises(RobotError, match='no connection'):
+            robot.enable()
+
+
 def test_a_callback_that_raises_stops_the_arm(ports, caplog):
     with robot_at(ports) as robot:
         robot.enable()
