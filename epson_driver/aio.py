@@ -60,7 +60,7 @@ READY_TIMEOUT_S = 10.0
 """How long `connect` waits for the controller unless it is told otherwise, s."""
 
 FRESH_POSE_TIMEOUT_S = 0.5
-"""How long a motion waits for joints if those that are there are too old, s."""
+"""How long to wait for joints if those that are there are too old, s."""
 
 R = TypeVar('R', bound='Robot')
 
@@ -223,6 +223,18 @@ class Robot:
     def epson_point(self) -> tuple[Array, Array]:
         """Tool 0 as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad. As `joints`."""
         return self._kinematics.epson_point(self._sample().positions)
+
+    async def catch_up(self) -> None:
+        """Let what has come be read, as long as the newest joints are too old: half a second.
+
+        In a program that held the event loop, or on a busy machine, newer ones may be waiting.
+        """
+        driver, _ = self._connected()
+        loop = asyncio.get_running_loop()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(FRESH_POSE_TIMEOUT_S):
+                while driver.robot.stale(loop.time()):
+                    await self._heard.wait()
 
     def _sample(self) -> JointSample:
         driver, _ = self._connected()
@@ -507,7 +519,7 @@ class Robot:
         driver, _ = self._connected()
         self._check_idle(driver)
         if driver.gate.reason is None:
-            await driver.why_not_ready(FRESH_POSE_TIMEOUT_S)
+            await self.catch_up()
         try:
             return driver.goal_queue.check_ready()
         except GoalRejectedError as rejection:

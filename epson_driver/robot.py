@@ -213,22 +213,22 @@ class Robot:
     @property
     def joints(self) -> Array:
         """Measured joint positions, shape (n,), rad (m). Raises RobotError if they are too old."""
-        return self._call(lambda: self._robot.joints)
+        return self._measured(lambda: self._robot.joints)
 
     @property
     def joint_velocities(self) -> Array:
         """Joint velocities, shape (n,), rad/s (m/s). Raises as `joints`."""
-        return self._call(lambda: self._robot.joint_velocities)
+        return self._measured(lambda: self._robot.joint_velocities)
 
     @property
     def pose(self) -> Array:
         """The flange (tool0) in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
-        return self._call(lambda: self._robot.pose)
+        return self._measured(lambda: self._robot.pose)
 
     @property
     def epson_point(self) -> tuple[Array, Array]:
         """Tool 0 as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad. As `joints`."""
-        return self._call(lambda: self._robot.epson_point)
+        return self._measured(lambda: self._robot.epson_point)
 
     # --- commands ---------------------------------------------------------------------------
 
@@ -442,6 +442,13 @@ class Robot:
 
     def _run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         return self._running().run(work)
+
+    def _measured(self, function: Callable[[], T]) -> T:
+        async def work() -> T:
+            await self._robot.catch_up()
+            return function()
+
+        return self._run(work)
 
     def _call(self, function: Callable[[], T]) -> T:
         return self._running().call(function)

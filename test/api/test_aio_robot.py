@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.api_harness import FAR, robot_cell
 from support.driver_harness import ScriptedController, answer, simulated
-from support.event_loop import run, until
+from support.event_loop import run, stand_still, until
 
 from epson_driver import aio
 from epson_driver.aio import MotionError, Robot, RobotError
@@ -92,6 +92,22 @@ def test_the_pose_is_that_of_the_measured_joints():
             assert np.allclose(robot.pose @ np.linalg.inv(robot.pose), np.eye(4))
             assert robot.pose.shape == (4, 4)
             assert robot.epson_point[0].shape == (3,)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(6)
+def test_joints_that_are_too_old_are_not_told_and_newer_ones_are_caught_up_with():
+    async def scenario():
+        async with robot_cell() as (robot, _):
+            for read in (lambda: robot.joints, lambda: robot.joint_velocities, lambda: robot.pose):
+                stand_still(1.0)
+                with pytest.raises(RobotError, match=r'the newest joint state is .* s old'):
+                    read()
+                await robot.catch_up()
+                read()
+            stand_still(1.0)
+            await robot.move_joints([0.1, 0, 0, 0, 0, 0])
 
     run(scenario())
 
@@ -470,7 +486,7 @@ def test_the_public_names_are_those_of_the_synchronous_door():
     def public(kind):
         return {name for name in dir(kind) if not name.startswith('_')}
 
-    own = {'on_joints', 'on_status', 'on_link_state', 'callback_failed'}
+    own = {'catch_up', 'on_joints', 'on_status', 'on_link_state', 'callback_failed'}
     for name in ('Robot', 'Motion', 'Io'):
         missing = public(getattr(aio, name)) - public(getattr(robot, name)) - own
         assert missing <= {'begin'}, name
