@@ -7,6 +7,7 @@ import asyncio
 import dataclasses
 import gc
 import logging
+import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -78,7 +79,7 @@ def main() -> int:
     try:
         network = None if spel is None else spel.network
         servers = partial(ControllerServers, controller, planner, network, dict(args.program_port))
-        return asyncio.run(_run(servers, args.host, ports))
+        return asyncio.run(_run(servers, args.host, ports, args.until_stdin_ends))
     finally:
         log.finish()
 
@@ -93,11 +94,15 @@ def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) ->
     return own or usual
 
 
-async def _run(new_servers: Callable[[], ControllerServers], host: str, ports: Ports) -> int:
+async def _run(
+    new_servers: Callable[[], ControllerServers], host: str, ports: Ports, until_stdin_ends: bool
+) -> int:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     for each in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(each, stop.set)
+    if until_stdin_ends:
+        _watch_stdin(stop)
     servers = new_servers()
     try:
         ports = await servers.open(host, ports)
@@ -118,6 +123,18 @@ async def _run(new_servers: Callable[[], ControllerServers], host: str, ports: P
         moving.cancel()
         await servers.close()
     return 0
+
+
+def _watch_stdin(ended: asyncio.Event) -> None:
+    """Set an event when the other end of stdin is closed, as when its process has died."""
+    loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def read() -> None:
+        if not os.read(file, 65536):
+            loop.remove_reader(file)
+            ended.set()
+
+    loop.add_reader(file, read)
 
 
 class _StartError(ValueError):
@@ -232,6 +249,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--seed', type=argument(SEED), default=0, help='of the random faults (%(default)s)'
+    )
+    parser.add_argument(
+        '--until-stdin-ends',
+        action='store_true',
+        help='end when standard input, a pipe, is closed: with the process that has started it',
     )
     parser.add_argument(
         '--start',

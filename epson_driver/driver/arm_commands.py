@@ -76,7 +76,7 @@ class ArmCommands:
             if enabling.canceled is None:
                 return said
             status = self._driver.robot.status
-            in_the_way = None if status is None else self._in_the_way(status)
+            in_the_way = None if status is None else self.in_the_way(status)
             raise CommandError(
                 in_the_way
                 or f'{enabling.canceled} while ~/enable was under way: the arm stays disabled; '
@@ -91,7 +91,7 @@ class ArmCommands:
             status = await self._wait_for_status(
                 lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'
             )
-            if (why := self._in_the_way(status)) is not None:
+            if (why := self.in_the_way(status)) is not None:
                 raise CommandError(why)
             if driver.stopper.keeps_points:  # with the motors, it would go on with them
                 await self._clear_motion()
@@ -208,7 +208,7 @@ class ArmCommands:
         )
         return 'the controller was reset; call ~/enable to move again'
 
-    def _in_the_way(self, status: Status) -> str | None:
+    def in_the_way(self, status: Status) -> str | None:
         """Return what must be mended before the arm can be enabled, and how; None: nothing."""
         errors = self._driver.robot.errors
         if status.e_stopped == TriState.TRUE:

@@ -171,7 +171,7 @@ class GoalQueue:
 
     def _submit(self, handle: GoalHandle) -> None:
         try:
-            self._check_ready()
+            self.check_ready()
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
@@ -265,7 +265,7 @@ class GoalQueue:
         elif was_paused and not execution.paused and not execution.ended:
             _log.info('the controller goes on: so does the goal, %s', execution.where)
 
-    def _check_ready(self) -> JointSample:
+    def check_ready(self) -> JointSample:
         """Return where the arm is. Raises GoalRejectedError unless it may move now."""
         if self._gate.reason is not None:
             raise GoalRejectedError(
@@ -288,7 +288,7 @@ class GoalQueue:
 
         Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
         """
-        sample = self._check_ready()
+        sample = self.check_ready()
         why = self._robot.why_not_standing(self._settings.stopped_velocity)
         if why is not None:
             raise GoalRejectedError(
