@@ -46,8 +46,7 @@ def checked(trajectory: Trajectory, limits: JointLimits, field: str) -> Trajecto
     try:
         check_limits(trajectory, limits)
     except GoalRejectedError as rejection:
-        hint = _degrees_hint(trajectory.positions, limits)
-        raise ValueError(f'{field}: {rejection}{hint}') from rejection
+        raise ValueError(f'{field}: {rejection}') from rejection
     return trajectory
 
 
@@ -197,20 +196,3 @@ def planned(
             raise ValueError(f'velocities has {len(speeds)} points, positions has {len(rows)}')
     trajectory = Trajectory(names, moments, rows, speeds).in_order(limits.names)
     return checked(trajectory, limits, 'trajectory')
-
-
-def _degrees_hint(positions: Array, limits: JointLimits) -> str:
-    """Return what to say of positions that are outside the limits but would be inside in degrees.
-
-    Only of revolute joints: a position in m is no angle.
-    """
-    turning = [index for index, unit in enumerate(limits.units) if unit == 'rad']
-    if not turning or not np.all(np.isfinite(positions)):
-        return ''
-    low, high = limits.position_min[turning], limits.position_max[turning]
-    values = positions[:, turning]
-    outside = np.any((values < low) | (values > high))
-    radians = np.radians(values)
-    if not outside or np.any((radians < low) | (radians > high)):
-        return ''
-    return '; these look like degrees: positions are in rad (numpy.radians converts them)'
