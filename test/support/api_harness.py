@@ -10,6 +10,7 @@ from pathlib import Path
 
 from epson_driver import aio
 from support.driver_harness import simulated
+from support.interrupts import obey_interrupts
 
 NO_ROS = Path(__file__).parent / 'no_ros'
 """Has a sitecustomize.py, which Python runs at its start: no ROS package can be imported then."""
@@ -46,6 +47,7 @@ def program(code, *arguments, **options):
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {'PYTHONPATH': path, 'PYTHONUNBUFFERED': '1'},
+        preexec_fn=obey_interrupts,
         **options,
     )
 
