@@ -93,6 +93,7 @@ class ArmCommands:
             )
             if (why := self.in_the_way(status)) is not None:
                 raise CommandError(why)
+            await self._wait_for_first_stop()
             if driver.stopper.keeps_points:  # with the motors, it would go on with them
                 await self._clear_motion()
             if status.drives_powered == TriState.FALSE:
@@ -117,6 +118,14 @@ class ArmCommands:
                 except GateError as error:
                     raise CommandError(str(error)) from error
             return 'the arm is enabled'
+
+    async def _wait_for_first_stop(self) -> None:
+        """STOP goes out before anything else on a motion connection that needs it."""
+        if self._driver.stop_due:
+            await self._wait_for_status(
+                lambda _: not self._driver.stop_due,
+                'the controller sends no joints, which show the byte order of STOP, or no STATUS',
+            )
 
     async def _clear_motion(self) -> None:
         """Have the controller drop what it may still have of ours, and see the arm stand."""
@@ -199,8 +208,7 @@ class ArmCommands:
 
         Raises CommandError if it cannot be done, or if no STATUS shows that it was.
         """
-        if self._driver.stop_due:  # STOP goes out before anything else
-            await self._wait_for_status(lambda _: True, 'the controller sends no STATUS')
+        await self._wait_for_first_stop()
         await self._act(Action.RESET)
         await self._wait_for_status(
             lambda status: TriState.TRUE not in (status.in_error, status.e_stopped),

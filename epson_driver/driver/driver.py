@@ -27,6 +27,7 @@ from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import run_task_group
 from epson_driver.link import Link, LinkState
+from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
 from epson_driver.link.silence import Silence, passed
 from epson_driver.log_lines import LogThrottle
@@ -155,7 +156,7 @@ class Driver:
         self._status_missing = Silence(STATUS_TIMEOUT_S)
         self._dropped_throttle = LogThrottle()
         self._link_state = LinkState.DISCONNECTED
-        self._order_known = order is not None
+        self._dialect_known = order is not None
         self.stop_due = False
         """STOP is to be sent on this motion connection before anything else."""
         links = (self.state_link, self.motion_link)
@@ -241,11 +242,12 @@ class Driver:
         if packet.comm_type is not CommType.TOPIC:  # nothing was asked (REP-I0006)
             return
         now = self._now()
-        self.motion_link.dialect = self.state_link.dialect
-        self._order_known = True
-        self._stop_first()
-        self.io.follow(self.state_link.dialect)
         message = packet.message
+        if isinstance(message, DIALECT_MESSAGES):
+            self._dialect_known = True
+            self.motion_link.follow(self.state_link.dialect)
+            self._stop_first()
+            self.io.follow(self.state_link.dialect)
         if isinstance(message, Status):
             self._take_status(message, now)
         elif isinstance(message, JointPosition):
@@ -309,7 +311,7 @@ class Driver:
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
-            self._order_known = self.configuration.byte_order is not None
+            self._dialect_known = self.configuration.byte_order is not None
             self._feedback_leads = False
             self._positions_since_feedback = 0
         self._on_link(self.state_link, why)
@@ -325,10 +327,11 @@ class Driver:
     def _stop_first(self) -> None:
         """Send STOP on a new motion connection, before anything else, if the arm may go on.
 
-        Before the byte order is known, what a message says is not: STOP waits for the first state
-        message then. So does all else, as nothing is sent to a controller without a state.
+        Before the byte order is known, what a message says is not: STOP waits for the first joints
+        then, which show it. So does all else, as nothing is sent to a controller without a state.
+        If the joints show another one later, the connection is opened again (Link.follow).
         """
-        if self.stop_due and self._order_known:
+        if self.stop_due and self._dialect_known:
             self.stop_due = False
             self.stopper.stop()
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A controller that may go on with old points when a client connects gets STOP before all else."""
 
+import asyncio
 import struct
 
 import pytest
@@ -73,10 +74,11 @@ def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
 
 
 @pytest.mark.invariant(4)
-def test_inv4_stop_motion_waits_for_the_byte_order_and_nothing_is_sent_before_it():
+@pytest.mark.parametrize('status', [False, True], ids=['no state', 'STATUS alone'])
+def test_inv4_stop_motion_waits_for_the_byte_order_and_nothing_is_sent_before_it(status):
     async def check():
         async with Motoman() as controller:
-            controller.shows_joints = controller.shows_status = False
+            controller.shows_joints, controller.shows_status = False, status
             async with Harness(
                 controller.ports,
                 delivery=MOTOMAN,
@@ -84,12 +86,57 @@ def test_inv4_stop_motion_waits_for_the_byte_order_and_nothing_is_sent_before_it
                 usual_byte_order=ByteOrder.BIG,
             ) as harness:
                 await until(lambda: controller.connections)
-                with pytest.raises(CommandError, match='sends no STATUS'):
-                    await harness.commands.reset_error()
+                await until(
+                    lambda: harness.driver.state_link.statistics.frames_received or not status
+                )
+                for command in (harness.commands.reset_error, harness.commands.enable):
+                    with pytest.raises(CommandError, match='sends no|silent for'):
+                        await command()
+                assert harness.driver.motion_link.statistics.frames_sent == 0
                 assert controller.connections == [[]]
                 controller.shows_joints = controller.shows_status = True
                 await until(lambda: controller.connections[0])
                 assert controller.connections[0][0] == Command.STOP_MOTION
+
+    run(check())
+
+
+class Liar(Motoman):
+    """Writes its state in the wrong byte order while `lies`; reads and answers in the right one."""
+
+    lies = True
+
+    async def _state(self, _reader, writer):
+        self.state = writer
+        order = '>' if self.lies else '<'
+        joints = struct.pack(f'{order}4i', 56, 10, 1, 0) + bytes(44)
+        status = struct.pack(f'{order}11i', 40, 13, 1, 0, *self.STATUS)
+        while not writer.is_closing():
+            writer.write(joints + status)
+            await writer.drain()
+            await asyncio.sleep(0.005)
+
+
+@pytest.mark.invariant(4)
+def test_inv4_a_stop_in_a_byte_order_that_proves_wrong_goes_out_again_first_on_a_new_connection():
+    """A Motoman that has not understood STOP_MOTION still has its queue."""
+
+    async def check():
+        async with (
+            Liar() as controller,
+            Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
+        ):
+            link = harness.driver.motion_link
+            await until(lambda: link.statistics.frames_sent)
+            assert controller.connections == [[]]  # it waits for the rest of a very long message
+            controller.lies = False
+            controller.state.close()
+            await until(lambda: len(controller.connections) == 2 and controller.connections[1])
+            assert controller.connections[1][0] == Command.STOP_MOTION
+            await until(lambda: link.connected)
+            await harness.ready()
+            await harness.commands.enable()
+            assert len(controller.connections) == 2
 
     run(check())
 
