@@ -1,3 +1,21 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS 2 driver for EPSON and other simple-message robot controllers, with a simulated one."""
+"""ROS 2 driver for EPSON and other simple-message robot controllers, with a simulated one.
+
+`from epson_driver import Robot` is the Python API, loaded when it is asked for: nothing else is.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from epson_driver.robot import MotionError, Robot, RobotError, Settings
+
+__all__ = ['MotionError', 'Robot', 'RobotError', 'Settings']
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from epson_driver import robot
+
+    return getattr(robot, name)

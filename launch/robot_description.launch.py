@@ -7,29 +7,53 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from epson_driver.bringup import launch_arguments, model_argument, robot_description
+from epson_driver.bringup import (
+    DEFAULT_MODEL,
+    DESCRIPTION,
+    launch_arguments,
+    model_argument,
+    pose_arguments,
+    robot_description,
+)
 
 
 def generate_launch_description():
-    """Return the arguments and the node."""
-    arguments = [model_argument(), *launch_arguments('namespace', 'tf_prefix')]
+    """Return the arguments and the nodes."""
+    arguments = [
+        model_argument(),
+        *launch_arguments('namespace', 'tf_prefix', 'use_sim_time', *DESCRIPTION),
+    ]
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
-            OpaqueFunction(function=publisher),
+            OpaqueFunction(function=publishers),
         ]
     )
 
 
-def publisher(context: LaunchContext):
-    """Return the node for this model and prefix."""
+def publishers(context: LaunchContext):
+    """Return the node for this model and prefix, and where the arm stands if that is given."""
     values = context.launch_configurations
-    description = robot_description(values['robot_model'], values['tf_prefix'])
-    return [
+    prefix = values['tf_prefix']
+    description = robot_description(values['robot_model'] or DEFAULT_MODEL, prefix)
+    time = {'use_sim_time': values['use_sim_time'] == 'true'}
+    nodes = [
         Node(
             package='robot_state_publisher',
             executable='robot_state_publisher',
             namespace=values['namespace'],
-            parameters=[{'robot_description': ParameterValue(description, value_type=str)}],
+            parameters=[{'robot_description': ParameterValue(description, value_type=str)}, time],
         )
     ]
+    if values['parent']:
+        pose = pose_arguments(values['parent'], values['origin_xyz'], values['origin_rpy'], prefix)
+        nodes.append(
+            Node(
+                package='tf2_ros',
+                executable='static_transform_publisher',
+                namespace=values['namespace'],
+                arguments=pose,
+                parameters=[time],
+            )
+        )
+    return nodes

@@ -4,24 +4,35 @@
 
 from pathlib import Path
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 
-from epson_driver.bringup import INTERFACE, launch_arguments
+from epson_driver.bringup import DESCRIPTION, INTERFACE, launch_arguments
+
+ARGUMENTS = (*INTERFACE, 'description', *DESCRIPTION)
 
 
 def generate_launch_description():
     """Return the arguments and robot_interface.launch.py."""
-    passed = [(name, LaunchConfiguration(name)) for name in INTERFACE]
-    interface = Path(__file__).with_name('robot_interface.launch.py')
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in launch_arguments(*INTERFACE)),
-            IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(interface)),
-                launch_arguments=[*passed, ('interface', 'streaming')],
-            ),
+            *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS)),
+            OpaqueFunction(function=included),
         ]
     )
+
+
+def included(context: LaunchContext):
+    """Return it with the interface fixed; `ros2 launch -s` lists what is free."""
+    values = context.launch_configurations
+    path = Path(__file__).with_name('robot_interface.launch.py')
+    return [
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(str(path)),
+            launch_arguments=[
+                *((name, values[name]) for name in ARGUMENTS),
+                ('interface', 'streaming'),
+            ],
+        )
+    ]

@@ -4,38 +4,41 @@
 
 from pathlib import Path
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
-from launch.conditions import IfCondition
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 
-from epson_driver.bringup import INTERFACE, launch_arguments, model_argument
+from epson_driver.bringup import DESCRIPTION, INTERFACE, launch_arguments, model_argument
+
+RVIZ = ('namespace', 'tf_prefix', 'use_sim_time', 'rviz_config')
 
 
 def generate_launch_description():
-    """Return the arguments and three launch files."""
+    """Return the arguments and two launch files."""
     others = [name for name in INTERFACE if name != 'robot_model']
-    arguments = [model_argument(), *launch_arguments(*others, 'launch_rviz')]
+    rest = (*others, 'interface', *DESCRIPTION, 'launch_rviz', 'rviz_config')
+    arguments = [model_argument(), *launch_arguments(*rest)]
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
-            included('robot_interface_streaming', *INTERFACE),
-            included('robot_description', 'robot_model', 'namespace', 'tf_prefix'),
-            included(
-                'rviz',
-                'namespace',
-                'tf_prefix',
-                condition=IfCondition(LaunchConfiguration('launch_rviz')),
-            ),
+            OpaqueFunction(function=files),
         ]
     )
 
 
-def included(name: str, *passed: str, condition=None):
-    """Return a launch file of this folder with arguments of this one."""
+def files(context: LaunchContext):
+    """Return the driver with the description, and RViz if somebody looks."""
+    values = dict(context.launch_configurations)
+    driver = {name: values[name] for name in (*INTERFACE, 'interface', *DESCRIPTION)}
+    found = [included('robot_interface', driver | {'description': 'true'})]
+    if values['launch_rviz'] == 'true':
+        found.append(included('rviz', {name: values[name] for name in RVIZ}))
+    return found
+
+
+def included(name: str, arguments: dict[str, str]):
+    """Return a launch file of this folder with these arguments."""
     return IncludeLaunchDescription(
         PythonLaunchDescriptionSource(str(Path(__file__).with_name(f'{name}.launch.py'))),
-        launch_arguments=[(each, LaunchConfiguration(each)) for each in passed],
-        condition=condition,
+        launch_arguments=list(arguments.items()),
     )

@@ -12,7 +12,7 @@ from epson_driver.share import share_file
 
 def generate_launch_description():
     """Return the arguments and the node."""
-    arguments = launch_arguments('namespace', 'tf_prefix', 'rviz_config')
+    arguments = launch_arguments('namespace', 'tf_prefix', 'use_sim_time', 'rviz_config')
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
@@ -31,5 +31,6 @@ def rviz(context: LaunchContext):
             executable='rviz2',
             namespace=values['namespace'],
             arguments=['-d', config, '-f', values['tf_prefix'] + 'base_link'],
+            parameters=[{'use_sim_time': values['use_sim_time'] == 'true'}],
         )
     ]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several robots on one machine: a driver and a description for each, in its own namespace.
 
-An example to start from: for robots that differ in more than their addresses, add further lists.
+What differs from robot to robot is a list, separated by commas; one value alone is for all.
 """
 
 from pathlib import Path
@@ -15,20 +15,17 @@ from launch.actions import (
     OpaqueFunction,
 )
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 
-from epson_driver.bringup import Robot, launch_arguments, model_argument, several_robots
+from epson_driver.bringup import EACH, launch_arguments, several_robots
 
-SHARED = ('controller', 'remote_port', 'use_sim_controller', 'sim_motion')
+SHARED = ('use_sim_controller', 'sim_motion', 'use_sim_time')
 
 
 def generate_launch_description():
     """Return the arguments, and the robots that follow from them."""
-    arguments = [
-        *launch_arguments('namespaces', 'robot_ips'),
-        model_argument(),
-        *launch_arguments(*SHARED),
-    ]
+    arguments = launch_arguments('namespaces', 'robot_ips', *EACH, *SHARED)
+    for each in arguments:
+        each.pop('choices', None)  # of a list
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
@@ -38,29 +35,18 @@ def generate_launch_description():
 
 
 def robots(context: LaunchContext):
-    """Return a group for each robot."""
-    values = context.launch_configurations
-    return [group(each) for each in several_robots(values['namespaces'], values['robot_ips'])]
-
-
-def group(robot: Robot):
-    """Return the launch files of one robot, in a group that scopes their arguments."""
-    own = [
-        ('namespace', robot.namespace),
-        ('tf_prefix', robot.tf_prefix),
-        ('robot_model', LaunchConfiguration('robot_model')),
+    """Return a group for each robot, which scopes its arguments."""
+    values = dict(context.launch_configurations)
+    shared = {name: values[name] for name in SHARED} | {'description': 'true'}
+    path = Path(__file__).with_name('robot_interface.launch.py')
+    return [
+        GroupAction(
+            [
+                IncludeLaunchDescription(
+                    PythonLaunchDescriptionSource(str(path)),
+                    launch_arguments=list((robot | shared).items()),
+                )
+            ]
+        )
+        for robot in several_robots(values)
     ]
-    shared = [(name, LaunchConfiguration(name)) for name in SHARED]
-    folder = Path(__file__).parent
-    return GroupAction(
-        [
-            IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(folder / 'robot_interface_streaming.launch.py')),
-                launch_arguments=[*own, *shared, ('robot_ip', robot.robot_ip)],
-            ),
-            IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(folder / 'robot_description.launch.py')),
-                launch_arguments=own,
-            ),
-        ]
-    )

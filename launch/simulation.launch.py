@@ -4,27 +4,40 @@
 
 from pathlib import Path
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 
-from epson_driver.bringup import INTERFACE, launch_arguments
+from epson_driver.bringup import DESCRIPTION, INTERFACE, launch_arguments
 
-ARGUMENTS = [name for name in INTERFACE if name != 'use_sim_controller']
+ARGUMENTS = (
+    *(name for name in INTERFACE if name != 'use_sim_controller'),
+    'interface',
+    'description',
+    *DESCRIPTION,
+)
 
 
 def generate_launch_description():
-    """Return the arguments and robot_interface.launch.py with a simulated controller."""
-    names = [*ARGUMENTS, 'interface']
-    passed = [(name, LaunchConfiguration(name)) for name in names]
-    interface = Path(__file__).with_name('robot_interface.launch.py')
+    """Return the arguments and robot_interface.launch.py."""
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in launch_arguments(*names)),
-            IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(interface)),
-                launch_arguments=[*passed, ('use_sim_controller', 'true')],
-            ),
+            *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS)),
+            OpaqueFunction(function=included),
         ]
     )
+
+
+def included(context: LaunchContext):
+    """Return it with a simulated controller; `ros2 launch -s` lists what is free."""
+    values = context.launch_configurations
+    path = Path(__file__).with_name('robot_interface.launch.py')
+    return [
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(str(path)),
+            launch_arguments=[
+                *((name, values[name]) for name in ARGUMENTS),
+                ('use_sim_controller', 'true'),
+            ],
+        )
+    ]

@@ -4,26 +4,35 @@
 
 from pathlib import Path
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 
-from epson_driver.bringup import launch_arguments
+from epson_driver.bringup import DESCRIPTION, launch_arguments
 
-ARGUMENTS = ('namespace', 'tf_prefix', 'launch_rviz')
+ARGUMENTS = ('namespace', 'tf_prefix', 'use_sim_time', *DESCRIPTION, 'launch_rviz', 'rviz_config')
 
 
 def generate_launch_description():
     """Return the arguments and joint_sliders.launch.py."""
-    passed = [(name, LaunchConfiguration(name)) for name in ARGUMENTS]
-    general = Path(__file__).with_name('joint_sliders.launch.py')
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS)),
-            IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(general)),
-                launch_arguments=[*passed, ('robot_model', 'c3_a601s')],
-            ),
+            OpaqueFunction(function=included),
         ]
     )
+
+
+def included(context: LaunchContext):
+    """Return it with the model fixed; `ros2 launch -s` lists what is free."""
+    values = context.launch_configurations
+    path = Path(__file__).with_name('joint_sliders.launch.py')
+    return [
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(str(path)),
+            launch_arguments=[
+                *((name, values[name]) for name in ARGUMENTS),
+                ('robot_model', 'c3_a601s'),
+            ],
+        )
+    ]

@@ -2,21 +2,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """From launch arguments to what is started. No ROS here: the launch files import launch."""
 
-from epson_driver.bringup.arguments import launch_arguments, model_argument
-from epson_driver.bringup.client import INTERFACE, client_parameters, controller_arguments
-from epson_driver.bringup.description import BringupError, robot_description, semantic_description
+from epson_driver.bringup.arguments import (
+    launch_arguments,
+    misspelled_arguments,
+    model_argument,
+)
+from epson_driver.bringup.client import (
+    DEFAULT_MODEL,
+    DESCRIPTION,
+    INTERFACE,
+    client_parameters,
+    controller_arguments,
+    effective,
+)
+from epson_driver.bringup.description import (
+    BringupError,
+    pose_arguments,
+    robot_description,
+    semantic_description,
+)
 from epson_driver.bringup.moveit import move_group_parameters, rviz_parameters
-from epson_driver.bringup.several import Robot, several_robots
+from epson_driver.bringup.several import EACH, several_robots
 
 __all__ = [
+    'DEFAULT_MODEL',
+    'DESCRIPTION',
+    'EACH',
     'INTERFACE',
     'BringupError',
-    'Robot',
     'client_parameters',
     'controller_arguments',
+    'effective',
     'launch_arguments',
+    'misspelled_arguments',
     'model_argument',
     'move_group_parameters',
+    'pose_arguments',
     'robot_description',
     'rviz_parameters',
     'semantic_description',

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The launch files' arguments as one table: name, default, description, choices."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from epson_driver.bringup.description import described_models
+from epson_driver.inputs import near_name
 
 SWITCH = ('true', 'false')
 
@@ -28,8 +30,9 @@ TABLE = (
     ),
     Argument(
         'robot_model',
-        'c3_a601s',
-        'Robot model: a file of config/robots, without .yaml.',
+        '',
+        'Robot model: a file of config/robots, without .yaml. Empty: as params_file says, or '
+        'c3_a601s.',
     ),
     Argument(
         'controller',
@@ -38,9 +41,10 @@ TABLE = (
     ),
     Argument(
         'interface',
-        'streaming',
-        'How trajectories reach the controller: point by point, or all before the arm moves.',
-        ('streaming', 'download'),
+        '',
+        'How trajectories reach the controller: point by point, or all before the arm moves. '
+        "Empty: as params_file says, or the controller's usual way.",
+        ('', 'streaming', 'download'),
     ),
     Argument(
         'namespace',
@@ -66,7 +70,8 @@ TABLE = (
     Argument(
         'params_file',
         '',
-        'YAML file of parameters for the client; arguments override it. Empty: none.',
+        'YAML file of parameters for the client; arguments that are given override it. Empty: '
+        'none.',
     ),
     Argument(
         'use_sim_controller',
@@ -80,6 +85,21 @@ TABLE = (
         'How the simulated controller moves: through the points, or stopping at each.',
         ('smooth', 'ptp'),
     ),
+    Argument('use_sim_time', 'false', 'Take the time from /clock, in all nodes.', SWITCH),
+    Argument(
+        'description',
+        'false',
+        'Start robot_state_publisher as well: robot_description and tf.',
+        SWITCH,
+    ),
+    Argument(
+        'parent',
+        '',
+        'Frame in which the arm stands, such as world: the transform from there to base_link is '
+        'published. Empty: none is.',
+    ),
+    Argument('origin_xyz', '0 0 0', 'Where base_link is in parent: x y z [m].'),
+    Argument('origin_rpy', '0 0 0', 'How base_link is turned in parent: roll pitch yaw [rad].'),
     Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
     Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
     Argument('namespaces', 'left,right', 'One namespace per robot, separated by commas.'),
@@ -103,7 +123,21 @@ def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
 
 def model_argument() -> dict[str, Any]:
     """Return robot_model's keywords for files that need a URDF: only models that have one."""
-    return _keywords(_ROWS['robot_model']) | {'choices': list(described_models())}
+    return _keywords(_ROWS['robot_model']) | {'choices': ['', *described_models()]}
+
+
+def misspelled_arguments(given: Iterable[str]) -> list[str]:
+    """Return a sentence for each name that no launch file of this package has, but nearly.
+
+    `given`: the names of all launch configurations. Others may belong to a launch file that
+    includes one of ours.
+    """
+    found = ((name, near_name(name, _ROWS)) for name in given if name not in _ROWS)
+    return [
+        f'launch argument {name}: there is none of that name; did you mean {near}?'
+        for name, near in found
+        if near is not None
+    ]
 
 
 def _keywords(row: Argument, default: str | None = None) -> dict[str, Any]:

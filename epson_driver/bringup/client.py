@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from epson_driver.bringup.params_file import file_parameters
 from epson_driver.inputs import HOST, JOINT_NAMES, count
 from epson_driver.robots import load_robot_model
 
@@ -22,8 +23,17 @@ INTERFACE = (
     'params_file',
     'use_sim_controller',
     'sim_motion',
+    'use_sim_time',
 )
 """The arguments of every launch file that starts a client."""
+
+DESCRIPTION = ('parent', 'origin_xyz', 'origin_rpy')
+"""The arguments of every launch file with the robot's description."""
+
+GIVEN = ('robot_ip', 'robot_model', 'controller', 'interface')
+"""Arguments that are parameters of the client, if they are given."""
+
+DEFAULT_MODEL = 'c3_a601s'
 
 PORT = count(0, 65_535)
 _DIGITS = re.compile(r'[0-9]{1,5}', re.ASCII)
@@ -36,41 +46,59 @@ SIM_REMOTE_PORT = '5000'
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
     """Return the client's parameters that follow from launch arguments; empty ones set nothing.
 
-    Raises FileNotFoundError or InputError for a model that cannot be read, InputError for an
-    address, prefix or port that is not valid.
+    What params_file says holds then. Raises FileNotFoundError or InputError for a model that
+    cannot be read, InputError for an address, prefix or port that is not valid, BringupError for a
+    params_file that is not there.
     """
     prefix = values['tf_prefix']
-    joints = load_robot_model(values['robot_model']).joint_names
-    parameters: dict[str, Any] = {
-        'robot_model': values['robot_model'],
-        'interface': values['interface'],
-    }
+    resolved = effective(values)
+    joints = load_robot_model(resolved['robot_model']).joint_names
+    parameters: dict[str, Any] = {}
+    if values['use_sim_time'] == 'true':
+        parameters['use_sim_time'] = True
     if prefix:  # else the names of the model apply
         names = [prefix + name for name in joints]
         parameters['joint_names'] = list(JOINT_NAMES.checked(names, _where('tf_prefix')))
+        parameters['frame_id'] = prefix + 'base_link'
     if values['robot_ip']:
         HOST.checked(values['robot_ip'], _where('robot_ip'))
-    parameters |= {name: values[name] for name in ('robot_ip', 'controller') if values[name]}
-    ports = _ports(values)
-    return parameters | {name: _port(name, ports[name]) for name in PORTS if ports[name]}
+    parameters |= {name: values[name] for name in GIVEN if values[name]}
+    ports = _ports(values, resolved)
+    given = {name: port for name, port in ports.items() if port}
+    return parameters | {name: _port(name, port) for name, port in given.items()}
+
+
+def effective(values: Mapping[str, str]) -> dict[str, str]:
+    """Return launch arguments with the client's own values where none is given.
+
+    They are those of params_file, which is read for it, and the model's default. Raises as
+    `file_parameters` does.
+    """
+    path = values['params_file']
+    said = file_parameters(path, values['namespace']) if path else {}
+    names = (*GIVEN, *PORTS)
+    own = {name: str(said[name]) for name in names if not values.get(name) and name in said}
+    model = own.get('robot_model') or values['robot_model'] or DEFAULT_MODEL
+    return dict(values) | own | {'robot_model': model}
 
 
 def controller_arguments(values: Mapping[str, str]) -> list[str]:
     """Return the command line of the simulated controller for this client."""
+    values = effective(values)
     words = ['--robot', values['robot_model'], '--motion', values['sim_motion']]
     if values['robot_ip']:
         words += ['--host', values['robot_ip']]
     if values['controller']:
         words += ['--controller', values['controller']]
-    for name, port in _ports(values).items():
+    for name, port in _ports(values, values).items():
         if port:
             words += ['--' + name.replace('_', '-'), str(_port(name, port))]
     return words
 
 
-def _ports(values: Mapping[str, str]) -> dict[str, str]:
+def _ports(values: Mapping[str, str], resolved: Mapping[str, str]) -> dict[str, str]:
     ports = {name: values[name] for name in PORTS}
-    if values['use_sim_controller'] == 'true' and not ports['remote_port']:
+    if values['use_sim_controller'] == 'true' and not resolved['remote_port']:
         ports['remote_port'] = SIM_REMOTE_PORT
     return ports
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver NAME …`: every executable behind one command."""
 
+import os
 import sys
 from difflib import get_close_matches
 from importlib import import_module
@@ -20,13 +21,23 @@ INTERFACES = ('epson_msgs', 'industrial_msgs')
 """Message packages that no binary release has: they are built from interfaces/."""
 
 
+BROKEN_PIPE = 141
+"""The exit code after nobody reads the output any more, as shells have it: 128 and SIGPIPE."""
+
+
 def main() -> int:
     """Run the executable named first, with the remaining arguments; return its exit code."""
     leave_at_interrupt()
     try:
-        return _run()
+        result = _run()
+        sys.stdout.flush()
     except KeyboardInterrupt:
         return INTERRUPTED
+    except BrokenPipeError:  # of `| head`, which has read enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at the end
+        return BROKEN_PIPE
+    else:
+        return result
     finally:
         ignore_interrupts()
 

@@ -33,6 +33,7 @@ from epson_driver.cli.demo_report import (
     draw,
     measure,
 )
+from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.processes import Ports, RunError
 from epson_driver.cli.trajectory_file import read_trajectory
@@ -59,7 +60,7 @@ TITLES = {'ptp': 'point to point', 'smooth': 'smooth'}
 
 
 def main() -> int:
-    """Run the demo. Returns 0 only if the arm did what was planned."""
+    """Run the demo. Returns 0 only if the arm did what was planned, 3 if that cannot be judged."""
     arguments = _arguments()
     console = Console()
     if arguments.plan:
@@ -87,8 +88,11 @@ def main() -> int:
             with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder:
                 runs.append(_run(motion, trajectory, Path(folder), console))
         return _report(arguments, trajectory, runs, console)
+    except _GoalError as error:
+        return _judged(console, [str(error)], error.missed, 0.0)
     except (RunError, InputError, OSError) as error:
-        console.print(f'[bold red]demo failed:[/] {escape(printable(error))}', highlight=False)
+        said = f'[bold red]demo failed:[/] {escape(printable(error))}'
+        console.print(said, highlight=False, soft_wrap=True)
         return 1
     except KeyboardInterrupt:
         console.print('stopped')
@@ -165,6 +169,8 @@ class Run:
     text: str
     latencies: dict[str, str]
     round_trips: list[float]
+    missed: int
+    """Deadlines that the controller missed meanwhile."""
 
     @property
     def faults(self) -> list[str]:
@@ -181,6 +187,14 @@ class Run:
         return faults
 
 
+class _GoalError(RunError):
+    """The goal was not reached; meanwhile the controller missed so many deadlines."""
+
+    def __init__(self, text: str, missed: int) -> None:
+        super().__init__(text)
+        self.missed = missed
+
+
 def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) -> Run:
     """Execute the trajectory. Raises RunError if the goal is not reached."""
     began = time.monotonic()
@@ -193,14 +207,16 @@ def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) ->
             console,
             allow_nonzero_velocity_at_trajectory_end='true',
         ) as user:
+            missed = deadlines_missed(ports.remote)
             console.print(f'robot ready after {time.monotonic() - began:.1f} s')
             text, succeeded = user.execute(trajectory, console)
+            missed = deadlines_missed(ports.remote) - missed
             if not succeeded:
-                raise RunError(f'the goal was not reached: {text}')
+                raise _GoalError(f'the goal was not reached: {text}', missed)
             latencies = user.reply_latencies()
             run = user.recording()
         round_trips = _ping(ports)  # with the controller to itself
-    return Run(motion, run, measure(trajectory, run), text, latencies, round_trips)
+    return Run(motion, run, measure(trajectory, run), text, latencies, round_trips, missed)
 
 
 def _report(
@@ -211,11 +227,16 @@ def _report(
     draw(arguments.picture, trajectory, drawn)
     console.print(f'picture: {arguments.picture}', highlight=False)
     faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
-    if faults:
-        console.print(f'[bold red]the motion was not as planned:[/] {"; ".join(faults)}')
-        return 1
-    console.print('[bold green]the arm did what was planned[/]')
-    return 0
+    gap = max(run.figures.longest_gap for run in runs)
+    return _judged(console, faults, sum(run.missed for run in runs), gap)
+
+
+def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int:
+    code, sentence = verdict(faults, missed, gap)
+    colour = {0: 'green', TOO_BUSY: 'yellow'}.get(code, 'red')
+    said = f'[bold {colour}]{escape(printable(sentence))}[/]'
+    console.print(said, highlight=False, soft_wrap=True)
+    return code
 
 
 def _ping(ports: Ports) -> list[float]:

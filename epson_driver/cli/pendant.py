@@ -43,9 +43,9 @@ def main() -> int:
     except UsageError as error:
         parser.error(str(error))
     try:
-        print(asyncio.run(_do(asked, args.host, args.port, args.password)))
+        said = asyncio.run(_do(asked, args.host, args.port, args.password))
     except (RemoteError, _RejectedError) as error:
-        print(f'refused: {error}', file=sys.stderr)
+        print(f'refused: {error} ({args.host}:{args.port})', file=sys.stderr)
         return 1
     except TimeoutError:
         print(f'no answer from {args.host}:{args.port} in {_TIMEOUT_S:g} s', file=sys.stderr)
@@ -53,6 +53,7 @@ def main() -> int:
     except ConnectionError as error:
         print(f'no controller: {error}', file=sys.stderr)
         return 1
+    print(said if asked is None else f'{said} ({args.host}:{args.port})')
     return 0
 
 
@@ -60,7 +61,7 @@ async def _do(asked: Request | None, host: str, port: int, password: str) -> str
     async with logged_in(host, port, _TIMEOUT_S, password) as ask:
         try:
             if asked is None:
-                return await status(ask)
+                return await status(ask, f'{host}:{port}')
             value = await _first_known(ask, asked.commands)
             return asked.done if isinstance(asked.done, str) else asked.done(value)
         except (ValueError, KeyError) as error:

@@ -19,19 +19,23 @@ _ESTOP = {
 _MAX_ERROR_DIGITS = 5
 """An error number has no more digits."""
 
+SCARA_JOINTS = 4
+"""EPSON's arms of four joints are SCARAs, whose third is prismatic."""
+
 _INDENT = '\n' + ' ' * 8
 
 
-async def status(ask: Ask) -> str:
-    """Query all that a controller, real or simulated, reports; return it as rows of text."""
+async def status(ask: Ask, address: str) -> str:
+    """Query all that a controller, real or simulated, reports; return it as rows of text.
+
+    `address`: whose it is.
+    """
     flags, number = await ask_flags(ask)
-    condition = dict(
-        part.split('=', 1)
-        for part in (await _if_known(ask, 'Sim,condition') or '').split(';')
-        if part
-    )
+    simulated = await _if_known(ask, 'Sim,condition')
+    condition = dict(part.split('=', 1) for part in (simulated or '').split(';') if part)
     motor = (await _if_known(ask, 'GetMotor,0') or '').split(',')
     rows = {
+        'at': address if simulated is None else f'{address} (simulated)',
         'motors': condition.get('motors') or _on(motor[1:2], 'on', 'off'),
         'power': condition.get('power') or _on(motor[2:3], 'high', 'low'),
         'E-stop': _estop(flags, condition),
@@ -104,8 +108,16 @@ async def _joints(ask: Ask) -> str | None:
             functions.append(f'Agl({joint})')
         values = functions and await _if_known(ask, command.format(','.join(functions)))
         if values:
-            return f'{" ".join(values.strip(chr(34)).split())} degrees'
+            return _with_units(values.strip(chr(34)).split())
     return None
+
+
+def _with_units(values: Sequence[str]) -> str:
+    """Return joint values with their units: of a SCARA's four joints the third is in mm."""
+    if len(values) != SCARA_JOINTS:
+        return f'{" ".join(values)} degrees'
+    units = ('degrees', 'degrees', 'mm', 'degrees')
+    return ', '.join(f'{value} {unit}' for value, unit in zip(values, units, strict=True))
 
 
 async def _error(ask: Ask, number: int) -> str:

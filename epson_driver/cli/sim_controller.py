@@ -7,13 +7,16 @@ import asyncio
 import dataclasses
 import gc
 import logging
+import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
-from epson_driver.cli.arguments import FREE_PORT, argument, host, if_in_use
+from epson_driver.cli.arguments import FREE_PORT, PORT, argument, host, if_in_use
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
@@ -23,14 +26,14 @@ from epson_driver.profiles.profile import (
 )
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
-from epson_driver.sim_controller.assembly import new_controller
-from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.faults.fault_kinds import Fault
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.network.stderr_log import StderrLog
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.simple_message import ByteOrder, Dialect
+from epson_driver.spel import build, read_project
 
 _PORTS = Ports()
 STATE_PERIOD = number(0.001, 3600.0, 's')
@@ -45,28 +48,38 @@ def main() -> int:
         model = load_robot_model(args.robot)
         profile = load_controller_profile(args.controller)
         start = None if args.start is None else _start(args.start, model.limits)
+        program = None if args.program is None else build(read_project(args.program))
     except (OSError, InputError, _StartError) as error:
         parser.error(str(error))
+    if program is not None and args.motion == 'smooth':
+        parser.error('--motion smooth: a SPEL+ program moves from point to point, blended by CP')
     byte_order = profile.byte_order
     if args.byte_order is not None:
         byte_order = ByteOrder[args.byte_order.upper()]
     if args.look_ahead is not None:
         motion = dataclasses.replace(profile.motion, look_ahead=args.look_ahead)
         profile = dataclasses.replace(profile, motion=motion)
-    planner = PlannerProcess(model.limits) if args.motion == 'smooth' else None
+    smooth = program is None and args.motion != 'ptp'
+    planner = PlannerProcess(model.limits) if smooth else None
+    spel = None if program is None else SpelSource(program, program_network(profile))
     try:
         controller = new_controller(
-            model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed
+            model, profile, start, Dialect(byte_order), planner, args.state_period, args.seed, spel
         )
         for fault in args.fault:
             controller.faults.start(fault)
-    except ValueError as error:  # too many joints, or a fault that cannot be
+    except (
+        ValueError,
+        InputError,
+    ) as error:  # of joints, faults, program
         parser.error(str(error))
     ports = Ports(*[_port_of(args, name, profile) for name in Ports._fields])
     log = StderrLog()
     logging.basicConfig(level=logging.INFO, handlers=[log])
     try:
-        return asyncio.run(_run(controller, planner, args.host, ports))
+        network = None if spel is None else spel.network
+        servers = partial(ControllerServers, controller, planner, network, dict(args.program_port))
+        return asyncio.run(_run(servers, args.host, ports, args.until_stdin_ends))
     finally:
         log.finish()
 
@@ -82,16 +95,15 @@ def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) ->
 
 
 async def _run(
-    controller: Controller,
-    planner: PlannerProcess | None,
-    host: str,
-    ports: Ports,
+    new_servers: Callable[[], ControllerServers], host: str, ports: Ports, until_stdin_ends: bool
 ) -> int:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     for each in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(each, stop.set)
-    servers = ControllerServers(controller, planner)
+    if until_stdin_ends:
+        _watch_stdin(stop)
+    servers = new_servers()
     try:
         ports = await servers.open(host, ports)
     except (OSError, PlannerError) as error:
@@ -111,6 +123,18 @@ async def _run(
         moving.cancel()
         await servers.close()
     return 0
+
+
+def _watch_stdin(ended: asyncio.Event) -> None:
+    """Set an event when the other end of stdin is closed, as when its process has died."""
+    loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def read() -> None:
+        if not os.read(file, 65536):
+            loop.remove_reader(file)
+            ended.set()
+
+    loop.add_reader(file, read)
 
 
 class _StartError(ValueError):
@@ -151,6 +175,15 @@ def _fault(text: str) -> Fault:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
+def _program_port(text: str) -> tuple[int, int]:
+    named, _, asked = text.partition('=')
+    try:
+        ports: tuple[int, int] = argument(PORT)(named), argument(FREE_PORT)(asked)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f'{shown(text)}, PORT=PORT: {error}') from error
+    return ports
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver sim_controller',
@@ -172,8 +205,22 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--motion',
         choices=('smooth', 'ptp'),
-        default='smooth',
-        help='smooth: through all points without a stop; ptp: rest at every point (%(default)s)',
+        help='smooth: through all points without a stop; ptp: rest at every point (smooth)',
+    )
+    parser.add_argument(
+        '--program',
+        type=Path,
+        metavar='FOLDER',
+        help='run this SPEL+ project (or .prg file) instead of the built-in program',
+    )
+    parser.add_argument(
+        '--program-port',
+        type=_program_port,
+        action='append',
+        default=[],
+        metavar='PORT=PORT',
+        help='where to listen for another TCP port that the SPEL+ program opens, 0 for any free '
+        'one; may be repeated (its own number, or a free one if that is taken)',
     )
     parser.add_argument(
         '--look-ahead',
@@ -202,6 +249,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--seed', type=argument(SEED), default=0, help='of the random faults (%(default)s)'
+    )
+    parser.add_argument(
+        '--until-stdin-ends',
+        action='store_true',
+        help='end when standard input, a pipe, is closed: with the process that has started it',
     )
     parser.add_argument(
         '--start',

@@ -50,7 +50,8 @@ def main() -> int:
     try:
         return _run(arguments)
     except (OSError, InputError, _PlanError) as error:
-        parser.error(str(error))
+        print(f'{parser.prog}: error: {error}', file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return INTERRUPTED
 

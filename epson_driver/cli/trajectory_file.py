@@ -27,19 +27,30 @@ MAX_DURATION_S = 1_000_000
 MAX_VALUE = 1e6
 """Of positions, velocities and accelerations (rad or m); a robot's limits are checked later."""
 
+FORM = (
+    'must have joint_names: [joint_1, …] and points: [{positions: […], time_from_start: {sec: 0, '
+    'nanosec: 0}}, …]'
+)
+"""What a file must be like, for whoever has an empty one."""
+
 _SECONDS = count(0, MAX_DURATION_S)
 _NANOSECONDS = count(0, 2**32 - 1)
+_DURATION = number(0, MAX_DURATION_S)
 _VALUE = number(-MAX_VALUE, MAX_VALUE)
 
 
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     """Return the trajectory in a file; if it has several YAML documents, the first one.
 
+    A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds.
+
     `timed`: whether every point must have a time; if not, one without a time is at 0 s. Raises
     InputError that names the file, the point and the key.
     """
     data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
     file = printable(path)
+    if data is None:
+        raise InputError(f'{file}: is empty: {FORM}')
     names = JOINT_NAMES.checked(_held(data, 'joint_names', file), f'{file}: joint_names')
     points = _held(data, 'points', file)
     if not isinstance(points, list):
@@ -99,6 +110,9 @@ def _time(point: Any, where: str, timed: bool) -> float:
         return 0.0
     duration = _held(point, 'time_from_start', where)
     where += '.time_from_start'
+    if not isinstance(duration, dict):
+        seconds_alone: float = _DURATION.checked(duration, where)
+        return seconds_alone
     seconds: int = _SECONDS.checked(_held(duration, 'sec', where), f'{where}.sec')
     rest: int = _NANOSECONDS.checked(_held(duration, 'nanosec', where), f'{where}.nanosec')
     return seconds + rest * 1e-9

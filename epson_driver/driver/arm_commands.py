@@ -76,7 +76,7 @@ class ArmCommands:
             if enabling.canceled is None:
                 return said
             status = self._driver.robot.status
-            in_the_way = None if status is None else self._in_the_way(status)
+            in_the_way = None if status is None else self.in_the_way(status)
             raise CommandError(
                 in_the_way
                 or f'{enabling.canceled} while ~/enable was under way: the arm stays disabled; '
@@ -91,8 +91,11 @@ class ArmCommands:
             status = await self._wait_for_status(
                 lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'
             )
-            if (why := self._in_the_way(status)) is not None:
+            if (why := self.in_the_way(status)) is not None:
                 raise CommandError(why)
+            await self._wait_for_first_stop()
+            if driver.stopper.keeps_points:  # with the motors, it would go on with them
+                await self._clear_motion()
             if status.drives_powered == TriState.FALSE:
                 await self._act(Action.MOTORS_ON)
                 await self._wait_for_status(
@@ -116,14 +119,22 @@ class ArmCommands:
                     raise CommandError(str(error)) from error
             return 'the arm is enabled'
 
+    async def _wait_for_first_stop(self) -> None:
+        """STOP goes out before anything else on a motion connection that needs it."""
+        if self._driver.stop_due:
+            await self._wait_for_status(
+                lambda _: not self._driver.stop_due,
+                'the controller sends no joints, which show the byte order of STOP, or no STATUS',
+            )
+
     async def _clear_motion(self) -> None:
         """Have the controller drop what it may still have of ours, and see the arm stand."""
         driver = self._driver
         stopper = driver.stopper
-        if driver.goal_queue.busy or (stopper.over and not stopper.ours):
+        if driver.goal_queue.busy or (stopper.over and not stopper.ours and not stopper.kept):
             return
         stopper.stop()
-        if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered:
+        if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered or stopper.kept:
             raise CommandError(f'after the last motion {stopper.doubt}; {stopper.stands}')
 
     async def disable(self) -> str:
@@ -197,6 +208,7 @@ class ArmCommands:
 
         Raises CommandError if it cannot be done, or if no STATUS shows that it was.
         """
+        await self._wait_for_first_stop()
         await self._act(Action.RESET)
         await self._wait_for_status(
             lambda status: TriState.TRUE not in (status.in_error, status.e_stopped),
@@ -204,7 +216,7 @@ class ArmCommands:
         )
         return 'the controller was reset; call ~/enable to move again'
 
-    def _in_the_way(self, status: Status) -> str | None:
+    def in_the_way(self, status: Status) -> str | None:
         """Return what must be mended before the arm can be enabled, and how; None: nothing."""
         errors = self._driver.robot.errors
         if status.e_stopped == TriState.TRUE:

@@ -15,6 +15,7 @@ from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import make_delivery
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.pace import Pace
 from epson_driver.driver.io.io_driver import IoDriver
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
@@ -26,6 +27,8 @@ from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import run_task_group
 from epson_driver.link import Link, LinkState
+from epson_driver.link.link import DIALECT_MESSAGES
+from epson_driver.link.link_reports import LinkReports
 from epson_driver.link.silence import Silence, passed
 from epson_driver.log_lines import LogThrottle
 from epson_driver.simple_message import (
@@ -145,6 +148,7 @@ class Driver:
             self.changed,
             self._on_broken_off,
             _smoother(configuration),
+            Pace(configuration.delivery, configuration.limits),
         )
         self._feedback_leads = False
         self._positions_since_feedback = 0
@@ -152,7 +156,11 @@ class Driver:
         self._status_missing = Silence(STATUS_TIMEOUT_S)
         self._dropped_throttle = LogThrottle()
         self._link_state = LinkState.DISCONNECTED
-        self._missed: set[str] = set()
+        self._dialect_known = order is not None
+        self.stop_due = False
+        """STOP is to be sent on this motion connection before anything else."""
+        links = (self.state_link, self.motion_link)
+        self._reports = {link.name: LinkReports(link) for link in links}
 
     async def run(self) -> None:
         """Keep the links alive until cancelled. On the way out the arm is stopped.
@@ -237,9 +245,12 @@ class Driver:
         if packet.comm_type is not CommType.TOPIC:  # nothing was asked (REP-I0006)
             return
         now = self._now()
-        self.motion_link.dialect = self.state_link.dialect
-        self.io.follow(self.state_link.dialect)
         message = packet.message
+        if isinstance(message, DIALECT_MESSAGES):
+            self._dialect_known = True
+            self.motion_link.follow(self.state_link.dialect)
+            self._stop_first()
+            self.io.follow(self.state_link.dialect)
         if isinstance(message, Status):
             self._take_status(message, now)
         elif isinstance(message, JointPosition):
@@ -303,19 +314,34 @@ class Driver:
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
+            self._dialect_known = self.configuration.byte_order is not None
             self._feedback_leads = False
             self._positions_since_feedback = 0
         self._on_link(self.state_link, why)
 
     def _on_motion_link(self, state: LinkState, why: str) -> None:
-        if state is not LinkState.CONNECTED:
+        if state is LinkState.CONNECTED:
+            self.stop_due = self.stopper.goes_on
+            self._stop_first()
+        else:
             self.stopper.link_lost()
         self._on_link(self.motion_link, why)
+
+    def _stop_first(self) -> None:
+        """Send STOP on a new motion connection, before anything else, if the arm may go on.
+
+        Before the byte order is known, what a message says is not: STOP waits for the first joints
+        then, which show it. So does all else, as nothing is sent to a controller without a state.
+        If the joints show another one later, the connection is opened again (Link.follow).
+        """
+        if self.stop_due and self._dialect_known:
+            self.stop_due = False
+            self.stopper.stop()
 
     def _on_link(self, link: Link, why: str) -> None:
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
-        self._tell_link(link, why)
+        self._reports[link.name].tell(why)
         links = (self.state_link, self.motion_link)
         combined = min((each.state for each in links), key=WORST_FIRST.index)
         if combined is not self._link_state:
@@ -323,17 +349,6 @@ class Driver:
             self._events.on_link_state(combined.value, why)
             if not self.state_link.connected:
                 self._events.on_status(Status())
-
-    def _tell_link(self, link: Link, why: str) -> None:
-        """Log that a link came or went, once: not every attempt to bring it back."""
-        if link.connected:
-            self._missed.discard(link.name)
-            _log.info('%s link connected: %s', link.name, why)
-        elif link.state is LinkState.BACKING_OFF and link.name not in self._missed:
-            self._missed.add(link.name)
-            _log.warning('no %s link: %s; trying again at least once a second', link.name, why)
-        else:
-            _log.debug('%s link %s: %s', link.name, link.state.value, why)
 
     async def _watch_status(self) -> None:
         """Drop what is too old, and say so once a second while there is no status."""

@@ -7,6 +7,7 @@ Input that breaks a rule is refused with one sentence that names its place, the 
 """
 
 from epson_driver.inputs.files import read_file
+from epson_driver.inputs.near_names import near_name
 from epson_driver.inputs.rules import (
     HOST,
     JOINT_NAMES,
@@ -29,6 +30,7 @@ __all__ = [
     'choice',
     'count',
     'list_of',
+    'near_name',
     'number',
     'printable',
     'read_file',

@@ -100,6 +100,8 @@ class Link:
         self._log_throttle = LogThrottle()
         self._pending = PendingReplies()
         self._writer: asyncio.StreamWriter | None = None
+        self._written: Dialect | None = None
+        """What was sent last on this connection was written in it; None before that."""
         self._framer = Framer(byte_order)
         self.attempt = 0
         """Attempts to connect since a connection has lasted."""
@@ -160,6 +162,7 @@ class Link:
         packet = request(message)
         data = encode(packet, self.dialect)
         now = asyncio.get_running_loop().time()
+        self._written = self.dialect
         self._write(self._writer, data)
         waiting = PendingRequest(
             packet.msg_type, sequence_of(message), now, on_reply, command_of(message)
@@ -175,7 +178,24 @@ class Link:
         """Send a topic, which is not answered. Raises as `post` does."""
         if self._writer is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
-        self._write(self._writer, encode(topic(message), self.dialect))
+        data = encode(topic(message), self.dialect)
+        self._written = self.dialect
+        self._write(self._writer, data)
+
+    def follow(self, dialect: Dialect) -> None:
+        """Write as another port of the controller does.
+
+        A connection on which something went in another way connects again: what was sent cannot
+        have been understood, and what is received on it later could not be.
+        """
+        self.dialect = dialect
+        if self._writer is None:
+            return
+        if self._written not in (None, dialect):
+            self.reconnect(f'what was sent was {self._written}, the state is {dialect}')
+        elif self._framer.byte_order not in (None, dialect.byte_order):
+            came = self._framer.byte_order.name.lower()
+            self.reconnect(f'what came was {came} endian, the state is {dialect}')
 
     def reconnect(self, why: str) -> None:
         """Close the connection, if there is one, after what was sent; then connect again.
@@ -209,6 +229,7 @@ class Link:
         self.statistics.connections += 1
         self.statistics.connected_since = established
         self._framer = Framer(self._byte_order)
+        self._written = None
         self._ended_because = None
         self._tell(WireEvent.OPENED)
         self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')

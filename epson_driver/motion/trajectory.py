@@ -12,6 +12,9 @@ from epson_driver.motion.limits import Array, JointLimits
 LIMIT_TOLERANCE_SHARE = 1e-6
 """Relative excess of a limit that is taken for rounding: plans are often made at the limit."""
 
+MAX_USUAL_ANGLE_RAD = 4 * np.pi
+"""Two turns, 12.6 rad: an angle beyond this, and beyond its limit, is taken for degrees."""
+
 _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
 """What follows the joint's unit, rad or m."""
 
@@ -51,8 +54,9 @@ def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     """Yield a sentence for everything that forbids executing the trajectory.
 
     The joints must be in the order of the limits. Each sentence names the point (counted from 0),
-    the joint, the value and the limit. Accelerations must be finite, but are not held against a
-    limit: the points are a plan to follow, not the motion itself.
+    the joint, the value and the limit; of a plan in degrees only the first one is told.
+    Accelerations must be finite, but are not held against a limit: the points are a plan to
+    follow, not the motion itself.
     """
     if not len(trajectory.times):
         yield 'the trajectory has no points'
@@ -61,15 +65,33 @@ def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     yield from not_finite
     if not_finite:
         return
+    low, high = limits.position_min, limits.position_max
+    outside = list(_beyond(trajectory.positions, low, high, 'position', '', limits))
+    if outside and _like_degrees(trajectory.positions, limits):  # the rest would say the same
+        yield f'{outside[0]}; these look like degrees: positions are in rad'
+        return
     yield from _times(trajectory)
-    yield from _beyond(
-        trajectory.positions, limits.position_min, limits.position_max, 'position', '', limits
-    )
+    yield from outside
     if trajectory.velocities is not None:
         yield from _beyond(
             trajectory.velocities, -limits.velocity, limits.velocity, 'velocity', '/s', limits
         )
     yield from _too_fast(trajectory, limits)
+
+
+def _like_degrees(positions: Array, limits: JointLimits) -> bool:
+    """Return whether angles are beyond the limits as rad, but all of them inside as degrees.
+
+    Only if one of them is larger than MAX_USUAL_ANGLE_RAD: others are rather mistakes in rad.
+    """
+    turning = np.array([unit == 'rad' for unit in limits.units])
+    angles = positions[:, turning]
+    low, high = limits.position_min[turning], limits.position_max[turning]
+    degrees = np.radians(angles)
+    return bool(
+        np.any((np.abs(angles) > MAX_USUAL_ANGLE_RAD) & ((angles < low) | (angles > high)))
+        and np.all((degrees >= low) & (degrees <= high))
+    )
 
 
 def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:

@@ -129,6 +129,10 @@ class Diagnostics:
             yield 'STOP did not work', driver.stopper.alarm
         yield 'goal running', driver.goal_queue.busy
         yield 'goals without a smooth motion', driver.goal_queue.unsmoothed
+        yield 'goals at another speed than planned', driver.goal_queue.other_speed
+        if (timing := driver.goal_queue.last_timing) is not None:
+            yield 'last goal, planned [s]', f'{timing.planned:.3f}'
+            yield 'last goal, executed [s]', f'{timing.executed:.3f}'
         if robot.sample is not None:
             yield 'age of joint state [ms]', f'{(now - robot.sample.measured) * 1e3:.1f}'
             yield 'velocities beyond what a joint can do', robot.bounded

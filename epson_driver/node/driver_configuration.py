@@ -67,4 +67,5 @@ def goal_settings(parameters: Mapping[str, Any], profile: ControllerProfile) -> 
         stopped_velocity=parameters['constraints.stopped_velocity_tolerance'],
         reply_timeout=parameters['reply_timeout'],
         cause_timeout=cause_timeout(profile.state),
+        require_planned_speed=parameters['require_planned_speed'],
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From the request of a goal, as it comes from ROS, to a checked goal for the driver."""
+"""From the request of a goal, as it comes from ROS, to a goal for the driver's queue."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +11,7 @@ from control_msgs.action import FollowJointTrajectory
 from rclpy.clock import Clock
 
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_checks import check_limits, untimed
+from epson_driver.driver.goal.goal_checks import untimed
 from epson_driver.driver.goal.tolerances import Tolerances
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import JointLimits
@@ -26,7 +26,7 @@ MAX_START_AHEAD_S = 1.0
 
 
 class GoalRequests:
-    """Checks requests against the joint limits and the parameters that hold at that moment.
+    """Reads requests, with the parameters that hold at that moment. The queue checks limits.
 
     `parameters`: the node's values by name, which may change. `clock`: the node's.
     """
@@ -37,7 +37,7 @@ class GoalRequests:
         self._clock = clock
 
     def checked_goal(self, request: FollowJointTrajectory.Goal) -> Goal:
-        """Return the goal of a request. Raises GoalRejectedError."""
+        """Return the goal of a request, names and stamps checked. Raises GoalRejectedError."""
         values = self._parameters
         if request.multi_dof_trajectory.points:
             raise GoalRejectedError(
@@ -46,11 +46,6 @@ class GoalRequests:
         trajectory = trajectory_from_message(request.trajectory, self._limits.names)
         if values['timing'] == 'time_optimal':
             trajectory = untimed(trajectory, self._limits)
-        check_limits(
-            trajectory,
-            self._limits,
-            may_end_moving=values['allow_nonzero_velocity_at_trajectory_end'],
-        )
         self._check_stamp(request.trajectory.header.stamp, trajectory.duration)
         path = self._tolerances(request, 'path_tolerance', 'trajectory')
         goal = self._tolerances(request, 'goal_tolerance', 'goal')
@@ -62,6 +57,7 @@ class GoalRequests:
             goal_velocity=goal.velocity,
             path_tolerance=path if path.checked else None,
             units=self._limits.units,
+            may_end_moving=values['allow_nonzero_velocity_at_trajectory_end'],
         )
 
     def _tolerances(

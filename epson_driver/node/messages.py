@@ -22,8 +22,9 @@ from epson_driver.simple_message import Mode, Status
 class JointStateWriter:
     """Fills one JointState again and again: names are set once, numbers for each sample."""
 
-    def __init__(self, joint_names: Sequence[str]) -> None:
+    def __init__(self, joint_names: Sequence[str], frame_id: str = '') -> None:
         self._message = JointState(name=list(joint_names))
+        self._message.header.frame_id = frame_id
 
     def write(self, sample: JointSample, stamp: Time) -> JointState:
         """Return the message, valid until the next call. Values are the measured ones."""

@@ -61,6 +61,8 @@ class ClientNode:
         self._loop = asyncio.get_running_loop()
         self._context = context_of(node.get_logger())
         self._parameters = parameters.declare(node)
+        for sentence in parameters.undeclared(node):
+            node.get_logger().warning(sentence)
         self._profile = load_controller_profile(self._parameters['controller'])
         self.driver = Driver(
             driver_configuration(self._parameters, self._profile),
@@ -72,7 +74,9 @@ class ClientNode:
         self._bridge = LoopBridge(node, self._context, self.driver.fault)
         self.commands = ArmCommands(self.driver)
         """What `~/stop`, `~/enable`, `~/disable` and `~/reset_error` do."""
-        self._joint_state = messages.JointStateWriter(self.driver.configuration.limits.names)
+        self._joint_state = messages.JointStateWriter(
+            self.driver.configuration.limits.names, self._parameters['frame_id']
+        )
         self._clock = node.get_clock()
         self._stamps = RosTimeStamps(self._clock, self._loop.time)
         self._diagnostics = Diagnostics(self.driver, node.get_fully_qualified_name().lstrip('/'))

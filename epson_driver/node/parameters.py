@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from epson_driver.error_texts import load_error_texts
-from epson_driver.inputs import HOST, JOINT_NAMES, InputError, Rule, shown
+from epson_driver.inputs import HOST, JOINT_NAMES, InputError, Rule, near_name, shown
 from epson_driver.profiles import ControllerProfile, load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import MAX_JOINTS
@@ -90,6 +90,12 @@ TABLE = (
         JOINTS,
         "Names of the joints in the controller's order. By default those of `robot_model`.",
         rule=JOINT_NAMES,
+    ),
+    Row(
+        'frame_id',
+        'base_link',
+        'Frame of `joint_states`, as joint_state_broadcaster fills it; where links have a prefix, '
+        'with that.',
     ),
     Row(
         'joint_signs',
@@ -200,6 +206,13 @@ TABLE = (
         'How far from the measured position a trajectory may start, each joint [rad, m].',
         0.0,
         1.0,
+        now=True,
+    ),
+    Row(
+        'require_planned_speed',
+        False,
+        'Reject trajectories that the controller is known to execute at another speed than '
+        'planned, as kinds do that ignore the times of points. False: warn afterwards.',
         now=True,
     ),
     Row(
@@ -322,6 +335,16 @@ def declare(node: Node) -> dict[str, Any]:
     for joint in names:
         values |= _declare_rows(node, joint_rows(joint, units.get(joint, 'rad')))
     return values
+
+
+def undeclared(node: Node) -> Iterator[str]:
+    """Yield a sentence for each parameter that was given to a node and that it does not have."""
+    for name in node._parameter_overrides:
+        if not node.has_parameter(name):
+            near = near_name(name, node.get_parameters_by_prefix(''))
+            yield f'parameter {name} is ignored: there is none of that name' + (
+                f'; did you mean {near}?' if near else ''
+            )
 
 
 def rejection(changes: Iterable[Parameter]) -> str:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The top of the simulated controller: puts it together from its parts, as its profile says."""
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -16,12 +16,27 @@ from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
 from epson_driver.sim_controller.client_connections import ClientConnections
+from epson_driver.sim_controller.condition.spel_settings import SpelSettings
+from epson_driver.sim_controller.condition.states import STARTED_BY_A_PERSON
 from epson_driver.sim_controller.core import Controller, Parts
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
 from epson_driver.sim_controller.programs.points import clipped
 from epson_driver.sim_controller.programs.program import Program
+from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
+from epson_driver.sim_controller.spel_host.spel_program import SpelProgram
 from epson_driver.simple_message import MAX_JOINTS, Dialect
+from epson_driver.spel import Program as CompiledProgram
+
+DEFAULT_SPEED = 0.05
+"""Speed and Accel of a SPEL+ program until it sets them, a fraction of the limits."""
+
+
+class SpelSource(NamedTuple):
+    """A SPEL+ program and its ports."""
+
+    program: CompiledProgram
+    network: ProgramNetwork
 
 
 def new_controller(
@@ -32,11 +47,13 @@ def new_controller(
     planner: Planner | None = None,
     state_period: float | None = None,
     seed: int = 0,
+    spel: SpelSource | None = None,
 ) -> Controller:
     """Return a controller that has just booted.
 
     `start` is where the arm stands at first, shape (n,), rad: zeros by default, or the nearest
     within the limits. With a `planner` the arm moves smoothly, without one point to point.
+    With `spel` a SPEL+ program runs instead of the built-in one; the arm goes point to point then.
     `dialect` and `state_period`, s, are the profile's by default; `seed` is what the faults draw
     from. Raises ValueError for a start outside the limits, and for a robot with more joints than a
     message carries.
@@ -59,7 +76,47 @@ def new_controller(
             arm=lambda controller: _new_arm(controller, where, planner),
             program=_new_program,
             clients=ClientConnections,
-        ),
+            settings=SpelSettings(profile.motion.speed, profile.motion.accel),
+        )
+        if spel is None
+        else _spel_parts(spel, where),
+    )
+
+
+def program_network(profile: ControllerProfile) -> ProgramNetwork:
+    """Return the ports of a SPEL+ program: those of the profile have their usual names."""
+    ports = profile.ports
+    return ProgramNetwork({ports.motion: 'motion', ports.state: 'state', ports.io: 'io'})
+
+
+def _spel_parts(source: SpelSource, where: Array) -> Parts:
+    """Return how a controller is made whose program is written in SPEL+."""
+
+    def arm(controller: Controller) -> SimulatedArm:
+        motion = controller.profile.motion
+        caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
+        executor = PointToPoint(
+            controller.model.limits,
+            where,
+            DEFAULT_SPEED,
+            DEFAULT_SPEED,
+            statement_overhead=motion.statement_overhead,
+            caps=caps,
+            late_blend=True,
+        )
+        return SimulatedArm(executor, controller.servo, caps)
+
+    def program(controller: Controller, executor: Executor) -> Program:
+        if not isinstance(executor, PointToPoint):
+            raise TypeError('a SPEL+ program moves the arm from point to point')
+        return SpelProgram(source.program, controller, executor, source.network)
+
+    return Parts(
+        arm=arm,
+        program=program,
+        clients=lambda controller: ClientConnections(controller, source.network),
+        settings=SpelSettings(DEFAULT_SPEED, DEFAULT_SPEED),
+        tables=STARTED_BY_A_PERSON,
     )
 
 

@@ -19,6 +19,7 @@ from epson_driver.sim_controller.condition.tasks import (
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
+from epson_driver.sim_controller.ports.program_ports import ProgramPorts
 from epson_driver.sim_controller.ports.session import Client, Send, Session
 from epson_driver.sim_controller.programs.motion_session import MotionSession
 from epson_driver.sim_controller.programs.program import ProgramQuit
@@ -62,7 +63,7 @@ class ClientConnection(Session):
         self._abort = client.abort
         self._close = client.close
         self._controller = controller
-        by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
+        by_byte = controller.profile.server.byte_by_byte and clients.server(port) is not None
         self._transport = FaultyTransport(
             port,
             controller.clock,
@@ -71,7 +72,7 @@ class ClientConnection(Session):
             self.hang_up,
             byte_by_byte=by_byte,
         )
-        self._session = _open(controller, port, self._transport.send, client)
+        self._session = clients.session(port, self._transport.send, client)
         self._open = True
 
     @property
@@ -132,8 +133,10 @@ class ClientConnection(Session):
 class ClientConnections:
     """All client connections of one controller, and the ports that nobody serves now."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, spel: ProgramPorts | None = None) -> None:
         self._controller = controller
+        self._spel = spel
+        self._servers = _SERVERS if spel is None else {}
         self._connections: list[ClientConnection] = []
         self._ended: set[str] = set()
         self._boot: Timer | None = None
@@ -156,7 +159,17 @@ class ClientConnections:
 
     def ended(self, task: Task) -> bool:
         """Return whether the task has ended because its client has gone, or with the program."""
-        return any(_SERVERS[port] is task for port in self._ended)
+        return any(self._servers[port] is task for port in self._ended)
+
+    def server(self, port: str) -> Task | None:
+        """Return the task of the built-in program that serves a port, if one does."""
+        return self._servers.get(port)
+
+    def session(self, port: str, send: Send, client: Client) -> Session:
+        """Return a session with a client that has just come."""
+        if self._spel is not None and port != 'remote':
+            return self._spel.session(port, send, client.close)
+        return _open(self._controller, port, send, client)
 
     def silent(self, port: str) -> bool:
         """Return whether the port's bytes are not read: its task has ended, its socket is open."""
@@ -165,7 +178,8 @@ class ClientConnections:
     def gone(self, connection: ClientConnection) -> None:
         """Remove a closed connection; a program that does not reconnect serves no other."""
         self._connections.remove(connection)
-        if not self._controller.profile.server.reconnect and _SERVERS[connection.port] is not None:
+        dies = not self._controller.profile.server.reconnect
+        if dies and self.server(connection.port) is not None:
             self._ended.add(connection.port)
 
     def quit(self) -> None:
@@ -181,12 +195,12 @@ class ClientConnections:
     def tasks_begin(self) -> None:
         """Close connections that were not read meanwhile: the program opens its ports anew."""
         if self._controller.profile.server.aborted == 'silent':
-            self.hang_up(*(port for port, task in _SERVERS.items() if task in _ENDING))
+            self.hang_up(*(port for port, task in self._servers.items() if task in _ENDING))
 
     def tasks_ended(self) -> None:
         """Close the connections that the profile closes when the Normal tasks end."""
         if self._controller.profile.server.aborted == 'close':
-            self.hang_up(*(port for port in _SERVERS if self._down(port)))
+            self.hang_up(*(port for port in self._servers if self._down(port)))
 
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
@@ -217,7 +231,7 @@ class ClientConnections:
         if self._boot is not None:
             self._boot.cancel()
         self._boot = self._controller.clock.after(seconds, self._booted)
-        self.hang_up(*_SERVERS)
+        self.hang_up(*{connection.port for connection in self._connections})
 
     def _booted(self) -> None:
         self._boot = None
@@ -233,6 +247,8 @@ class ClientConnections:
             return 'cut, as asked for'
         if self._down(port) and self._controller.profile.server.aborted == 'close':
             return 'its task does not run'
+        if self._spel is not None and port != 'remote':
+            return self._spel.rejection(port)
         if port == 'motion' and any(connection.port == port for connection in self._connections):
             return 'there is a motion client already'
         return None
@@ -248,7 +264,7 @@ class ClientConnections:
         return None
 
     def _down(self, port: str) -> bool:
-        task = _SERVERS[port]
+        task = self.server(port)
         ended = (TaskState.NOT_RUNNING, TaskState.ABORTED)
         return task is not None and task.state(self._controller.condition) in ended
 

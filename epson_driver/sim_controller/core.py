@@ -9,8 +9,8 @@ give the same bytes. `assembly.new_controller` puts arm, program and clients to 
 
 import copy
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -43,10 +43,11 @@ from epson_driver.sim_controller.condition.states import (
     Motors,
     Power,
     RejectedError,
+    Tables,
     Tasks,
     after,
 )
-from epson_driver.sim_controller.condition.tasks import Task, TaskState
+from epson_driver.sim_controller.condition.tasks import Task, TaskRow, TaskState, rows
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
 from epson_driver.sim_controller.ports.session import Client, Send, Session
@@ -111,6 +112,8 @@ class Parts:
     arm: Callable[['Controller'], SimulatedArm]
     program: Callable[['Controller', Executor], Program]
     clients: Callable[['Controller'], Clients]
+    settings: SpelSettings
+    tables: Tables = field(default_factory=lambda: REGIONS)
 
 
 class Controller:
@@ -145,7 +148,8 @@ class Controller:
         self.io = IoPoints(profile.io)
         self.faults = Faults(self.clock, seed, self, len(model.joint_names))
         self.clients = parts.clients(self)
-        self.spel = SpelSettings(profile.motion.speed, profile.motion.accel)
+        self.spel = parts.settings
+        self._tables = parts.tables
         self.errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
@@ -153,7 +157,7 @@ class Controller:
         self.arm = parts.arm(self)
         self.reply: Send | None = None  # where replies of the motion program go
         self.program = parts.program(self, self.arm.executor)
-        self._error = ErrorNumber.NONE  # of the controller itself, until it is reset
+        self._error: int = ErrorNumber.NONE  # of the controller itself, until it is reset
         self._begun = 0  # points that the faults know of
         self._slowing = False  # whether it brakes to go on at low power
         self._unattended = False  # whether the arm keeps its points for the next motion client
@@ -168,7 +172,7 @@ class Controller:
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
             does = 'brakes' if off else 'moves'
             raise RejectedError(f'the arm still {does}: try again when it stands')
-        self.condition = after(before, event)
+        self.condition = after(before, event, self._tables)
         if self.condition is not before:
             _log.info('%s: %s', event.value, _difference(before, self.condition))
         if event is Event.RESET:
@@ -184,9 +188,9 @@ class Controller:
             self.io.boot()
             self.errors.clear()
             self._error = ErrorNumber.NONE
+            self.program.boot()
         if event in DEFAULTS_AFTER:
-            self.spel.forget()
-            self._keep_to_settings()
+            self.forget_settings()
         self._react(before)
         self._set_power()
         self._settle()
@@ -228,11 +232,11 @@ class Controller:
             self._unattended = True
             self.arm.executor.hold()
 
-    def raise_error(self, number: ErrorNumber, critical: bool = False) -> None:
+    def raise_error(self, number: int, critical: bool = False) -> None:
         """Put the controller in error: no power, tasks aborted, until a reset (or a boot)."""
         if self.condition.fault is not Fault.CRITICAL:
             self._error = number
-        _log.error('error %d: %s', number, TEXTS[number])
+        _log.error('error %d: %s', number, TEXTS.get(number, 'see the manual'))
         self.apply(Event.CRITICAL_ERROR if critical else Event.ERROR)
 
     def reboot(self, seconds: float) -> None:
@@ -286,6 +290,11 @@ class Controller:
         self.show(Rejection(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
         self.program.restart()
 
+    def tasks(self) -> Iterable[TaskRow]:
+        """Yield the tasks there are, as people see them."""
+        own = self.program.tasks()
+        return own if own is not None else rows(self.task_state)
+
     def task_state(self, task: Task) -> TaskState:
         """Return what a task is doing; one whose port nobody serves any more does not run."""
         return TaskState.NOT_RUNNING if self.clients.ended(task) else task.state(self.condition)
@@ -330,13 +339,18 @@ class Controller:
         self.spel.change(name, numbers)
         self._keep_to_settings()
 
+    def forget_settings(self) -> None:
+        """Let Speed, Accel and the others be as after a start."""
+        self.spel.forget()
+        self._keep_to_settings()
+
     def _keep_to_settings(self) -> None:
         """Let the next statements of point-to-point motion be as fast as Speed and Accel say."""
         self.arm.executor.speed = self.spel.speed
         self.arm.executor.accel = self.spel.accel
 
     @property
-    def error_number(self) -> ErrorNumber:
+    def error_number(self) -> int:
         """The error shown in STATUS; through an E-stop, that the motion task is aborted."""
         if self.condition.estopped:
             return ErrorNumber.TASK_ABORTED

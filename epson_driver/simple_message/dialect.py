@@ -27,6 +27,9 @@ class Dialect:
     byte_order: ByteOrder = ByteOrder.LITTLE
     real: Real = Real.FLOAT32
 
+    def __str__(self) -> str:
+        return f'{self.byte_order.name.lower()} endian with {self.real.name.lower()}'
+
 
 LITTLE_ENDIAN = Dialect()
 BIG_ENDIAN = Dialect(ByteOrder.BIG)

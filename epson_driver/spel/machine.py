@@ -237,6 +237,11 @@ class Machine:
         """Return the controller's time, s."""
         return self.world.time
 
+    @property
+    def running(self) -> Task | None:
+        """Return the task that runs, or ran last; None if it is over."""
+        return self.world.tasks.get(self._last)
+
     def tasks(self) -> Iterator[TaskView]:
         """Yield the tasks that there are, by number, and those that an error ended."""
         aborted = self.world.aborted
@@ -269,6 +274,16 @@ class Machine:
         if self._ready() is not None:
             return self.world.time
         return self._next_due()
+
+    def idle(self, to: float) -> None:
+        """Let time pass up to `to`, s, or to what is due before, in which the host had no news.
+
+        A host calls it before `advance` with news of this moment: who waited for them then goes
+        on at this time, not at that of the last call.
+        """
+        if self._ready() is None:
+            due = self._next_due()
+            self.world.time = max(self.world.time, to if due is None else min(to, due))
 
     def advance(self, to: float) -> None:
         """Let the tasks run until a time, s. What they begin before it may end behind it.

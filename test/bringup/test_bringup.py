@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from epson_driver.bringup import (
+    DEFAULT_MODEL,
+    EACH,
     INTERFACE,
     BringupError,
     client_parameters,
@@ -44,16 +46,17 @@ def test_an_argument_has_name_default_and_description() -> None:
 def test_models_to_choose_from_are_those_with_a_description() -> None:
     argument = model_argument()
     assert argument['default_value'] in argument['choices']
-    for model in argument['choices']:
+    assert argument['choices'][0] == ''  # as params_file says
+    for model in argument['choices'][1:]:
         assert f'<robot name="{model}"' in robot_description(model)
 
 
 def test_defaults_that_the_descriptions_name_are_the_clients_own() -> None:
     defaults = {row.name: row.default for row in TABLE}
-    for argument in launch_arguments('robot_ip', 'controller'):
+    for argument in launch_arguments('robot_ip', 'controller', 'robot_model'):
         (named,) = re.findall(r'or ([\w.]+)\.$', argument['description'])
         assert named == defaults[argument['name']]
-    assert VALUES['robot_model'] == defaults['robot_model']
+    assert defaults['robot_model'] == DEFAULT_MODEL
 
 
 def test_a_prefix_is_before_every_name_of_the_urdf() -> None:
@@ -70,8 +73,8 @@ def test_without_xacro_the_error_says_what_to_install(monkeypatch: pytest.Monkey
         robot_description('c3_a601s')
 
 
-def test_a_client_of_defaults_is_told_model_and_interface_only() -> None:
-    assert client_parameters(VALUES) == {'robot_model': 'c3_a601s', 'interface': 'streaming'}
+def test_a_client_of_defaults_is_told_nothing() -> None:
+    assert client_parameters(DEFAULTS | {'interface': ''}) == {}
 
 
 @pytest.mark.parametrize('remote_port', ['', '5000'])
@@ -101,6 +104,9 @@ def test_the_simulated_controller_takes_its_command_line(tmp_path: Path) -> None
 
 
 def test_several_robots_get_a_prefix_that_ros_allows() -> None:
-    robots = several_robots('left,/line/two', '127.0.0.1, 127.0.0.2')
-    assert [each.tf_prefix for each in robots] == ['left_', 'line_two_']
-    assert [each.robot_ip for each in robots] == ['127.0.0.1', '127.0.0.2']
+    robots = several_robots(
+        dict.fromkeys(EACH, '')
+        | {'namespaces': 'left,/line/two', 'robot_ips': '127.0.0.1, 127.0.0.2'}
+    )
+    assert [each['tf_prefix'] for each in robots] == ['left_', 'line_two_']
+    assert [each['robot_ip'] for each in robots] == ['127.0.0.1', '127.0.0.2']

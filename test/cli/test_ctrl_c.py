@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from support.interrupts import obey_interrupts
 
 from epson_driver.cli import processes
 from epson_driver.cli.executables import EXECUTABLES
@@ -40,11 +41,6 @@ LOADED = [
     ('sim_controller', 'numpy'),
     ('smooth', 'ruckig'),
 ]
-
-
-def obey_interrupts() -> None:
-    """Let a child obey SIGINT as in a terminal: whoever runs these tests by `&` ignores it."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.mark.parametrize(('name', 'module'), LOADED)

@@ -3,6 +3,7 @@
 """The pendant's answers, against a simulated controller and against what is like a real one."""
 
 import asyncio
+import os
 import re
 import shutil
 import socket
@@ -64,7 +65,8 @@ def said(monkeypatch, capsys):
         monkeypatch.setattr(sys, 'argv', ['pendant', '--port', str(port), *words])
         code = pendant.main()
         output = capsys.readouterr()
-        return code, output.out + output.err
+        text = output.out + output.err
+        return code, text.replace(f' (127.0.0.1:{port})', '')
 
     return say
 
@@ -111,7 +113,9 @@ def test_motors_estop_and_reset(ask, done):
 
 def test_status_of_a_controller_that_just_booted(done):
     text = re.sub(r'late: .*', 'late:', done('status'))
-    assert text.splitlines() == [
+    address, *rows = text.splitlines()
+    assert re.fullmatch(r'at:     127\.0\.0\.1:\d+ \(simulated\)', address)
+    assert rows == [
         'motors: off',
         'power:  low',
         'E-stop: not active',
@@ -382,6 +386,7 @@ def test_status_of_an_older_firmware(said):
         code, text = said(real.port, 'status')
     assert code == 0
     assert text.splitlines() == [
+        f'at:     127.0.0.1:{real.port}',
         'E-stop: not active',
         'door:   open',
         'mode:   AUTO',
@@ -403,13 +408,14 @@ def test_status_of_a_real_controller(said):
         code, text = said(real.port, 'status')
     assert code == 0
     assert text.splitlines() == [
+        f'at:     127.0.0.1:{real.port}',
         'motors: on',
         'power:  high',
         'E-stop: not active',
         'door:   closed',
         'mode:   AUTO',
         'arm:    stands',
-        'joints: 1.500 0.000 0.000 90.000 degrees',
+        'joints: 1.500 degrees, 0.000 degrees, 0.000 mm, 90.000 degrees',
         'error:  none',
         'flags:  Auto Ready',
     ]
@@ -518,3 +524,24 @@ def _answer_all(server, answer):
                 usual = name in (b'Login', b'Logout')
                 lines.write(b'#%s,0\r\n' % name if usual else answer.replace(b'%s', name))
                 lines.flush()
+
+
+def test_whoever_is_told_something_is_named(port, monkeypatch, capsys):
+    """Commands went to a stranger's controller on the usual port, and nothing said so."""
+    for words, place in (('motors on', 'out'), ('fault list please', 'err')):
+        monkeypatch.setattr(sys, 'argv', ['pendant', '--port', str(port), *words.split()])
+        code = pendant.main()
+        text = getattr(capsys.readouterr(), place)
+        assert (code == 0) == (place == 'out')
+        assert text.endswith(f' (127.0.0.1:{port})\n'), text
+
+
+def test_a_reader_that_has_read_enough_is_no_error(port):
+    """As `| head -1` is."""
+    command = [sys.executable, '-m', 'epson_driver.cli', 'pendant', '--port', str(port), 'status']
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, 'wb') as closed:
+        ended = subprocess.run(command, stdout=closed, stderr=subprocess.PIPE, check=False)
+    assert ended.stderr == b''
+    assert ended.returncode == 141

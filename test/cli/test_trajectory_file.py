@@ -163,3 +163,17 @@ def test_bytes_that_are_no_text(tmp_path):
     path = tmp_path / 'plan.yaml'
     path.write_bytes(b'\xff\xfe\x00joint_names')
     assert str(path) in refusal(path)
+
+
+def test_a_time_may_be_a_number_of_seconds(tmp_path):
+    text = GOOD.replace('{sec: 1, nanosec: 250000000}', '2.5')
+    assert read_trajectory(written(tmp_path, text)).times.tolist() == [0.0, 2.5]
+    for bad in ('-1.0', 'soon', '[1]', '.inf'):
+        with pytest.raises(InputError, match=r'point 1\.time_from_start'):
+            read_trajectory(written(tmp_path, text.replace('2.5', bad)))
+
+
+@pytest.mark.parametrize('text', ['', '# nothing\n', '---\n'])
+def test_an_empty_file_is_told_its_form(tmp_path, text):
+    with pytest.raises(InputError, match=r'is empty: must have joint_names: .*time_from_start'):
+        read_trajectory(written(tmp_path, text))

@@ -30,6 +30,7 @@ class Context:
         self.launch_configurations = dict(arguments)
         self.started: list[Any] = []
         self.declared: list[Any] = []
+        self.logged: list[str] = []
         self.included: list[tuple[str, dict[str, str]]] = []
 
 
@@ -156,6 +157,7 @@ class IncludeLaunchDescription(Action):
     ) -> None:
         super().__init__(condition)
         self._source = launch_description_source
+        self.path = launch_description_source.path
         self._arguments = list(launch_arguments)
 
     def run(self, context: Context) -> None:
@@ -172,9 +174,32 @@ class IncludeLaunchDescription(Action):
             entity.execute(context)
 
 
-class ExecuteProcess(Action):
-    def __init__(self, *, cmd: Sequence[Any], output: str = 'log') -> None:
+class LogInfo(Action):
+    def __init__(self, *, msg: str) -> None:
         super().__init__()
+        self._msg = msg
+
+    def run(self, context: Context) -> None:
+        context.logged.append(self._msg)
+
+
+class Shutdown(Action):
+    """What ends a launch; here it is only handed to `on_exit`."""
+
+    def __init__(self, *, reason: str) -> None:
+        super().__init__()
+        self.reason = reason
+
+    def run(self, context: Context) -> None:
+        raise LaunchError(f'shut down: {self.reason}')
+
+
+class ExecuteProcess(Action):
+    def __init__(
+        self, *, cmd: Sequence[Any], output: str = 'log', on_exit: Action | None = None
+    ) -> None:
+        super().__init__()
+        self.on_exit = on_exit
         self._cmd = cmd
         self.output = output
         self.command: list[str] = []
@@ -199,9 +224,11 @@ class Node(Action):
         parameters: Sequence[Any] = (),
         arguments: Sequence[Any] = (),
         output: str = 'log',
+        on_exit: Action | None = None,
         condition: IfCondition | None = None,
     ) -> None:
         super().__init__(condition)
+        self.on_exit = on_exit
         self.package, self.executable, self.name = package, executable, name
         self._given = namespace, list(parameters), list(arguments)
         self.output = output
@@ -263,7 +290,9 @@ MODULES: dict[str, tuple[type, ...]] = {
         ExecuteProcess,
         GroupAction,
         IncludeLaunchDescription,
+        LogInfo,
         OpaqueFunction,
+        Shutdown,
     ),
     'launch.conditions': (IfCondition,),
     'launch.launch_description_sources': (PythonLaunchDescriptionSource,),

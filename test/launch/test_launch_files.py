@@ -11,10 +11,24 @@ from typing import Any
 import pytest
 import yaml
 from launch_rules import IMPORTS, ROOT, dependencies, faults
-from launch_stand_in import Context, LaunchError, Node, declared_names, description, launched
+from launch_stand_in import (
+    Context,
+    IncludeLaunchDescription,
+    LaunchError,
+    Node,
+    declared_names,
+    description,
+    launched,
+)
 from support.pages import unwrapped
 
-from epson_driver.bringup import INTERFACE, robot_description
+from epson_driver.bringup import (
+    DESCRIPTION,
+    INTERFACE,
+    BringupError,
+    robot_description,
+    semantic_description,
+)
 from epson_driver.bringup.arguments import TABLE
 
 FOLDER = ROOT / 'launch'
@@ -36,6 +50,10 @@ CLIENT_FILES = (
     'robot_state_visualize',
     'moveit_planning_execution',
 )
+
+
+FIXED = ('robot_interface_streaming', 'robot_interface_download')
+"""They set the interface; in the others it is the controller's usual one."""
 
 
 def start(name: str, **arguments: str) -> Context:
@@ -121,26 +139,27 @@ def test_every_file_with_a_client_passes_its_arguments_on(name: str, tmp_path: P
         'params_file': str(params),
     }
     node = the_client(start(name, **arguments))
+    interface = {'interface': name.split('_')[-1]} if name in FIXED else {}
     assert node.namespace == 'cell'
     assert node.files == [params]
     assert node.name == 'epson_driver'  # without it launch gives its parameters to any node
     assert node.parameters == {
         'robot_ip': '192.168.0.1',
-        'robot_model': 'c3_a601s',
         'controller': 'rc700a',
-        'interface': 'download' if name.endswith('download') else 'streaming',
+        **interface,
         'motion_port': 12000,
         'state_port': 12002,
         'io_port': 0,
         'remote_port': 5001,
         'joint_names': [f'left_joint_{number}' for number in range(1, 7)],
+        'frame_id': 'left_base_link',
     }
 
 
 @pytest.mark.parametrize('name', CLIENT_FILES)
 def test_arguments_that_are_not_given_leave_the_clients_defaults(name: str) -> None:
     context = start(name)
-    assert set(the_client(context).parameters) == {'robot_model', 'interface'}
+    assert set(the_client(context).parameters) == ({'interface'} if name in FIXED else set())
     assert nodes(context, 'sim_controller') == []
 
 
@@ -160,11 +179,13 @@ def test_a_scara_has_four_joints_with_the_prefix() -> None:
         ({'robot_model': 'c5'}, 'no c5.yaml in'),
         ({'use_sim_controller': 'yes'}, 'use_sim_controller = yes: not among'),
         ({'interface': 'both'}, 'interface = both: not among'),
-        ({'params_file': '/no/such.yaml'}, 'parameter file /no/such.yaml does not exist'),
+        ({'params_file': '/no/such.yaml'}, 'params_file = /no/such.yaml: there is no such file'),
     ],
 )
 def test_a_wrong_argument_is_named(arguments: dict[str, str], text: str) -> None:
-    with pytest.raises((LaunchError, ValueError, FileNotFoundError), match=re.escape(text)):
+    with pytest.raises(
+        (LaunchError, ValueError, FileNotFoundError, BringupError), match=re.escape(text)
+    ):
         start('robot_interface', **arguments)
 
 
@@ -228,8 +249,8 @@ def test_moveit_is_told_everything_with_the_prefix() -> None:
     assert [each.executable for each in context.started] == [
         'client',
         'robot_state_publisher',
-        'move_group',
         'static_transform_publisher',
+        'move_group',
         'rviz2',
     ]
     assert {each.namespace for each in context.started} == {'cell'}
@@ -246,7 +267,7 @@ def test_moveit_is_told_everything_with_the_prefix() -> None:
     assert parameters['planning_pipelines'] == ['ompl', 'pilz_industrial_motion_planner']
     assert parameters['ompl.planning_plugins'] == ['ompl_interface/OMPLPlanner']
     (world,) = nodes(context, 'static_transform_publisher')
-    assert world.command == ['--frame-id', 'world', '--child-frame-id', 'left_base_link']
+    assert world.command[-4:] == ['--frame-id', 'world', '--child-frame-id', 'left_base_link']
     (rviz,) = nodes(context, 'rviz2')
     assert rviz.parameters.items() <= parameters.items()
     assert 'robot_description_kinematics.manipulator.kinematics_solver' in rviz.parameters
@@ -300,6 +321,148 @@ def test_rviz_displays_are_relative_and_of_this_robot(name: str) -> None:
     assert all(re.fullmatch(r'[a-z_]+', topic) for topic in topics)
 
 
+# --- what only one of two places may say --------------------------------------------------------
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / 'mine.yaml'
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    'node', ['/**', 'cell/epson_driver', '/cell/epson_driver', '/*/epson_driver']
+)
+def test_what_a_params_file_says_holds_where_no_argument_is_given(
+    node: str, tmp_path: Path
+) -> None:
+    file = written(
+        tmp_path,
+        f'{node}:\n  ros__parameters:\n    robot_model: c8_c901s\n    interface: download\n'
+        '    motion_port: 12000\n    remote_port: 5001\n    robot_ip: 127.0.0.7\n',
+    )
+    given = {'params_file': file, 'namespace': 'cell', 'tf_prefix': 'a_'}
+    context = start('simulation', **given)
+    overriding = set(the_client(context).parameters)
+    assert overriding == {'joint_names', 'frame_id'}
+    (controller,) = nodes(context, 'sim_controller')
+    words = dict(zip(controller.command[::2], controller.command[1::2], strict=True))
+    assert words['--robot'] == 'c8_c901s'
+    assert words['--motion-port'] == '12000'
+    assert words['--remote-port'] == '5001'
+    assert words['--host'] == '127.0.0.7'
+    assert (
+        the_client(start('simulation', robot_model='c4_a601s', **given)).parameters['robot_model']
+        == 'c4_a601s'
+    )
+    for name in ('robot_state_visualize', 'moveit_planning_execution'):
+        (publisher,) = nodes(start(name, **given), 'robot_state_publisher')
+        assert '<robot name="c8_c901s"' in publisher.parameters['robot_description']
+
+
+def test_a_params_file_for_other_nodes_stops_the_launch(tmp_path: Path) -> None:
+    file = written(tmp_path, 'epson_drivr:\n  ros__parameters:\n    robot_ip: 127.0.0.7\n')
+    with pytest.raises(
+        BringupError, match=r'no ros__parameters for the node /epson_driver; .*drivr'
+    ):
+        start('robot_interface', params_file=file)
+
+
+@pytest.mark.parametrize('name', CLIENT_FILES)
+@pytest.mark.invariant(9)
+def test_inv9_a_client_or_a_controller_that_ends_ends_the_launch(name: str) -> None:
+    context = start(name, use_sim_controller='true')
+    (controller,) = nodes(context, 'sim_controller')
+    assert controller.on_exit.reason == 'the simulated controller ended'
+    assert the_client(context).on_exit.reason == 'the client ended'
+
+
+def test_a_misspelled_argument_is_named_with_the_nearest() -> None:
+    path = FOLDER / 'robot_interface.launch.py'
+    context = Context({'robotip': '1', 'robot_adress': '2', 'of_my_own_file': '3'})
+    for entity in description(path).entities:
+        entity.execute(context)
+    assert context.logged == [
+        f'WARNING: launch argument {name}: there is none of that name; did you mean robot_ip?'
+        for name in ('robotip', 'robot_adress')
+    ]
+
+
+def test_the_place_of_the_arm_is_published_on_request() -> None:
+    def place(name: str, **given: str) -> list[list[str]]:
+        return [each.command for each in nodes(start(name, **given), 'static_transform_publisher')]
+
+    given = {'parent': 'floor', 'origin_xyz': '1 0 0.5', 'origin_rpy': '0 0 1.57'}
+    pose = ['--x', '1', '--y', '0', '--z', '0.5', '--roll', '0', '--pitch', '0', '--yaw', '1.57']
+    pose += ['--frame-id', 'floor']
+    for name in ('load_c3_a601s', 'robot_state_visualize', 'moveit_planning_execution'):
+        (command,) = place(name, tf_prefix='a_', **given)
+        assert command == [*pose, '--child-frame-id', 'a_base_link']
+    assert place('robot_interface', **given) == []
+    assert len(place('robot_interface', description='true', **given)) == 1
+    assert place('robot_state_visualize') == []
+    (command,) = place('moveit_planning_execution')
+    assert command[command.index('--frame-id') + 1] == 'world'
+    assert 'parent_frame="floor"' in semantic_description('c3_a601s', '', 'floor')
+    with pytest.raises(BringupError, match="origin_xyz = '1 2': must be three numbers"):
+        start('load_c3_a601s', parent='floor', origin_xyz='1 2')
+
+
+def test_simulated_time_reaches_every_node() -> None:
+    for path in FILES:
+        if 'use_sim_time' in declared_names(description(path)):
+            for each in launched(path, use_sim_time='true').started:
+                if isinstance(each, Node) and each.package != 'joint_state_publisher_gui':
+                    assert each.parameters['use_sim_time'] is True, (path.name, each.executable)
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_what_shows_the_robot_takes_another_display(path: Path) -> None:
+    names = declared_names(description(path))
+    assert ('rviz_config' in names) == ('launch_rviz' in names or path.name.startswith('rviz'))
+    if 'rviz_config' in names:
+        (rviz,) = nodes(launched(path, rviz_config='/mine.rviz'), 'rviz2')
+        assert rviz.command[1] == '/mine.rviz'
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_what_a_file_fixes_is_not_listed_as_free(path: Path) -> None:
+    """`ros2 launch FILE -s` lists what includes declare, unless a function makes them."""
+    free = declared_names(description(path))
+    for each in description(path).entities:
+        if isinstance(each, IncludeLaunchDescription):
+            assert declared_names(description(each.path)) <= free
+
+
+def test_each_of_several_robots_has_its_own(tmp_path: Path) -> None:
+    files = []
+    for number in (1, 2):
+        (tmp_path / f'{number}.yaml').write_text(
+            f'/**:\n  ros__parameters:\n    state_timeout: {number}.0\n'
+        )
+        files.append(str(tmp_path / f'{number}.yaml'))
+    context = start(
+        'several_robots',
+        robot_model='c4_a601s,c8_c901s',
+        motion_port='11000,12000',
+        params_file=','.join(files),
+        controller='rc700a',
+    )
+    first, second = nodes(context, 'client')
+    assert (first.parameters['robot_model'], first.parameters['motion_port']) == (
+        'c4_a601s',
+        11000,
+    )
+    assert (second.parameters['robot_model'], second.parameters['motion_port']) == (
+        'c8_c901s',
+        12000,
+    )
+    assert [str(each.files[0]) for each in (first, second)] == files
+    assert {each.parameters['controller'] for each in (first, second)} == {'rc700a'}
+    with pytest.raises(BringupError, match='motion_port has 3 values, but namespaces has 2 names'):
+        start('several_robots', motion_port='1,2,3')
+
+
 # --- docs ---------------------------------------------------------------------------------------
 
 
@@ -323,6 +486,8 @@ def test_the_docs_have_the_arguments_of_every_launch_file(path: Path) -> None:
         own ^= set(INTERFACE)
     elif "the driver's" in cells:
         own |= set(INTERFACE)
+    if 'place' in cells:
+        own |= set(DESCRIPTION)
     assert own == declared_names(description(path))
 
 
@@ -330,7 +495,7 @@ def test_the_docs_describe_the_drivers_arguments() -> None:
     text = (ROOT / 'docs' / 'robot.md').read_text(encoding='utf-8')
     _, table = text.split("The driver's arguments:")
     rows = re.findall(r'^\* (`.*?) \(', table, re.MULTILINE)
-    assert words(' '.join(rows)) == set(INTERFACE)
+    assert words(' '.join(rows)) == {*INTERFACE, *DESCRIPTION, 'description'}
 
 
 def test_every_argument_of_the_table_is_one_of_a_file() -> None:

@@ -16,6 +16,7 @@ from support.link_harness import Harness, Peer, frame, joints
 from epson_driver.link import LinkState, WireEvent
 from epson_driver.simple_message import (
     BIG_ENDIAN,
+    LITTLE_ENDIAN,
     ByteOrder,
     Dialect,
     JointFeedback,
@@ -261,6 +262,32 @@ def test_another_byte_order_after_a_reconnect():
             await until(lambda: len(harness.packets) == 2)
             assert greetings(harness) == [0.5, 0.5]
             assert harness.link.dialect == BIG_ENDIAN
+
+    run(scenario())
+
+
+@pytest.mark.parametrize('asked', [True, False], ids=['sent', 'received'])
+def test_a_connection_that_was_used_in_another_byte_order_than_the_state_connects_again(asked):
+    """Otherwise what was sent is lost, and the next reply ends the connection in mid-motion."""
+
+    async def scenario():
+        async with Peer(silent if asked else greet) as peer, Harness(peer.port) as harness:
+            link = harness.link
+            await until(lambda: link.connected)
+            if asked:
+                link.follow(LITTLE_ENDIAN)
+                link.post(JointTrajPt(1), lambda *_: None)
+                link.follow(LITTLE_ENDIAN)
+            else:
+                await until(lambda: harness.packets)
+                link.follow(link.dialect)
+            assert peer.connections == 1
+            other = BIG_ENDIAN if link.dialect == LITTLE_ENDIAN else LITTLE_ENDIAN
+            link.follow(other)
+            await until(lambda: peer.connections == 2)
+            await until(lambda: link.connected)
+            assert ', the state is' in harness.reasons('backing_off')[0]
+            assert len(harness.reasons('backing_off')) == 1
 
     run(scenario())
 

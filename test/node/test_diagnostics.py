@@ -87,6 +87,7 @@ def test_the_arm_that_is_enabled_is_fine(harness, diagnostics):
         'arm gate': 'open',
         'goal running': 'False',
         'goals without a smooth motion': '0',
+        'goals at another speed than planned': '0',
         'age of joint state [ms]': '250.0',
         'age of status [ms]': '250.0',
         'velocities beyond what a joint can do': '0',

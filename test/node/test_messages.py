@@ -34,7 +34,8 @@ def test_inv8_joint_states_carry_what_was_measured_bit_for_bit(values):
     """docs/invariants.md, 8."""
     names = ('f', 'a', 'e', 'b', 'd', 'c')
     sample = RobotState(6).on_joints(values, 1.0, values)
-    message = messages.JointStateWriter(names).write(sample, STAMP)
+    message = messages.JointStateWriter(names, 'left_base_link').write(sample, STAMP)
+    assert message.header.frame_id == 'left_base_link'
     assert tuple(message.name) == names
     assert message.header.stamp == STAMP
     assert struct.pack('6d', *message.position) == struct.pack('6d', *values[:6])

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 
 from epson_driver.cli.processes import free_ros_domain
 from epson_driver.inputs import InputError
-from epson_driver.node.parameters import JOINTS, TABLE, declare, joint_rows
+from epson_driver.node.parameters import JOINTS, TABLE, declare, joint_rows, undeclared
 
 ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1'))}
 WITH_RANGE = [row for row in ROWS.values() if row.low is not None]
@@ -222,3 +222,33 @@ def test_a_controller_of_ones_own(node, tmp_path):
 def test_an_unknown_controller_lists_those_there_are(node):
     with pytest.raises(InputError, match=r'^parameter controller = .rc1.: no rc1\.yaml .*rc620'):
         declare(node(controller='rc1'))
+
+
+def test_a_parameter_that_nobody_declares_is_named_with_the_nearest(node):
+    made = node(
+        robot_adress='192.168.0.1',
+        robotIP='192.168.0.1',
+        constraints__joint_1__gaol=0.1,
+        robot_ip='127.0.0.1',
+        use_sim_time='true',
+        qqq=1,
+    )
+    declare(made)
+    sentences = dict(
+        re.findall(
+            r'^parameter (\S+) is ignored: (.*)$', '\n'.join(undeclared(made)), re.MULTILINE
+        )
+    )
+    none = 'there is none of that name'
+    assert sentences == {
+        'robot_adress': f'{none}; did you mean robot_ip?',
+        'robotIP': f'{none}; did you mean robot_ip?',
+        'constraints.joint_1.gaol': f'{none}; did you mean constraints.joint_1.goal?',
+        'qqq': none,
+    }
+
+
+def test_every_parameter_of_the_table_is_declared(node):
+    made = node(robot_ip='127.0.0.1', smoothing='none', constraints__goal_time=1.0)
+    declare(made)
+    assert list(undeclared(made)) == []

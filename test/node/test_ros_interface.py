@@ -25,7 +25,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli.processes import free_ros_domain
 from epson_driver.driver.goal.goal_settings import GoalSettings
-from epson_driver.driver.outcome import GoalRejectedError
+from epson_driver.driver.goal.pace import Timing
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.node import ClientNode
 from epson_driver.node.parameters import TABLE, joint_rows, rejection
@@ -135,6 +135,7 @@ def test_every_key_of_the_diagnostics_is_described():
         async with simulated() as (_, ports), Harness(ports) as harness:
             await harness.ready()
             await harness.commands.stop()  # a reply, for the latency
+            harness.driver.goal_queue.last_timing = Timing(1.0, 1.0)
             diagnostics = Diagnostics(harness.driver, 'x')
             harness.driver.state_link.statistics.bad_frames['body'] += 1
             diagnostics.build(Time(), now())
@@ -168,11 +169,7 @@ def path_tolerance(made):
 
 
 def may_end_moving(made):
-    try:
-        goal_of(made, last_velocity=0.1)
-    except GoalRejectedError:
-        return False
-    return True
+    return goal_of(made, last_velocity=0.1).may_end_moving
 
 
 EFFECTS = {
@@ -183,6 +180,10 @@ EFFECTS = {
         lambda made: made.driver.goal_queue.settings.stopped_velocity,
     ),
     'constraints.joint_1.trajectory': (0.2, path_tolerance),
+    'require_planned_speed': (
+        True,
+        lambda made: made.driver.goal_queue.settings.require_planned_speed,
+    ),
     'trace_size': (7.0, lambda made: made.driver.trace.largest / MEGABYTE),
     'io_timeout': (9.0, lambda made: made.driver.io.timeout),
     'allow_nonzero_velocity_at_trajectory_end': (True, may_end_moving),

@@ -526,3 +526,18 @@ def test_tasks_show_their_state_and_line() -> None:
     made.clear_errors()
     assert [view.number for view in made.tasks()] == [1]
     assert made.lines()['main.prg'] == {2: True, 3: True, 4: False, 6: True, 7: False}
+
+
+def test_who_waited_for_the_host_goes_on_when_the_news_came() -> None:
+    host = ScriptedHost()
+    host.slow = host.motors = True
+    made = machine('Function main\n  Go JA(1, 0, 0, 0)\n  Wait 0.5\n  Print "end"\nFend\n', host)
+    made.start()
+    made.advance(1.0)
+    host.running[0].done = True
+    made.idle(3.0)
+    made.advance(3.0)
+    made.advance(3.4)
+    assert host.text == ''
+    made.advance(3.6)
+    assert host.text == 'end\n'

@@ -164,14 +164,15 @@ def pose(*values):
 
 
 @contextlib.asynccontextmanager
-async def simulated(dialect=None, profile='rc620'):
+async def simulated(dialect=None, profile='rc620', model=None):
     """Run the simulated controller in this process; yield it and its ports.
 
-    `profile` is the name of one, or one.
+    `profile` is the name of one, or one; `model` the name of a robot.
     """
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
-    controller = new_controller(MODEL, profile, dialect=dialect)
+    arm = MODEL if model is None else load_robot_model(model)
+    controller = new_controller(arm, profile, dialect=dialect)
     servers = ControllerServers(controller)
     ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
     task = asyncio.create_task(servers.run())

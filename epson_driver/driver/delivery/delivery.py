@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from epson_driver.motion import Array, Trajectory
-from epson_driver.profiles.point_fields import VelocityUnit
+from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
 from epson_driver.simple_message import Message, Packet
 
 OnReply = Callable[[Packet, float], None]
@@ -26,14 +26,17 @@ OnReply = Callable[[Packet, float], None]
 class DeliveryRules:
     """What the controller takes: parameters and its profile.
 
-    motoman: its points need Motoman's commands. velocity_unit: of a JOINT_TRAJ_PT. buffer,
-    dead_time (s per point): of a download. All as in the profile (docs/controllers.md).
+    motoman: its points need Motoman's commands. velocity_unit: of a JOINT_TRAJ_PT; uses: which of
+    its fields count; speed: a fraction, of a controller that uses none of them. buffer, dead_time
+    (s per point): of a download. All as in the profile (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download'] = 'streaming'
     point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] = 'joint_traj_pt'
     motoman: bool = False
     velocity_unit: VelocityUnit = VelocityUnit.FRACTION
+    uses: FieldsUsed = FieldsUsed.BOTH
+    speed: float = 1.0
     buffer: int = 1000
     dead_time: float = 0.0
 
@@ -54,9 +57,12 @@ class Delivery(Protocol):
     """A way to a controller.
 
     `resumes`: its first point makes a controller go on that is paused, or says why not.
+    `keeps_points`: a controller of this kind keeps its points when the client is lost, and goes
+    on with them as soon as one connects.
     """
 
     resumes: bool
+    keeps_points: bool
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).

@@ -10,6 +10,7 @@ from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import JointLimits
 from epson_driver.profiles import ControllerProfile
+from epson_driver.profiles.point_fields import FieldsUsed
 
 
 def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> DeliveryRules:
@@ -35,6 +36,8 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         point_message='joint_traj_pt_full' if full else 'joint_traj_pt',
         motoman=motoman,
         velocity_unit=profile.program.velocity_unit,
+        uses=FieldsUsed(profile.program.uses),
+        speed=profile.motion.speed,
         buffer=download.buffer,
         dead_time=download.dead_time,
     )
@@ -45,9 +48,9 @@ def make_delivery(
 ) -> Delivery:
     """Return the delivery over a motion link for joints within the limits."""
     if rules.interface == 'download':
-        return Download(link, limits, mapping, rules.buffer, rules.dead_time, rules.velocity_unit)
+        return Download(link, limits, mapping, rules)
     if rules.motoman:
-        return MotomanDelivery(link, limits, mapping)
+        return MotomanDelivery(link, limits, mapping, rules)
     if rules.point_message == 'joint_traj_pt_full':
-        return FullStreaming(link, limits, mapping)
-    return Streaming(link, limits, mapping, rules.velocity_unit)
+        return FullStreaming(link, limits, mapping, rules)
+    return Streaming(link, limits, mapping, rules)

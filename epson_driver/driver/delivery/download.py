@@ -15,13 +15,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery import OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
 from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP, trajectory_points
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import (
     JointPosition,
     JointTrajPt,
@@ -45,42 +44,44 @@ ASSUMED_REPLY = reply(JointPosition(), ReplyCode.SUCCESS)
 
 
 class Download:
-    """Points as topics. The controller keeps `buffer`, and spends `dead_time` s on each."""
+    """Points as topics. Of `rules`, `buffer`, `dead_time` and a point's fields count."""
 
     resumes = False
+    keeps_points = False
 
     def __init__(
         self,
         link: Link,
         limits: JointLimits,
         mapping: JointMapping,
-        buffer: int,
-        dead_time: float,
-        velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
+        rules: DeliveryRules,
     ) -> None:
         self._link = link
         self._limits = limits
         self._mapping = mapping
-        self._buffer = buffer
-        self._dead_time = dead_time
-        self._velocity_unit = velocity_unit
+        self._rules = rules
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return its points, at least two. Raises GoalRejectedError if the buffer is too small."""
         points = trajectory_points(
-            trajectory, start, self._limits, self._mapping, self._velocity_unit
+            trajectory,
+            start,
+            self._limits,
+            self._mapping,
+            self._rules.velocity_unit,
+            self._rules.uses,
         )
         numbered = download_sequences(points)
         if len(points) == 1:
             trajectory = _twice(trajectory)
-        if len(numbered) > self._buffer:
+        if len(numbered) > self._rules.buffer:
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 f'the trajectory has {len(numbered)} points, but the controller keeps '
-                f'{self._buffer} of a download: use fewer points, or interface: streaming',
+                f'{self._rules.buffer} of a download: use fewer points, or interface: streaming',
             )
         return PreparedTrajectory(
-            trajectory, list(numbered), len(numbered) * self._dead_time + MAX_START_DELAY_S
+            trajectory, list(numbered), len(numbered) * self._rules.dead_time + MAX_START_DELAY_S
         )
 
     def post(self, message: Message, on_reply: OnReply) -> None:

@@ -6,12 +6,14 @@
 * A point that is answered BUSY has changed nothing; it is sent again after
   BUSY_RETRY_PERIOD_S, until it is taken or the goal is stopped.
 * STOP is STOP_MOTION. The mode stays on.
+* MotoROS keeps queue, job and servos when the client is lost, and goes on as soon as one connects:
+  STOP_MOTION is the first message on each connection (Driver sends it).
 """
 
 import asyncio
 import contextlib
 
-from epson_driver.driver.delivery.delivery import OnReply
+from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.streaming import FullStreaming
 from epson_driver.driver.delivery.trajectory_points import STOP
@@ -35,9 +37,12 @@ class MotomanDelivery(FullStreaming):
     """Points and STOP for a controller with MotoROS."""
 
     resumes = True
+    keeps_points = True
 
-    def __init__(self, link: Link, limits: JointLimits, mapping: JointMapping) -> None:
-        super().__init__(link, limits, mapping)
+    def __init__(
+        self, link: Link, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
+    ) -> None:
+        super().__init__(link, limits, mapping, rules)
         self._trajectory = 0
         """Counts trajectories and stops: what belongs to an older one is not sent any more."""
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streaming interface: each point is a request, and its reply lets the next one go."""
 
-from epson_driver.driver.delivery.delivery import OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
 from epson_driver.driver.delivery.trajectory_points import (
     from_standing,
     full_points,
@@ -12,7 +12,6 @@ from epson_driver.driver.delivery.trajectory_points import (
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.profiles.point_fields import VelocityUnit
 from epson_driver.simple_message import Message
 
 
@@ -20,23 +19,29 @@ class Streaming:
     """Points as JOINT_TRAJ_PT requests."""
 
     resumes = False
+    keeps_points = False
 
     def __init__(
         self,
         link: Link,
         limits: JointLimits,
         mapping: JointMapping,
-        velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
+        rules: DeliveryRules,
     ) -> None:
         self._link = link
         self._limits = limits
         self._mapping = mapping
-        self._velocity_unit = velocity_unit
+        self._rules = rules
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one message for each point of the trajectory."""
         points = trajectory_points(
-            trajectory, start, self._limits, self._mapping, self._velocity_unit
+            trajectory,
+            start,
+            self._limits,
+            self._mapping,
+            self._rules.velocity_unit,
+            self._rules.uses,
         )
         return PreparedTrajectory(trajectory, list(points))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.profiles.point_fields import VelocityUnit
+from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
 from epson_driver.simple_message import (
     JointTrajPt,
     JointTrajPtFull,
@@ -44,6 +44,7 @@ def trajectory_points(
     limits: JointLimits,
     mapping: JointMapping | None = None,
     velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
+    uses: FieldsUsed = FieldsUsed.BOTH,
 ) -> list[JointTrajPt]:
     """Return the messages that stream a checked trajectory from `start` (shape (n,), rad).
 
@@ -53,8 +54,9 @@ def trajectory_points(
     segment's own time. A first point that has no time is where the arm is, or nearly so: it goes
     there at FIRST_POINT_VELOCITY_FRACTION, in the time which that takes.
 
-    Both fields are always filled: a controller that uses one which its profile calls unused is
-    not asked to be faster than planned either.
+    For a controller that goes by the velocity alone (`uses`) it is the segment's mean speed, with
+    which the segment takes its own time. Both fields are always filled: a controller that uses one
+    which its profile calls unused is not asked to be faster than planned either.
     """
     mapping = mapping or unmapped(len(start))
     steps = mapping.velocities_to_controller(
@@ -63,7 +65,7 @@ def trajectory_points(
     durations = np.diff(trajectory.times, prepend=0.0)
     timed = np.maximum(durations, MIN_DURATION_S)
     speeds = np.abs(steps) / timed[:, None]
-    if trajectory.velocities is not None:
+    if trajectory.velocities is not None and uses is not FieldsUsed.VELOCITY:
         ends = np.abs(mapping.velocities_to_controller(trajectory.velocities))
         speeds = np.maximum(speeds, ends)
         speeds[1:] = np.maximum(speeds[1:], ends[:-1])

@@ -7,11 +7,41 @@ from itertools import islice
 
 import numpy as np
 
+from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 
 MAX_MENTIONED_PROBLEMS = 5
 """So many violations are spelled out in a goal's error text; the rest is counted."""
+
+
+def check_goal(goal: Goal, limits: JointLimits) -> None:
+    """Raise GoalRejectedError unless a goal is complete, finite and within the limits.
+
+    INVALID_JOINTS for other joints than those of the limits, in another order, or an array of
+    another shape; INVALID_GOAL for anything that `check_limits` finds.
+    """
+    trajectory, names = goal.trajectory, limits.names
+    if trajectory.joint_names != names:
+        raise GoalRejectedError(
+            ErrorCode.INVALID_JOINTS,
+            f'the joints are {", ".join(trajectory.joint_names)}; '
+            f'those of the controller, in its order, are {", ".join(names)}',
+        )
+    points = (len(trajectory.times), len(names))
+    for name, values, shape in (
+        ('times', trajectory.times, points[:1]),
+        ('positions', trajectory.positions, points),
+        ('velocities', trajectory.velocities, points),
+        ('accelerations', trajectory.accelerations, points),
+        ('goal_tolerance', goal.goal_tolerance, points[1:]),
+        ('goal_velocity', goal.goal_velocity, points[1:]),
+    ):
+        if values is not None and values.shape != shape:
+            raise GoalRejectedError(
+                ErrorCode.INVALID_JOINTS, f'{name} has the shape {values.shape}, not {shape}'
+            )
+    check_limits(trajectory, limits, may_end_moving=goal.may_end_moving)
 
 
 def check_limits(

@@ -31,6 +31,7 @@ from epson_driver.driver.goal.goal_states import (
     GoalEvent,
     GoalState,
 )
+from epson_driver.driver.goal.pace import Timing
 from epson_driver.driver.goal.point_schedule import PointSchedule
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
@@ -73,6 +74,8 @@ class GoalExecution:
         self.state = GoalState.PREPARING
         self.aftermath = UNKNOWN
         """What is known of the arm when the goal has ended."""
+        self.timing: Timing | None = None
+        """How long the plan took, once the goal has succeeded."""
         self.started = now
         self.point = 0
         """How many points were taken: the index of the one that is on its way."""
@@ -83,6 +86,7 @@ class GoalExecution:
         self._arrival = Arrival(goal)
         self._standstill = Standstill(now)
         self._pause = PauseDetector()
+        self._rest_at: float | None = None
         self._begins_by = 0.0
         self._looked = now
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
@@ -184,6 +188,10 @@ class GoalExecution:
         self._keep_time(robot, sample, now)
         distance = self._arrival.see(sample.positions)
         self._standstill.see(sample, robot, self._stopped(), now)
+        if not self._standstill.stands:
+            self._rest_at = None
+        elif self._rest_at is None:
+            self._rest_at = self._plan_time
         if self.state in REJECTED_STATES:
             self._look_for_cause(robot, now - max(looked, self._rejected_at))
             return
@@ -312,6 +320,8 @@ class GoalExecution:
             return  # what is planned may be yet to come, however short a way
         if self._arrival.reached(distance):
             text = f'at the goal after {now - self.started:.2f} s'
+            if self._rest_at is not None:
+                self.timing = Timing(self.goal.trajectory.duration, self._rest_at)
             self._step(GoalEvent.AT_GOAL)
             self._on_end(Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
         elif now - max(self._standstill.alive, self._begins_by) > SETTLE_TIME_S:

@@ -10,13 +10,14 @@ runs in the driver's loop.
 import asyncio
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_checks import check_start
+from epson_driver.driver.goal.goal_checks import check_goal, check_start
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
+from epson_driver.driver.goal.pace import Pace, Timing
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
@@ -69,13 +70,19 @@ class GoalQueue:
         settings: GoalSettings,
         changed: Notification,
         on_broken_off: Callable[[Outcome, bool], None],
-        smoother: SmoothingProcess | None = None,
+        smoother: SmoothingProcess | None,
+        pace: Pace,
     ) -> None:
         self.start_tolerance = 0.05
         self.scaling = SpeedScaling()
         self.unsmoothed = 0
         """Goals for which no smooth motion inside every limit was found."""
+        self.last_timing: Timing | None = None
+        """How long the last goal that succeeded was planned to take, and took."""
+        self.other_speed = 0
+        """Goals that were executed at another speed than planned."""
         self._limits = limits
+        self._pace = pace
         self._robot = robot
         self._gate = gate
         self._stopper = stopper
@@ -129,11 +136,19 @@ class GoalQueue:
             await self.smoother.close()
 
     def submit(self, handle: GoalHandle) -> None:
-        """Execute a checked goal; a running one is stopped first and ends as aborted.
+        """Execute a goal; a running one is stopped first and ends as aborted.
+
+        It is checked here, whoever submits it: one that breaks a limit ends at once, and what runs
+        goes on.
 
         If the pose is too old, it waits for a moment for a newer one: the loop may not have been
         scheduled for a while, and what came meanwhile is still to be read.
         """
+        try:
+            check_goal(handle.goal, self._limits)
+        except GoalRejectedError as rejection:
+            handle.on_end(rejection.outcome)
+            return
         if self._gate.reason is None and self._robot.stale(_now()):
             if self._unread is not None:
                 self._end_unstarted(self._unread, REPLACED)
@@ -156,7 +171,7 @@ class GoalQueue:
 
     def _submit(self, handle: GoalHandle) -> None:
         try:
-            self._check_ready()
+            self.check_ready()
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
@@ -250,7 +265,7 @@ class GoalQueue:
         elif was_paused and not execution.paused and not execution.ended:
             _log.info('the controller goes on: so does the goal, %s', execution.where)
 
-    def _check_ready(self) -> JointSample:
+    def check_ready(self) -> JointSample:
         """Return where the arm is. Raises GoalRejectedError unless it may move now."""
         if self._gate.reason is not None:
             raise GoalRejectedError(
@@ -273,7 +288,7 @@ class GoalQueue:
 
         Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
         """
-        sample = self._check_ready()
+        sample = self.check_ready()
         why = self._robot.why_not_standing(self._settings.stopped_velocity)
         if why is not None:
             raise GoalRejectedError(
@@ -340,6 +355,8 @@ class GoalQueue:
         self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample
     ) -> None:
         try:
+            if self._settings.require_planned_speed:
+                self._pace.check(trajectory, sample.positions)
             prepared = self._stopper.prepare(trajectory, sample.positions)
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
@@ -354,6 +371,7 @@ class GoalQueue:
 
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
         self._running = None
+        outcome = self._timed(handle, outcome)
         handle.outcome = outcome
         aftermath = AT_REST if handle.execution is None else handle.execution.aftermath
         if aftermath.broken_off:
@@ -368,6 +386,19 @@ class GoalQueue:
             self._stopper.goal_reached()
         if self._stopper.over:
             self.on_rest()
+
+    def _timed(self, handle: GoalHandle, outcome: Outcome) -> Outcome:
+        """Return the outcome; if it ran at another speed than planned, say so and log it."""
+        timing = None if handle.execution is None else handle.execution.timing
+        if timing is None:
+            return outcome
+        self.last_timing = timing
+        said = self._pace.said(timing)
+        if not said:
+            return outcome
+        self.other_speed += 1
+        _log.warning('a goal ran at another speed than planned: %s', said)
+        return replace(outcome, text=f'{outcome.text}; {said}')
 
 
 def _now() -> float:

@@ -19,12 +19,14 @@ class GoalSettings:
 
     stopped_velocity: rad/s, below which a joint counts as standing. reply_timeout: s without a
     reply and without the arm moving, beyond the planned duration of the point. cause_timeout: how
-    long a rejected goal waits for the STATUS that says why, s.
+    long a rejected goal waits for the STATUS that says why, s. require_planned_speed: reject plans
+    whose times the controller is known not to keep.
     """
 
     stopped_velocity: float = 0.01
     reply_timeout: float = 5.0
     cause_timeout: float = CAUSE_TIMEOUT_S
+    require_planned_speed: bool = False
 
 
 def cause_timeout(state: StateProfile) -> float:

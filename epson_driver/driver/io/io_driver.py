@@ -134,7 +134,7 @@ class IoDriver:
 
     def follow(self, dialect: Dialect) -> None:
         """Write as the state server does. The I/O port itself shows its byte order too late."""
-        self.link.dialect = dialect
+        self.link.follow(dialect)
         self._dialect_known.set()
 
     async def read(self, addresses: Sequence[IoAddress]) -> list[IoAnswer]:

@@ -62,6 +62,11 @@ class Standstill:
         ):
             self._since = sample.measured
 
+    @property
+    def stands(self) -> bool:
+        """Whether the arm stood in the last sample that counts."""
+        return self._since is not None
+
     def reached(self, now: float) -> bool:
         """Return whether the arm has stood for long enough; `now` is the sample's `measured`."""
         return self._since is not None and now - self._since >= self._rest

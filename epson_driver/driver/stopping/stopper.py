@@ -13,7 +13,9 @@ Rules (docs/invariants.md, 3 and 9):
    the motors are switched off where there is a way to.
 4. A controller that has switched the motors off itself, as for an E-stop, need not take STOP:
    only an arm that moves on then raises the alarm.
-5. An arm that moves without anything of ours (somebody jogs it) is left alone: no STOP is
+5. A controller that may still have points when a client connects, this driver's own or, where its
+   kind keeps them, those of any client before, gets STOP first (`goes_on`).
+6. An arm that moves without anything of ours (somebody jogs it) is left alone: no STOP is
    repeated, no motors are switched off.
 """
 
@@ -132,6 +134,21 @@ class Stopper:
     def ours(self) -> bool:
         """True while the controller may still have points of this driver to execute."""
         return self._ours
+
+    @property
+    def goes_on(self) -> bool:
+        """True if the controller may go on with old points on a new motion connection."""
+        return self.keeps_points or self._ours or not self.over
+
+    @property
+    def keeps_points(self) -> bool:
+        """See Delivery."""
+        return self._delivery.keeps_points
+
+    @property
+    def kept(self) -> bool:
+        """True if a controller of a kind that keeps points has not taken the last STOP."""
+        return self.keeps_points and self.doubt is not None
 
     @property
     def answered(self) -> bool:

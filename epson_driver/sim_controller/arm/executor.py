@@ -17,13 +17,15 @@ class Point:
     """An accepted point.
 
     `target` has shape (n,), rad, within the limits; `velocity` is a fraction (0, 1] of the
-    joints' speed, `duration` the time from the point before, s; 0 means that none is given.
+    joints' speed, `duration` the time from the point before, s; 0 means that none is given. `cp`:
+    whether the motion may blend into the next one; None: as the executor does it with all.
     """
 
     sequence: int
     target: Array
     velocity: float
     duration: float
+    cp: bool | None = None
 
 
 class Executor(Protocol):

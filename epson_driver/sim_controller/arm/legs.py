@@ -15,7 +15,8 @@ class Statement:
     """A `Go`: its target, fractions of the limits, when its motion may begin, s.
 
     duration: how long it takes at least, s; 0: no matter. executed: whether the program goes on
-    after it, though the arm may still decelerate. begun: whether the arm has begun it.
+    after it, though the arm may still decelerate. begun: whether the arm has begun it. cp: whether
+    it is executed as soon as the arm decelerates.
     """
 
     target: Array
@@ -25,6 +26,7 @@ class Statement:
     duration: float = 0.0
     executed: bool = False
     begun: bool = False
+    cp: bool = False
 
 
 @dataclass(slots=True, eq=False)

@@ -8,7 +8,8 @@ A point taken is a `Go` statement. The rules:
   hidden if the statement before is still executed then.
 * Without `cp` a statement is executed until the arm rests. With it (`Go … CP`) until its
   deceleration begins: if the next one is known then, their motions overlap, where that exceeds no
-  limit; if not, the arm comes to rest first.
+  limit; if not, the arm comes to rest first. `late_blend`: they also overlap if the next one comes
+  while the arm decelerates, as it does from a program that goes on then.
 * Points are acknowledged when they are executed ('done'; the next is taken only then), or when
   they are taken ('taken'; so many as `look_ahead_points` are taken ahead of the one executed).
 """
@@ -58,6 +59,7 @@ class PointToPoint:
         look_ahead_points: int = 1,
         caps: LowPower | None = None,
         timed: bool = False,
+        late_blend: bool = False,
     ) -> None:
         self.limits = limits
         self.low_power = False
@@ -69,6 +71,7 @@ class PointToPoint:
         self._most = 1 + look_ahead_points if self._early else 1
         self._caps = caps
         self._timed = timed
+        self._late = late_blend
         self.begun = 0
         self._now = 0.0
         self._rest = go(limits, start, start, speed, accel).end
@@ -120,6 +123,11 @@ class PointToPoint:
         return self._early or not (self._stopping or self._unexecuted())
 
     @property
+    def due_in(self) -> float:
+        """In how many s a motion begins, is executed or ends; infinite if none does by itself."""
+        return self._due() - self._now
+
+    @property
     def position(self) -> Array:
         """The commanded joint angles now, shape (n,), rad."""
         # The last digit of a position on a line that ends at a limit may lie beyond it.
@@ -147,11 +155,15 @@ class PointToPoint:
         speed = min(self._speed, point.velocity or 1.0)
         duration = point.duration if self._timed else 0.0
         ready = self._now + self._overhead
-        self._queue.append(Statement(point.target.copy(), speed, self._accel, ready, duration))
+        cp = self._cp if point.cp is None else point.cp
+        target = point.target.copy()
+        self._queue.append(Statement(target, speed, self._accel, ready, duration, cp=cp))
         if not self._legs and not self._brake and not self._held:
             self._skip(self._rest)
-        elif self._legs and self._legs[-1].decelerates and self._now <= self._legs[-1].braking:
-            self._blend()
+        elif self._legs and self._legs[-1].decelerates:
+            last = self._legs[-1]
+            if self._now <= (last.end if self._late else last.braking):
+                self._blend()
 
     def stop(self) -> bool:
         """Forget all points and brake, as fast as the limits allow; it ends a hold too.
@@ -234,7 +246,7 @@ class PointToPoint:
             return self._brake.end
         if self._legs:
             last = self._legs[-1]
-            braking = last.braking if self._cp and not last.decelerates else inf
+            braking = last.braking if last.statement.cp and not last.decelerates else inf
             return min(self._legs[0].end, braking)
         return self._queue[0].ready if self._queue and not self._held else inf
 
@@ -281,7 +293,8 @@ class PointToPoint:
             speed = min(speed, self._caps.speed(self.limits, statement.target - start))
             most = self._caps.fraction
         # With CP two moves overlap: each may have half of what the arm can do.
-        accel = min(accel, OVERLAP_SHARE * most if self._cp else most)
+        overlaps = statement.cp or bool(self._legs)
+        accel = min(accel, OVERLAP_SHARE * most if overlaps else most)
         way = (self.limits, start, statement.target)
         duration = statement.duration + overlap if statement.duration else 0.0
         motion = go_in(*way, duration, speed, accel)

@@ -114,6 +114,8 @@ class Event(Enum):
     POWER_HIGH = 'power high'
     POWER_LOW = 'power low'
     PROGRAM_POWER_HIGH = 'a trajectory begins'
+    PROGRAM_POWER_LOW = 'the program sets the power low'
+    TASKS_FINISHED = 'the tasks are over'
     BOOT = 'boot'
 
 
@@ -216,6 +218,7 @@ TASKS: dict[tuple[Tasks, Event], Tasks] = {
     (Tasks.RECOVERING, _E.PAUSE): Tasks.WAIT_RECOVER,
     (Tasks.RECOVERING, _E.DOOR_OPEN): Tasks.INTERRUPTED,
     (Tasks.STOPPED, _E.START): Tasks.RUNNING,
+    (Tasks.RUNNING, _E.TASKS_FINISHED): Tasks.STOPPED,
     (Tasks.ABORTED, _E.RESET): Tasks.RUNNING,
     **{
         (tasks, event): outcome
@@ -261,11 +264,14 @@ POWER: dict[tuple[Power, Event], Power] = {
     (Power.HIGH, _E.STOP): Power.LOW,
     (Power.HIGH, _E.MODE_MANUAL): Power.LOW,
     (Power.HIGH, _E.BOOT): Power.LOW,
+    (Power.HIGH, _E.PROGRAM_POWER_LOW): Power.LOW,
     (Power.HELD_LOW, _E.POWER_HIGH): Power.HIGH,
     (Power.HELD_LOW, _E.BOOT): Power.LOW,
 }
 
-REGIONS: dict[str, Mapping[tuple[Any, Event], Any]] = {
+Tables = Mapping[str, Mapping[tuple[Any, Event], Any]]
+
+REGIONS: Tables = {
     'motors': MOTORS,
     'estop': ESTOP,
     'door': DOOR,
@@ -275,6 +281,12 @@ REGIONS: dict[str, Mapping[tuple[Any, Event], Any]] = {
     'power': POWER,
 }
 """The field of `Condition`, and its table."""
+
+STARTED_BY_A_PERSON: Tables = {
+    **REGIONS,
+    'tasks': {**TASKS, (Tasks.ABORTED, _E.RESET): Tasks.STOPPED},
+}
+"""The same for a SPEL+ program: a reset does not start it, as it does not on a controller."""
 
 REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.MOTORS_ON, EStop.PRESSED): (
@@ -322,14 +334,14 @@ The first row that applies counts.
 """
 
 
-def after(condition: Condition, event: Event) -> Condition:
+def after(condition: Condition, event: Event, tables: Tables = REGIONS) -> Condition:
     """Return the condition that `event` leads to. Raises RejectedError if it is not allowed."""
     states = {getattr(condition, region) for region in REGIONS}
     for (refused, state), sentence in REJECTIONS.items():
         if refused is event and state in states:
             raise RejectedError(sentence)
     changes = {}
-    for region, table in REGIONS.items():
+    for region, table in tables.items():
         state = getattr(condition, region)
         following = table.get((state, event), state)
         if following is not state:

@@ -6,6 +6,7 @@ A Normal task pauses with pause and door, and is aborted by an E-stop and by err
 task survives all of that. (SPEL+ language reference, Xqt and TaskState.)
 """
 
+from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import NamedTuple
 
@@ -72,3 +73,33 @@ PROGRAM = (
     Task(3, 'I/O server', TaskType.NORMAL),
 )
 MOTION_SERVER, STATE_SERVER, IO_SERVER = PROGRAM
+
+TASK_TYPES = {
+    TaskType.NORMAL: 'Normal',
+    TaskType.NO_PAUSE: 'NoPause',
+    TaskType.NO_EMG_ABORT: 'NoEmgAbort',
+}
+TASK_WORDS = {
+    TaskState.NOT_RUNNING: 'does not run',
+    TaskState.RUNNING: 'runs',
+    TaskState.WAITING: 'waits',
+    TaskState.HALTED: 'paused',
+    TaskState.QUICK_PAUSE: 'paused',
+    TaskState.ABORTED: 'aborted (2261)',
+}
+"""TaskState in words."""
+
+
+class TaskRow(NamedTuple):
+    """A task as people see it: its number, and in words its name, type and state."""
+
+    number: int
+    name: str
+    type: str
+    state: str
+
+
+def rows(state: Callable[[Task], TaskState]) -> Iterator[TaskRow]:
+    """Yield the tasks of the built-in program."""
+    for task in PROGRAM:
+        yield TaskRow(task.number, task.name, TASK_TYPES[task.type], TASK_WORDS[state(task)])

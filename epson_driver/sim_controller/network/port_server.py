@@ -107,7 +107,7 @@ class PortServer:
         """How many clients are connected, or wait for a place."""
         return len(self._tasks)
 
-    async def open(self, host: str, port: int) -> int:
+    def open(self, host: str, port: int) -> int:
         """Listen, and return the port; 0 asks for any free one. Raises OSError that says where."""
         try:
             family = socket.AF_INET6 if ':' in host else socket.AF_INET

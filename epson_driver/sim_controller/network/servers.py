@@ -3,12 +3,17 @@
 """The simulated controller as it stands on the network: four ports, a clock, and a planner."""
 
 import asyncio
+import logging
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.network.pacer import Pacer
-from epson_driver.sim_controller.network.port_server import PortServer, port_rules
+from epson_driver.sim_controller.network.port_server import PortRules, PortServer, port_rules
+from epson_driver.sim_controller.ports.program_ports import ProgramPorts
+
+_log = logging.getLogger(__name__)
 
 
 class Ports(NamedTuple):
@@ -21,15 +26,29 @@ class Ports(NamedTuple):
 
 
 class ControllerServers:
-    """The listening ports of one controller, its real time, and its planner process if any."""
+    """The listening ports of one controller, its real time, and its planner process if any.
 
-    def __init__(self, controller: Controller, planner: PlannerProcess | None = None) -> None:
+    With the network `spel` of a SPEL+ program: those too that it opens beside the usual ones.
+    `program_ports`: TCP port as the program names it → the one to listen on, 0 for any free one.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        planner: PlannerProcess | None = None,
+        spel: ProgramPorts | None = None,
+        program_ports: Mapping[int, int] | None = None,
+    ) -> None:
         self._controller = controller
         self._planner = planner
         self.pacer = Pacer(controller)
         rules = port_rules(controller.profile.server)
-        turn = asyncio.Lock()
-        self._servers = tuple(PortServer(each, self.pacer, turn) for each in rules)
+        self._turn = asyncio.Lock()
+        self._servers = [PortServer(each, self.pacer, self._turn) for each in rules]
+        self._host = ''
+        self._program_ports = program_ports or {}
+        if spel is not None:
+            spel.listen = self._listen
 
     async def open(self, host: str, ports: Ports) -> Ports:
         """Start the planner, listen on all ports, and return them.
@@ -37,18 +56,35 @@ class ControllerServers:
         Raises OSError that names the port which cannot be opened, or PlannerError; nothing is open
         then.
         """
+        self._host = host
         try:
             if self._planner is not None:
                 await self._planner.start()
             return Ports(
                 *[
-                    await server.open(host, port)
+                    server.open(host, port)
                     for server, port in zip(self._servers, ports, strict=True)
                 ]
             )
         except (OSError, PlannerError):
             await self.close()
             raise
+
+    def _listen(self, tcp_port: int) -> None:
+        """Listen for clients of a port that a SPEL+ program opens. Raises OSError.
+
+        Where its own number cannot be had and no other was asked for, it is any free one.
+        """
+        server = PortServer(PortRules(str(tcp_port), 1), self.pacer, self._turn)
+        asked = self._program_ports.get(tcp_port)
+        try:
+            bound = server.open(self._host, tcp_port if asked is None else asked)
+        except OSError:
+            if asked is not None:
+                raise
+            bound = server.open(self._host, 0)
+        self._servers.append(server)
+        _log.info('port %d of the program is %s:%d', tcp_port, self._host, bound)
 
     def clients(self, port: str) -> int:
         """Return how many clients of a port are connected, or wait for a place."""

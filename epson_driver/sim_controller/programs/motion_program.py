@@ -211,6 +211,12 @@ class MotionProgram:
         self._queue.paused = False
         self._queue.advance()
 
+    def boot(self) -> None:
+        """Keep nothing: `restart` came with the boot already."""
+
+    def tasks(self) -> None:
+        """Return None: they are those of condition/tasks.py."""
+
     # Points.
 
     def _receive_point(self, packet: Packet) -> None:

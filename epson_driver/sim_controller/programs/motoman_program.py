@@ -188,6 +188,12 @@ class MotomanProgram:
         self._paused = False
         self._feed()
 
+    def boot(self) -> None:
+        """Keep nothing: `restart` came with the boot already."""
+
+    def tasks(self) -> None:
+        """Return None: they are those of condition/tasks.py."""
+
     def _obey(self, packet: Packet) -> MotionReply | None:
         message, done = packet.message, success(packet)
         if not isinstance(message, MotionCtrl | JointTrajPtFull):

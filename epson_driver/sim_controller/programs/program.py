@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interface of a program on the motion port: `MotionProgram`, or `MotomanProgram`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
+from epson_driver.sim_controller.condition.tasks import TaskRow
 from epson_driver.simple_message import Frame, Packet
 
 SendPacket = Callable[[Packet], None]
@@ -54,3 +55,9 @@ class Program(Protocol):
 
     def resume(self) -> None:
         """Go on after `pause`."""
+
+    def boot(self) -> None:
+        """Begin anew: the controller was switched off and on again."""
+
+    def tasks(self) -> Iterable[TaskRow] | None:
+        """Return its tasks as people see them; None if they are those of condition/tasks.py."""

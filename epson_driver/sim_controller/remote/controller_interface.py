@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a remote command may ask of a controller, and what it may do to it."""
 
+from collections.abc import Iterable
 from typing import Protocol
 
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.timing import Timing
-from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.spel_settings import SpelSettings
 from epson_driver.sim_controller.condition.states import Condition, Event
-from epson_driver.sim_controller.condition.tasks import Task, TaskState
+from epson_driver.sim_controller.condition.tasks import Task, TaskRow, TaskState
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
 from epson_driver.simple_message import JointPosition
@@ -32,7 +32,7 @@ class ControllerInterface(Protocol):
         """Its condition now."""
 
     @property
-    def error_number(self) -> ErrorNumber:
+    def error_number(self) -> int:
         """The error that it shows."""
 
     @property
@@ -61,6 +61,9 @@ class ControllerInterface(Protocol):
 
     def apply(self, event: Event) -> None:
         """Apply an event. Raises RejectedError: why not, and what to do."""
+
+    def tasks(self) -> Iterable[TaskRow]:
+        """Yield the tasks there are, as people see them."""
 
     def task_state(self, task: Task) -> TaskState:
         """Return what a task is doing."""

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.states import REGIONS, Event
-from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState, TaskType
 from epson_driver.sim_controller.faults.fault_kinds import FaultError
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.io.io_points import IoError
@@ -35,21 +34,6 @@ _ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
 _MAX_INDEX = 65_535
 _MAX_VALUE = 2**31 - 1
 _MAX_PUSH = 360.0  # degrees, or mm
-
-TASK_TYPES = {
-    TaskType.NORMAL: 'Normal',
-    TaskType.NO_PAUSE: 'NoPause',
-    TaskType.NO_EMG_ABORT: 'NoEmgAbort',
-}
-TASK_WORDS = {
-    TaskState.NOT_RUNNING: 'does not run',
-    TaskState.RUNNING: 'runs',
-    TaskState.WAITING: 'waits',
-    TaskState.HALTED: 'paused',
-    TaskState.QUICK_PAUSE: 'paused',
-    TaskState.ABORTED: 'aborted (2261)',
-}
-"""TaskState in words."""
 
 
 class SimCommand(NamedTuple):
@@ -149,9 +133,7 @@ def _reboot(controller: ControllerInterface, parameters: list[str]) -> None:
 def _tasks(controller: ControllerInterface, parameters: list[str]) -> str:
     expect(parameters, 0)
     return ';'.join(
-        f'{task.number}={task.name},{TASK_TYPES[task.type]},'
-        f'{TASK_WORDS[controller.task_state(task)]}'
-        for task in PROGRAM
+        f'{row.number}={row.name},{row.type},{row.state}' for row in controller.tasks()
     )
 
 

@@ -77,7 +77,7 @@ def joint_feedback(position: Array, velocity: Array, now: float | None) -> Joint
 
 def status(
     condition: Condition,
-    error: ErrorNumber,
+    error: int,
     told: StateProfile,
     *,
     in_motion: bool,
@@ -88,7 +88,7 @@ def status(
     accepts_points: whether it would take a point in its condition. What the profile does not tell
     is UNKNOWN.
     """
-    none = error is ErrorNumber.NONE
+    none = error == ErrorNumber.NONE
     possible = condition.tasks is Tasks.RUNNING and none and accepts_points
     return Status(
         drives_powered=_tri_state(condition.powered),

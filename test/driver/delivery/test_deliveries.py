@@ -63,6 +63,7 @@ async def cell_of(profile, interface=None, *, enabled=True, **options):
         await harness.ready()
         if enabled:
             await harness.commands.enable()
+            received.clear()  # a Motoman gets STOP_MOTION first
         yield harness, controller, received
 
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is refused before anything is sent, and whether the text says what to change."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -168,3 +169,35 @@ def test_a_later_first_point_must_be_reachable_in_its_time():
     text = rejection(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
     assert '1.2 rad/s' in text
     assert 'limit is 1 rad/s' in text
+
+
+@pytest.mark.parametrize(
+    ('angles', 'seen'),
+    [
+        ((45.0, -30.0, 20.0), True),
+        ((0.5, 0.0, 90.0), True),
+        ((4.0, 0.0, 0.0), False),  # more than the limit, less than a turn
+        ((0.5, 0.0, 9.0), False),  # less than two turns
+        ((0.0, 0.0, 9000.0), False),  # too much as degrees, too
+    ],
+)
+def test_angles_in_degrees_are_one_sentence(angles, seen):
+    with pytest.raises(GoalRejectedError) as caught:
+        checked(point(0, (0, 0, 0)), point(90, angles), point(180, angles))
+    text = str(caught.value)
+    assert 'position' in text
+    assert 'is outside the limits' in text
+    if seen:
+        assert text.count('outside') == 1
+        assert text.endswith('rad; these look like degrees: positions are in rad')
+    else:
+        assert 'degrees' not in text
+
+
+@pytest.mark.invariant(2)
+def test_angles_beyond_a_turn_that_the_limits_allow_are_no_degrees():
+    wide = replace(LIMITS, position_min=np.full(3, -40.0), position_max=np.full(3, 40.0))
+    trajectory = Trajectory(
+        LIMITS.names, np.array([0.0, 100.0]), np.array([[0.0, 0.0, 0.0], [7.0, 0.0, -30.0]])
+    )
+    check_limits(trajectory, wide)

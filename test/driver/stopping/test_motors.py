@@ -48,6 +48,11 @@ def commands_in(controller):
     return commands
 
 
+def others(commands):
+    """Return those that are not STOP_MOTION: ~/enable may send it again."""
+    return [each for each in commands if each != Command.STOP_MOTION]
+
+
 async def rejection(coroutine):
     with pytest.raises(CommandError) as caught:
         await coroutine
@@ -92,10 +97,11 @@ def test_enable_and_disable_switch_a_motomans_servos():
             assert controller.status().drives_powered == 0
             assert await harness.commands.enable() == 'the arm is enabled'
             assert controller.status().drives_powered == 1
-            assert commands == [Command.START_SERVOS]
+            assert commands[0] == Command.STOP_MOTION
+            assert others(commands) == [Command.START_SERVOS]
             outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
             assert outcome.end is End.SUCCEEDED, outcome
-            assert commands == [Command.START_SERVOS, Command.START_TRAJ_MODE]
+            assert others(commands) == [Command.START_SERVOS, Command.START_TRAJ_MODE]
             goal = harness.submit(pose(1.0))
             await harness.until_moving()
             assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
@@ -125,7 +131,7 @@ def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
             assert text == 'RESET_ALARM: FAILURE: reset the error at the controller'
             controller.apply(Event.ESTOP_RELEASE)
             await harness.commands.reset_error()
-            assert commands[1:] == [Command.RESET_ALARM] * 2
+            assert others(commands) == [Command.START_SERVOS] + [Command.RESET_ALARM] * 2
             await until(lambda: reports(harness, e_stopped=0, in_error=0))
             assert 'E-stop' in harness.gate
             assert controller.status().drives_powered == 0
@@ -136,7 +142,7 @@ def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
 
 
 class ScriptedMotoman(ScriptedController):
-    """It answers every command with one result, or not at all."""
+    """It answers every command but STOP_MOTION with one result, or not at all."""
 
     STATUS = (0, 0, 0, 0, 0, 2, 0)
 
@@ -150,8 +156,9 @@ class ScriptedMotoman(ScriptedController):
             body = await reader.readexactly(length)
             command = int.from_bytes(body[20:24], 'little')
             self.received.append(command)
-            if self._result is not None:
-                words = (0, 0, command, self._result, 0)
+            result = Result.SUCCESS if command == Command.STOP_MOTION else self._result
+            if result is not None:
+                words = (0, 0, command, result, 0)
                 reply = b''.join(word.to_bytes(4, 'little') for word in words) + bytes(40)
                 writer.write(frame(MessageType.MOTION_REPLY, 3, 1, reply))
 
@@ -171,7 +178,8 @@ def test_a_motoman_that_does_not_obey_leaves_the_gate_closed(monkeypatch, result
             await harness.ready()
             text = await rejection(harness.commands.enable())
             assert text == f'START_SERVOS: {words}: switch the motors on at the controller'
-            assert scripted.received == [Command.START_SERVOS]
+            assert scripted.received[0] == Command.STOP_MOTION
+            assert others(scripted.received) == [Command.START_SERVOS]
             assert harness.gate is not None
 
     run(check())

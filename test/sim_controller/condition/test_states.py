@@ -214,6 +214,21 @@ STORIES = {
         start! AUTO first
         mode auto: mode=AUTO
         start: tasks=RUNNING""",
+    'a SPEL+ program that comes to its end': """
+        motors on: motors=ON
+        the tasks are over: tasks=STOPPED
+        the tasks are over:
+        start: tasks=RUNNING
+        E-stop press: estop=PRESSED motors=OFF tasks=ABORTED
+        the tasks are over:""",
+    'a SPEL+ program that sets the power low': """
+        motors on: motors=ON
+        a trajectory begins: power=HIGH
+        the program sets the power low: power=LOW
+        a trajectory begins: power=HIGH
+        power low: power=HELD_LOW
+        the program sets the power low:
+        a trajectory begins:""",
     'power': """
         power high! until they are on
         power low: power=HELD_LOW

@@ -1,0 +1,54 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The controller's inputs and outputs, point by point."""
+
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+from epson_driver.api.errors import RobotError
+from epson_driver.driver.io.io_driver import IoAnswer, IoDriver, IoUnavailableError
+from epson_driver.driver.io.io_results import NAMES
+from epson_driver.inputs import choice, count
+from epson_driver.simple_message import IoAddress, IoSetting, IoType
+
+TYPES: dict[str, IoType] = {name: io_type for io_type, name in NAMES.items()}
+"""DI, DO, AI, AO, GI, GO, flag; docs/io.md says what each is."""
+
+T = TypeVar('T', IoAddress, IoSetting)
+
+KIND = choice(*TYPES)
+INDEX = count(0, 2**31 - 1)
+VALUE = count(-(2**31), 2**31 - 1)
+
+
+class Io:
+    """Reads and writes single points. A controller without I/O is a RobotError that says so."""
+
+    def __init__(self, driver: Callable[[], IoDriver]) -> None:
+        self._driver = driver
+
+    async def read(self, kind: str, index: int) -> int:
+        """Return the value of a point, such as `read('DI', 3)`. Analogue: mV (docs/io.md)."""
+        address = IoAddress(_type(kind), INDEX.checked(index, 'index'))
+        return await _answered(self._driver().read, [address])
+
+    async def write(self, kind: str, index: int, value: int) -> None:
+        """Set an output, a group or a flag, such as `write('DO', 3, 1)`."""
+        number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
+        setting = IoSetting(_type(kind), INDEX.checked(index, 'index'), number)
+        await _answered(self._driver().write, [setting])
+
+
+def _type(kind: str) -> IoType:
+    KIND.checked(kind, 'kind')
+    return TYPES[kind]
+
+
+async def _answered(ask: Callable[[list[T]], Awaitable[list[IoAnswer]]], points: list[T]) -> int:
+    try:
+        (answer,) = await ask(points)
+    except IoUnavailableError as error:
+        raise RobotError(str(error)) from error
+    if answer.text:
+        raise RobotError(answer.text)
+    return answer.value

@@ -1,0 +1,167 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""From the arguments of a Robot to the driver's configuration."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+
+import numpy as np
+
+from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.state.joint_mapping import joint_mapping
+from epson_driver.error_texts import load_error_texts
+from epson_driver.inputs import HOST, JOINT_NAMES, Rule, count, number
+from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.simple_message import MAX_JOINTS, ByteOrder
+
+PORT = count(1, 65_535)
+OPTIONAL_PORT = count(0, 65_535)
+BYTE_ORDERS = {'auto': None, 'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}
+POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
+GOAL_TOLERANCE = {'rad': 0.01, 'm': 0.001}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What most robots need not set. Names, units and defaults are those of the ROS parameters.
+
+    None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
+    rad (m), all joints. Times in s. See docs/ros_interface.md for each.
+    """
+
+    joint_names: tuple[str, ...] | None = None
+    joint_signs: tuple[int, ...] = (1,)
+    joint_offsets: tuple[float, ...] = (0.0,)
+    j23_factor: int = 0
+    error_texts: str | None = None
+    interface: Literal['streaming', 'download'] | None = None
+    point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] | None = None
+    byte_order: Literal['auto', 'little', 'big'] = 'auto'
+    state_timeout: float = 1.0
+    io_timeout: float = 1.0
+    reply_timeout: float = 5.0
+    start_tolerance: float = 0.02
+    goal_tolerance: float | None = None
+    goal_time: float = 0.0
+    stopped_velocity_tolerance: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name, rule in _RULES.items():
+            value = getattr(self, name)
+            if value is not None:
+                rule.checked(value, name)
+        for name, choices in _CHOICES.items():
+            value = getattr(self, name)
+            if value is not None and value not in choices:
+                raise ValueError(f'{name} = {value!r}: must be one of {", ".join(choices)}')
+
+
+_RULES: dict[str, Rule] = {
+    'state_timeout': number(0.05, 60.0, 's'),
+    'io_timeout': number(0.05, 60.0, 's'),
+    'reply_timeout': number(0.1, 600.0, 's'),
+    'start_tolerance': number(0.0, 1.0, 'rad or m'),
+    'goal_tolerance': number(0.0, 10.0, 'rad or m'),
+    'goal_time': number(0.0, 3600.0, 's'),
+    'stopped_velocity_tolerance': number(1e-6, 10.0, 'rad/s or m/s'),
+}
+
+_CHOICES = {
+    'interface': ('streaming', 'download'),
+    'point_message': ('joint_traj_pt', 'joint_traj_pt_full'),
+    'byte_order': tuple(BYTE_ORDERS),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ports:
+    """TCP ports of the controller's servers; None: the profile's. io, remote 0: not used."""
+
+    motion: int | None = None
+    state: int | None = None
+    io: int | None = None
+    remote: int | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None:
+                rule = PORT if field.name in ('motion', 'state') else OPTIONAL_PORT
+                rule.checked(value, f'{field.name}_port')
+
+
+@dataclass(frozen=True)
+class Setup:
+    """All that a driver is made with; model: with the joint names that were asked for."""
+
+    model: RobotModel
+    configuration: Configuration
+    goals: GoalSettings
+    start_tolerance: float
+    goal_tolerance: np.ndarray[tuple[int], np.dtype[np.float64]]
+    goal_time: float
+
+
+def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: Settings) -> Setup:
+    """Return the setup for a controller profile and a robot model, both by name or file.
+
+    Raises ValueError that names argument, value and what is allowed, FileNotFoundError that lists
+    the profiles or models there are.
+    """
+    HOST.checked(host, 'host')
+    profile = load_controller_profile(controller)
+    model = load_robot_model(model_name)
+    if more.joint_names is not None:
+        JOINT_NAMES.checked(list(more.joint_names), 'joint_names')
+        if len(more.joint_names) != len(model.joint_names):
+            raise ValueError(
+                f'joint_names has {len(more.joint_names)} names, but {model.name} has '
+                f'{len(model.joint_names)} joints'
+            )
+        model = replace(model, limits=replace(model.limits, names=tuple(more.joint_names)))
+    limits = model.limits
+    if len(limits.names) > MAX_JOINTS:
+        raise ValueError(f'{model.name} has {len(limits.names)} joints: at most {MAX_JOINTS}')
+    usual = profile.ports
+    return Setup(
+        model,
+        Configuration(
+            host=host,
+            motion_port=usual.motion if ports.motion is None else ports.motion,
+            state_port=usual.state if ports.state is None else ports.state,
+            io_port=usual.io if ports.io is None else ports.io,
+            remote_port=usual.remote if ports.remote is None else ports.remote,
+            io_timeout=more.io_timeout,
+            byte_order=BYTE_ORDERS[more.byte_order],
+            state_timeout=more.state_timeout,
+            limits=limits,
+            errors=load_error_texts(more.error_texts or profile.error_texts),
+            delivery=delivery_rules(
+                profile,
+                more.interface or profile.program.interface,
+                more.point_message or POINT_MESSAGES[profile.program.kind],
+            ),
+            mapping=joint_mapping(
+                len(limits.names), more.joint_signs, more.joint_offsets, more.j23_factor
+            ),
+            usual_byte_order=profile.byte_order,
+            motors=profile.program.motors,
+            state_period=profile.state.period,
+        ),
+        GoalSettings(
+            stopped_velocity=more.stopped_velocity_tolerance,
+            reply_timeout=more.reply_timeout,
+            cause_timeout=cause_timeout(profile.state),
+        ),
+        more.start_tolerance,
+        np.array(
+            [
+                GOAL_TOLERANCE[unit] if more.goal_tolerance is None else more.goal_tolerance
+                for unit in limits.units
+            ]
+        ),
+        more.goal_time,
+    )

@@ -1,0 +1,74 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the log says of a link: that it came or went, once, not every attempt to bring it back.
+
+A controller that serves one client closes the connection of a second one at once, again and again.
+After MAX_SHORT of these that is said, and then nothing until a connection lasts.
+"""
+
+import asyncio
+import logging
+
+from epson_driver.link.link import Link
+from epson_driver.link.states import LinkState
+
+SHORT_S = 0.2
+"""A connection that the controller closes within this time was not served, s."""
+
+MAX_SHORT = 3
+
+_log = logging.getLogger(__name__)
+
+
+class LinkReports:
+    """Reports of one link. `tell` is called on each change of its state, in the event loop."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._missed = False
+        self._short = 0
+        self._connected_at: float | None = None
+        self._lasting: asyncio.TimerHandle | None = None
+
+    def tell(self, why: str) -> None:
+        """Log the link's present state, unless that is known. `why`: how it came to it."""
+        link, loop = self._link, asyncio.get_running_loop()
+        if self._lasting is not None:
+            self._lasting.cancel()
+            self._lasting = None
+        if link.connected:
+            self._connected_at = loop.time()
+            if self._short >= MAX_SHORT:
+                self._lasting = loop.call_later(SHORT_S, self._served, why)
+            else:
+                self._connected(why)
+        elif link.state is LinkState.BACKING_OFF:
+            self._lost(why, loop.time())
+        else:
+            _log.debug('%s link %s: %s', link.name, link.state.value, why)
+
+    def _served(self, why: str) -> None:
+        self._short = 0
+        self._connected(why)
+
+    def _connected(self, why: str) -> None:
+        self._missed = False
+        _log.info('%s link connected: %s', self._link.name, why)
+
+    def _lost(self, why: str, now: float) -> None:
+        connected, self._connected_at = self._connected_at, None
+        if connected is not None:
+            self._short = self._short + 1 if now - connected < SHORT_S else 0
+        if self._short == MAX_SHORT and connected is not None:
+            _log.warning(
+                '%s link: the controller closed %d connections at once (%s): probably it serves '
+                'one client, and has one; trying on, at least once a second',
+                self._link.name,
+                MAX_SHORT,
+                why,
+            )
+        elif self._short < MAX_SHORT and not self._missed:
+            _log.warning(
+                'no %s link: %s; trying again at least once a second', self._link.name, why
+            )
+        self._missed = True

@@ -1,0 +1,104 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The joints along a path of the tool, in one configuration, or where there are none."""
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.motion.cartesian import PosePath
+from epson_driver.robots.kinematics import Kinematics
+
+STEP_M = 0.001
+STEP_RAD = 0.01
+"""How densely a path is looked at."""
+
+MIN_STEPS = 50
+MAX_STEPS = 5000
+
+MAX_JOINT_STEP = 0.15
+"""A joint that changes by more from one look to the next, rad or m, jumps."""
+
+
+class PathError(ValueError):
+    """The tool cannot follow a path; the text says where and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """A path, and the joints at k shares of it.
+
+    shares: shape (k,), joints: (k, n), places: (k, 3), m.
+    """
+
+    path: PosePath
+    kinematics: Kinematics
+    shares: Array
+    joints: Array
+    places: Array
+
+    def where(self, index: int) -> str:
+        """Return the place of a share as a clause."""
+        at = ', '.join(f'{value * 1e3:.1f}' for value in self.places[index])
+        return f'{self.shares[index] * 100.0:.0f} % of the way, at ({at}) mm'
+
+    def at(self, shares: Array) -> Array:
+        """Return the joints at other shares, shape (m,), to all digits: shape (m, n)."""
+        near = np.array([np.interp(shares, self.shares, column) for column in self.joints.T]).T
+        found = [
+            self.kinematics.inverse(self.path.pose(share), guess)
+            for share, guess in zip(shares.tolist(), near, strict=True)
+        ]
+        for index, solutions in enumerate(found):
+            if not len(solutions) or np.max(np.abs(solutions[0] - near[index])) > MAX_JOINT_STEP:
+                raise PathError(f'no solution at {shares[index] * 100.0:.3g} % of the way')
+        return np.array([solutions[0] for solutions in found])
+
+
+def joint_path(kinematics: Kinematics, start: Array, path: PosePath) -> JointPath:
+    """Return the joints along a path that begins where the joints `start`, shape (n,), are.
+
+    Raises PathError for a pose without a solution within the joint limits near the one before:
+    out of reach, beyond a joint's limit, or past a singularity. KinematicsError for a chain
+    without a closed form, ModuleNotFoundError that says what to install.
+    """
+    steps = max(ceil(path.length / STEP_M), ceil(path.angle / STEP_RAD), MIN_STEPS)
+    if steps > MAX_STEPS:
+        raise PathError(f'the path is longer than {MAX_STEPS} looks of {STEP_M * 1e3:g} mm')
+    shares = np.linspace(0.0, 1.0, steps + 1)
+    poses = [path.pose(share) for share in shares.tolist()]
+    found = JointPath(
+        path, kinematics, shares, np.empty((steps + 1, len(start))), np.array(poses)[:, :3, 3]
+    )
+    before = start
+    for index, pose in enumerate(poses):
+        solutions = kinematics.inverse(pose, before)
+        if not len(solutions):
+            raise PathError(_why_none(kinematics, before, found.where(index)))
+        step = np.abs(solutions[0] - before)
+        joint = int(np.argmax(step))
+        if step[joint] > MAX_JOINT_STEP:
+            names, units = kinematics.model.limits.names, kinematics.model.limits.units
+            raise PathError(
+                f'near a singularity, or at a limit, {found.where(index)}: {names[joint]} would '
+                f'have to jump from {before[joint]:.4g} to {solutions[0][joint]:.4g} '
+                f'{units[joint]}'
+            )
+        before = found.joints[index] = solutions[0]
+    return found
+
+
+def _why_none(kinematics: Kinematics, before: Array, where: str) -> str:
+    """Return why a pose has no solution: the joint that is nearest to its limit is named."""
+    limits = kinematics.model.limits
+    room = np.minimum(before - limits.position_min, limits.position_max - before)
+    joint = int(np.argmin(room))
+    if room[joint] > MAX_JOINT_STEP:
+        return f'out of reach {where}'
+    return (
+        f'out of reach {where}: {limits.names[joint]} is at {before[joint]:.4g} just before, its '
+        f'limits are {limits.position_min[joint]:.4g} … {limits.position_max[joint]:.4g} '
+        f'{limits.units[joint]}'
+    )

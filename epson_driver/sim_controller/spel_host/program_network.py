@@ -1,0 +1,182 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The TCP ports of a SPEL+ program, as its port objects 201 to 216 see them.
+
+A program that has opened a port object as a server gets the next client of that TCP port. One that
+has lost its client serves no other until the program closes and opens it: as controllers do it.
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+
+from epson_driver.sim_controller.ports.session import Send, Session
+from epson_driver.spel import NetSettings, SpelError
+
+MAX_UNREAD_BYTES = 65_536
+"""What a client may have sent that the program has not read; one that sends more is cut off."""
+
+OPEN_FAILED = 2900
+NO_PEER = 2902
+
+_log = logging.getLogger(__name__)
+
+
+class PortObject(Session):
+    """One open port object of the program, and its client if it has one."""
+
+    def __init__(self, settings: NetSettings, name: str, news: Callable[[], None]) -> None:
+        self.settings = settings
+        self.name = name
+        self.connected = False
+        self.taken = False
+        """Whether it has, or had, a client."""
+        self.unread = bytearray()
+        self._news = news
+        self._send: Send | None = None
+        self._close: Callable[[], None] | None = None
+
+    def begin(self, send: Send, close: Callable[[], None]) -> None:
+        """Serve a client."""
+        self.connected = self.taken = True
+        self._send, self._close = send, close
+        self._news()
+
+    def receive(self, data: bytes) -> None:
+        """Keep what a client sends until the program reads it."""
+        if not self.connected:
+            return
+        if len(self.unread) + len(data) > MAX_UNREAD_BYTES:
+            text = 'the program does not read: %s client cut off with %d bytes unread'
+            _log.warning(text, self.name, len(self.unread))
+            self.end()
+            return
+        self.unread += data
+        self._news()
+
+    def send(self, data: bytes) -> None:
+        """Send to the client. Raises SpelError if it is gone."""
+        if self._send is None:
+            raise SpelError(NO_PEER, f'TCP port {self.settings.tcp_port} has no peer')
+        self._send(data)
+
+    def closed(self) -> None:
+        """The client is gone; what it sent can be read still."""
+        self.connected = False
+        self._send = self._close = None
+        self._news()
+
+    def end(self) -> None:
+        """Close the client's connection, if there is one."""
+        close = self._close
+        self.closed()
+        if close is not None:
+            close()
+
+
+class ProgramNetwork:
+    """The ports of one program.
+
+    `names`: TCP port as the program names it → the controller's port. Others are named by their
+    number; `listen` is called with it when the program opens one for the first time, and may raise
+    OSError. Connecting to others as a client is not simulated.
+    """
+
+    def __init__(self, names: Mapping[int, str]) -> None:
+        self._names = names
+        self._objects: dict[int, PortObject] = {}
+        self._listened: set[int] = set()
+        self.listen: Callable[[int], None] = _nobody
+        self.news: Callable[[], None] = _nothing
+
+    def name(self, tcp_port: int) -> str:
+        """Return what a TCP port of the program is called."""
+        return self._names.get(tcp_port, str(tcp_port))
+
+    # Clients
+
+    def rejection(self, port: str) -> str | None:
+        """Return why a client of a port cannot be served now, or None."""
+        found = self._open(port)
+        if found is None:
+            return f'the program has not opened the {port} port'
+        if found.connected:
+            return f'the {port} port has a client already'
+        if found.taken:
+            return f'the {port} port has lost its client; the program has not opened it again yet'
+        return None
+
+    def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
+        """Serve a client that is not rejected."""
+        found = self._open(port)
+        if found is None:
+            raise ConnectionRefusedError(self.rejection(port))
+        found.begin(send, close)
+        return found
+
+    def _open(self, port: str) -> PortObject | None:
+        return next((each for each in self._objects.values() if each.name == port), None)
+
+    # The program
+
+    def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
+        """Serve clients of a TCP port. Raises SpelError."""
+        tcp_port = settings.tcp_port
+        if not server:
+            text = f'OpenNet #{port} As Client: only servers are simulated'
+            raise SpelError(OPEN_FAILED, text)
+        if tcp_port == 0:
+            raise SpelError(OPEN_FAILED, f'port {port} has no SetNet with its TCP port')
+        name = self.name(tcp_port)
+        if self._open(name) is not None:
+            text = f'OpenNet #{port}: another port object serves TCP port {tcp_port}'
+            raise SpelError(OPEN_FAILED, text)
+        if tcp_port not in self._names and tcp_port not in self._listened:
+            try:
+                self.listen(tcp_port)
+            except OSError as error:
+                raise SpelError(OPEN_FAILED, f'OpenNet #{port}: {error}') from error
+            self._listened.add(tcp_port)
+        self._objects[port] = PortObject(settings, name, lambda: self.news())
+
+    def close_net(self, port: int) -> None:
+        """Close a port object; nothing happens if it is not open."""
+        found = self._objects.pop(port, None)
+        if found is not None:
+            found.end()
+
+    def close_all(self) -> None:
+        """Close all of them."""
+        for port in list(self._objects):
+            self.close_net(port)
+
+    def connected(self, port: int) -> bool:
+        """Return whether a port object has a client."""
+        found = self._objects.get(port)
+        return found is not None and found.connected
+
+    def received(self, port: int) -> bytes:
+        """Return what the client has sent and is not read."""
+        found = self._objects.get(port)
+        return bytes(found.unread) if found is not None else b''
+
+    def take(self, port: int, count: int) -> bytes:
+        """Take the first bytes of that."""
+        unread = self._objects[port].unread
+        data = bytes(unread[:count])
+        del unread[:count]
+        return data
+
+    def send(self, port: int, data: bytes) -> None:
+        """Send to the client. Raises SpelError 2902 if it is gone."""
+        found = self._objects.get(port)
+        if found is None:
+            raise SpelError(NO_PEER, f'port {port} has no peer')
+        found.send(data)
+
+
+def _nobody(_tcp_port: int) -> None:
+    """Listen to nobody: without sockets, clients connect by themselves."""
+
+
+def _nothing() -> None:
+    pass

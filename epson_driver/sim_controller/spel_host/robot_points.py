@@ -1,0 +1,98 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Points of a SPEL+ program as joint angles of the arm, and the way back."""
+
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.robots.opw import KinematicsError
+from epson_driver.sim_controller.condition.errors import ErrorNumber
+from epson_driver.sim_controller.programs.points import angles_rejection, clipped
+from epson_driver.spel import ErrorNumber as SpelNumber
+from epson_driver.spel import Point, SpelError
+
+UNREACHABLE = 4007
+_AXES = 6
+_MM = 1000.0
+_IGNORED_FLAGS = frozenset({'0'})
+"""Local 0 is the world."""
+
+
+class RobotPoints:
+    """Points and joint angles of one robot model."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
+        self._kinematics = Kinematics(model)
+
+    def joints(self, point: Point, near: Array) -> Array:
+        """Return the joint angles of a point within the limits, shape (n,), rad.
+
+        Of a place in space: those nearest to `near`. Raises SpelError: 4001 out of range, 4007
+        out of reach.
+        """
+        angles = self._angles(point, near)
+        rejection = angles_rejection(angles, self._model.limits)
+        if rejection is not None:
+            raise SpelError(ErrorNumber.OUT_OF_RANGE, rejection.sentence)
+        return clipped(angles, self._model.limits)
+
+    def pulses(self, point: Point, near: Array) -> Array:
+        """Return the encoder pulses of a point, shape (n,), in the range or not."""
+        return np.rint(self._angles(point, near) * self._model.pulses_per_unit)
+
+    def degrees(self, point: Point, near: Array) -> Array:
+        """Return the angles of a point in degrees (or mm), shape (n,)."""
+        return self._angles(point, near) * self._model.shown_per_unit
+
+    def place(self, angles: Array) -> Point:
+        """Return joint angles, shape (n,), rad, as a place in space."""
+        where, turn = self._kinematics.epson_point(angles)
+        return Point('xy', (*(where * _MM).tolist(), *np.degrees(turn).tolist()))
+
+    def stored(self, point: Point) -> Point:
+        """Return a point as P0, P1, … hold it: a place in space; turns of the wrist are lost."""
+        if point.kind == 'xy':
+            return point
+        return self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
+
+    def coordinate(self, point: Point, axis: str) -> float:
+        """Return x, y, z in mm, or u, v, w in degrees."""
+        return self.stored(point).values['xyzuvw'.index(axis)]
+
+    def _angles(self, point: Point, near: Array) -> Array:
+        if point.kind == 'xy':
+            return self._reaching(point, near)
+        per_unit = self._model.shown_per_unit
+        if point.kind == 'pulses':
+            per_unit = self._model.pulses_per_unit
+        count = len(per_unit)
+        if len(point.values) != count and any(point.values[count:]):
+            text = f'{len(point.values)} values for {count} joints'
+            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
+        if len(point.values) < count:
+            text = f'{len(point.values)} values for {count} joints'
+            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
+        return np.asarray(np.array(point.values[:count]) / per_unit)
+
+    def _reaching(self, point: Point, near: Array) -> Array:
+        wanted = [flag for flag in point.flags if flag not in _IGNORED_FLAGS]
+        if wanted:
+            text = f'/{wanted[0].upper()} is not simulated: the nearest posture is taken'
+            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
+        if len(point.values) != _AXES:
+            raise SpelError(SpelNumber.ARGUMENT, f'{point}: needs x, y, z, u, v and w')
+        pose: Any = np.eye(4)
+        pose[:3, 3] = np.array(point.values[:3]) / _MM
+        pose[:3, :3] = rotation_of_uvw(np.radians(point.values[3:]))
+        try:
+            found = self._kinematics.inverse(self._kinematics.from_base(pose), near)
+        except (KinematicsError, ModuleNotFoundError) as error:
+            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {error}') from error
+        if not len(found):
+            raise SpelError(UNREACHABLE, f'{point} is out of reach')
+        return np.asarray(found[0])

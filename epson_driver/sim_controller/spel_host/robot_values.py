@@ -1,0 +1,230 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Functions that a SPEL+ program asks of the controller and its robot, as one table."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from epson_driver.motion import Array, go
+from epson_driver.sim_controller.condition.states import Mode
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.remote import status_words
+from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
+from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
+from epson_driver.spel import ErrorNumber, Point, SpelError
+
+Arguments = Sequence[int | float | Point]
+Result = int | float | Point
+
+_SIX_AXIS, _SCARA, _JOINTS = 5, 3, 1
+_CONTROL_DEVICE = 26  # Remote Ethernet
+_TILL_HIT = 0x4000
+_MOST_ACCEL = 100
+
+
+class Robot(NamedTuple):
+    """What the functions look at."""
+
+    controller: Controller
+    motion: RobotMotion
+    points: RobotPoints
+
+    @property
+    def here(self) -> Array:
+        """Where the joints are commanded to be, shape (n,), rad."""
+        return self.controller.arm.commanded
+
+    @property
+    def encoders(self) -> Array:
+        """Where the encoders say the joints are, shape (n,), rad."""
+        return self.controller.servo.position
+
+    def joint(self, name: str, number: int | float | Point) -> int:
+        """Return a joint's index. Raises SpelError."""
+        count = len(self.controller.model.joint_names)
+        if isinstance(number, Point) or not 1 <= number <= count:
+            raise SpelError(ErrorNumber.ARGUMENT, f'{name}: joint {number} is not in 1..{count}')
+        return int(number) - 1
+
+
+def value(robot: Robot, name: str, arguments: Arguments) -> Result:
+    """Return a function by its name in lower case. Raises SpelError."""
+    function = VALUES.get(name)
+    if function is None:
+        raise SpelError(ErrorNumber.ARGUMENT, f'{name} is not simulated')
+    return function(robot, arguments)
+
+
+def _truth(predicate: status_words.Predicate) -> Callable[[Robot, Arguments], int]:
+    return lambda robot, _: -1 if predicate(robot.controller) else 0
+
+
+def _one(predicate: status_words.Predicate) -> Callable[[Robot, Arguments], int]:
+    return lambda robot, _: int(predicate(robot.controller))
+
+
+def _ctrl_info(robot: Robot, arguments: Arguments) -> int:
+    words = {
+        1: lambda: status_words.word(status_words.CTRL_INFO_1, robot.controller),
+        5: lambda: _CONTROL_DEVICE,
+        6: lambda: 1,
+        7: lambda: status_words.word(status_words.CTRL_INFO_7, robot.controller),
+    }
+    return _chosen('CtrlInfo', words, arguments)
+
+
+def _robot_info(robot: Robot, arguments: Arguments) -> int:
+    def state() -> int:
+        bits = status_words.word(status_words.ROBOT_INFO_0, robot.controller)
+        return bits | (_TILL_HIT if robot.motion.till_on else 0)
+
+    return _chosen('RobotInfo', {0: state}, arguments)
+
+
+def _stat(robot: Robot, arguments: Arguments) -> int:
+    words = {
+        0: lambda: status_words.word(status_words.STAT_0, robot.controller),
+        1: lambda: (
+            status_words.word(status_words.STAT_1, robot.controller)
+            | (2 if robot.motion.till_on else 0)
+        ),
+    }
+    return _chosen('Stat', words, arguments)
+
+
+def _chosen(name: str, table: dict[int, Callable[[], int]], arguments: Arguments) -> int:
+    number = arguments[0]
+    if isinstance(number, Point) or int(number) not in table:
+        known = ', '.join(map(str, table))
+        raise SpelError(ErrorNumber.ARGUMENT, f'{name}({number}): only {known} are simulated')
+    return table[int(number)]()
+
+
+def _setting(name: str, usual: float) -> Callable[[Robot, Arguments], float]:
+    def read(robot: Robot, arguments: Arguments) -> float:
+        values = robot.controller.spel.values(name) or (usual,)
+        which = arguments[0] if arguments else 1
+        if isinstance(which, Point) or not 1 <= which <= 6:
+            raise SpelError(ErrorNumber.ARGUMENT, f'{name}: {which} is not in 1..6')
+        return values[min(int(which), len(values)) - 1]
+
+    return read
+
+
+def _robot_type(robot: Robot, _: Arguments) -> int:
+    kinds = {'six-axis': _SIX_AXIS, 'SCARA': _SCARA}
+    return kinds.get(robot.controller.model.kind, _JOINTS)
+
+
+def _angle(robot: Robot, arguments: Arguments) -> float:
+    joint = robot.joint('Agl', arguments[0])
+    return float(robot.here[joint] * robot.controller.model.shown_per_unit[joint])
+
+
+def _pulses(name: str, real: bool) -> Callable[[Robot, Arguments], int]:
+    def read(robot: Robot, arguments: Arguments) -> int:
+        joint = robot.joint(name, arguments[0])
+        angles = robot.encoders if real else robot.here
+        return round(float(angles[joint] * robot.controller.model.pulses_per_unit[joint]))
+
+    return read
+
+
+def _range(robot: Robot, arguments: Arguments) -> int:
+    joint = robot.joint('JRange', arguments[0])
+    if arguments[1] not in (1, 2):
+        raise SpelError(ErrorNumber.ARGUMENT, f'JRange: {arguments[1]} is not 1 or 2')
+    limits, per_unit = robot.controller.model.limits, robot.controller.model.pulses_per_unit
+    ends = (limits.position_min[joint], limits.position_max[joint])
+    low, high = sorted(float(end * per_unit[joint]) for end in ends)
+    return int(np.ceil(low) if arguments[1] == 1 else np.floor(high))
+
+
+def _place(real: bool) -> Callable[[Robot, Arguments], Point]:
+    return lambda robot, _: robot.points.place(robot.encoders if real else robot.here)
+
+
+def _coordinate(axis: str) -> Callable[[Robot, Arguments], float]:
+    return lambda robot, arguments: robot.points.coordinate(_point(arguments[0]), axis)
+
+
+def _point(argument: int | float | Point) -> Point:
+    if not isinstance(argument, Point):
+        raise SpelError(ErrorNumber.ARGUMENT, f'{argument} is no point')
+    return argument
+
+
+def _point_pulses(robot: Robot, arguments: Arguments) -> int:
+    joint = robot.joint('PPls', arguments[1])
+    return round(float(robot.points.pulses(_point(arguments[0]), robot.here)[joint]))
+
+
+def _point_angle(robot: Robot, arguments: Arguments) -> float:
+    joint = robot.joint('PAgl', arguments[1])
+    return float(robot.points.degrees(_point(arguments[0]), robot.here)[joint])
+
+
+def _target_ok(robot: Robot, arguments: Arguments) -> int:
+    try:
+        robot.points.joints(_point(arguments[0]), robot.here)
+    except SpelError:
+        return 0
+    return -1
+
+
+def _time(robot: Robot, arguments: Arguments) -> float:
+    """Return how long Go takes from here; 0 if it is impossible."""
+    try:
+        target = robot.points.joints(_point(arguments[0]), robot.here)
+    except SpelError:
+        return 0.0
+    spel = robot.controller.spel
+    return go(robot.controller.model.limits, robot.here, target, spel.speed, spel.accel).duration
+
+
+def _at_home(robot: Robot, _: Arguments) -> int:
+    home = robot.controller.spel.home
+    if home is None:
+        return 0
+    now = np.rint(robot.encoders * robot.controller.model.pulses_per_unit)
+    return -1 if now.tolist() == list(home) else 0
+
+
+VALUES: dict[str, Callable[[Robot, Arguments], Result]] = {
+    'ctrlinfo': _ctrl_info,
+    'robotinfo': _robot_info,
+    'stat': _stat,
+    'syserr': lambda robot, _: int(robot.controller.error_number),
+    'erroron': _truth(status_words.FLAGS['Error']),
+    'estopon': _truth(status_words.FLAGS['EStop']),
+    'safetyon': _truth(status_words.door_open),
+    'pauseon': _truth(status_words.FLAGS['Paused']),
+    'teachon': _truth(lambda controller: controller.condition.mode is Mode.MANUAL),
+    'motor': _one(status_words.motors_on),
+    'power': _one(status_words.power_high),
+    'athome': _at_home,
+    'robottype': _robot_type,
+    'inpos': _truth(lambda controller: not controller.in_motion),
+    'tillon': lambda robot, _: -1 if robot.motion.till_on else 0,
+    'speed': _setting('Speed', 5),
+    'accel': _setting('Accel', 5),
+    'accelmax': lambda _robot, _: _MOST_ACCEL,
+    'speeds': _setting('SpeedS', 50),
+    'accels': _setting('AccelS', 200),
+    'speedfactor': _setting('SpeedFactor', 100),
+    'agl': _angle,
+    'pls': _pulses('Pls', real=False),
+    'realpls': _pulses('RealPls', real=True),
+    'jrange': _range,
+    'here': _place(real=False),
+    'curpos': _place(real=False),
+    'realpos': _place(real=True),
+    **{f'c{axis}': _coordinate(axis) for axis in 'xyzuvw'},
+    'ppls': _point_pulses,
+    'pagl': _point_angle,
+    'targetok': _target_ok,
+    'ptptime': _time,
+}
+"""By name in lower case."""

@@ -1,0 +1,207 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a SPEL+ program asks of the world, answered by the simulated controller."""
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from epson_driver.sim_controller.clock import Timer
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.io.io_points import IoError
+from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
+from epson_driver.sim_controller.spel_host.robot_commands import command
+from epson_driver.sim_controller.spel_host.robot_motion import Motion
+from epson_driver.sim_controller.spel_host.robot_values import Robot, value
+from epson_driver.simple_message import IoType
+from epson_driver.spel import (
+    Array,
+    Caller,
+    Completion,
+    ErrorNumber,
+    Memory,
+    MotionRequest,
+    NetSettings,
+    Point,
+    SpelError,
+    TaskError,
+    Value,
+)
+
+CANCEL: Final = 2
+"""What a MsgBox is answered with: there is nobody to ask."""
+
+MAX_LINE = 1000
+"""Characters of a line of Print; a longer one is cut."""
+
+LOOK_S = 0.010
+"""How often it is looked at whether a statement without an event of its own is over, s."""
+
+_IO = {
+    Memory.INPUT: IoType.DIGITAL_INPUT,
+    Memory.OUTPUT: IoType.DIGITAL_OUTPUT,
+    Memory.MEMORY: IoType.FLAG,
+}
+MOVES = frozenset({'go', 'pulse'})
+"""Statements that move this arm."""
+
+_terminal = logging.getLogger('epson_driver.spel.terminal')
+
+
+class SpelHost:
+    """The host of a program's interpreter.
+
+    `news` is called when a task may go on; `failed` with the error that ended a task, `pauses`
+    with what a program wants: Pause (True) or Cont; `moves` when a task has begun a motion.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        robot: Robot,
+        network: ProgramNetwork,
+        news: Callable[[], None],
+        failed: Callable[[TaskError], None],
+        pauses: Callable[[bool], None],
+        moves: Callable[[], None],
+    ) -> None:
+        self._controller = controller
+        self._robot = robot
+        self._network = network
+        self._news = news
+        self._failed = failed
+        self._pauses = pauses
+        self._moves = moves
+        self._lines: dict[int, str] = {}
+
+    # Terminal
+
+    def write(self, caller: Caller, text: str) -> None:
+        """Show what is printed: lines with time, task and function."""
+        *lines, rest = (self._lines.pop(caller.task, '') + text).split('\n')
+        for line in lines:
+            self._show(caller, line)
+        if len(rest) > MAX_LINE:
+            self._show(caller, rest)
+        elif rest:
+            self._lines[caller.task] = rest
+
+    def _show(self, caller: Caller, line: str) -> None:
+        # The place is that in the program, so each Print has a pace of its own in the log.
+        what = '%9.3f s task %d %s: %s'
+        values = (self._controller.clock.now, caller.task, caller.function, line[:MAX_LINE])
+        record = _terminal.makeRecord(
+            _terminal.name, logging.INFO, caller.file, caller.line, what, values, None
+        )
+        if _terminal.isEnabledFor(logging.INFO):
+            _terminal.handle(record)
+
+    def read_line(self) -> str | None:
+        """Return None: nobody types anything."""
+        return None
+
+    def message_box(self, caller: Caller, text: str, _buttons: int, title: str) -> int | None:
+        """Show the text and answer Cancel."""
+        self.write(caller, f'MsgBox {title}: {text} (answered with Cancel)\n')
+        return CANCEL
+
+    # Network
+
+    def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
+        """Serve clients of a TCP port. Raises SpelError."""
+        self._network.open_net(port, settings, server)
+
+    def close_net(self, port: int) -> None:
+        """Close a port object."""
+        self._network.close_net(port)
+
+    def connected(self, port: int) -> bool:
+        """Return whether a port object has a client."""
+        return self._network.connected(port)
+
+    def received(self, port: int) -> bytes:
+        """Return what has come and is not taken."""
+        return self._network.received(port)
+
+    def take(self, port: int, count: int) -> bytes:
+        """Take the first bytes of it."""
+        return self._network.take(port, count)
+
+    def send(self, port: int, data: bytes) -> None:
+        """Send. Raises SpelError 2902."""
+        self._network.send(port, data)
+
+    # Inputs, outputs, memory
+
+    def read_bits(self, memory: Memory, index: int, width: int) -> int:
+        """Return a bit or a port. Raises SpelError."""
+        try:
+            return self._controller.io.read_port(_IO[memory], index, width)
+        except IoError as error:
+            raise SpelError(ErrorNumber.ARGUMENT, str(error)) from error
+
+    def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
+        """Set a bit or a port. Raises SpelError."""
+        try:
+            self._controller.io.write_port(_IO[memory], index, width, value)
+        except IoError as error:
+            raise SpelError(ErrorNumber.ARGUMENT, str(error)) from error
+
+    # The robot
+
+    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point:
+        """Return a function of controller or robot. Raises SpelError."""
+        return value(self._robot, name, arguments)
+
+    def command(
+        self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
+    ) -> Completion | None:
+        """Execute a statement that sets up the robot. Raises SpelError."""
+        completion = command(self._robot, name, arguments, words)
+        if completion is not None and not completion.done:
+            self._look(completion)
+        return completion
+
+    def _look(self, completion: Completion) -> None:
+        """Tell the tasks when a statement is over that has no event of its own."""
+        timer: Timer
+
+        def look() -> None:
+            if completion.done:
+                timer.cancel()
+                self._news()
+
+        timer = self._controller.clock.every(LOOK_S, look, first=LOOK_S)
+
+    def move(self, request: MotionRequest) -> Motion:
+        """Begin a motion. Raises SpelError."""
+        if request.name not in MOVES or request.find or request.sense:
+            raise SpelError(ErrorNumber.ARGUMENT, f'{request.name} is not simulated: use Go')
+        rejection = self._controller.motion_rejection()
+        if rejection is not None:
+            raise SpelError(rejection.number, rejection.sentence)
+        near = self._robot.here
+        target = self._robot.points.joints(request.points[-1], near)
+        motion = self._robot.motion.begin(request, target)
+        self._moves()
+        return motion
+
+    def stored_point(self, point: Point) -> Point:
+        """Return a point as P0, P1, … hold it."""
+        return self._robot.points.stored(point)
+
+    # What becomes of tasks
+
+    def call_library(
+        self, library: str, name: str, _arguments: Sequence[Value | Array]
+    ) -> int | float:
+        """Refuse: there is no PC with a DLL."""
+        raise SpelError(ErrorNumber.NO_LIBRARY, f'{name} of {library}')
+
+    def task_failed(self, error: TaskError) -> None:
+        """Be told that an error ended a task."""
+        self._failed(error)
+
+    def paused(self, on: bool) -> None:
+        """Be told that a program asked for Pause, or for Cont."""
+        self._pauses(on)

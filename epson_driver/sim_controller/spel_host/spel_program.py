@@ -1,0 +1,281 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A SPEL+ program that runs the simulated controller: its tasks on the controller's clock.
+
+It takes the place of the built-in programs. Whatever may be news to a task (bytes, a motion
+that is over, a button) sets a timer that is due at once; only that timer lets the tasks run. So
+the tasks run in the order of the clock, and never while the controller changes.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+
+from epson_driver.sim_controller.arm.point_to_point import PointToPoint
+from epson_driver.sim_controller.clock import Timer
+from epson_driver.sim_controller.condition.errors import ErrorNumber
+from epson_driver.sim_controller.condition.states import ENDED, Event, RejectedError, Tasks
+from epson_driver.sim_controller.condition.tasks import TaskRow
+from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
+from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
+from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
+from epson_driver.sim_controller.spel_host.robot_values import Robot
+from epson_driver.sim_controller.spel_host.spel_host import SpelHost
+from epson_driver.sim_controller.spel_host.unsimulated import refuse_unsimulated
+from epson_driver.simple_message import Frame
+from epson_driver.spel import (
+    Machine,
+    Program,
+    SpelError,
+    TaskError,
+    TaskState,
+    TaskType,
+    TaskView,
+)
+from epson_driver.spel.task import FIRST_BACKGROUND, LAST_BACKGROUND, Task
+
+MAIN, BACKGROUND = 'main', 'bgmain'
+_TYPES = {
+    TaskType.NORMAL: 'Normal',
+    TaskType.NO_PAUSE: 'NoPause',
+    TaskType.NO_EMG_ABORT: 'NoEmgAbort',
+    TaskType.TRAP: 'Trap',
+    TaskType.BACKGROUND: 'background',
+}
+_STATES = {
+    TaskState.NOT_RUNNING: 'does not run',
+    TaskState.RUNNING: 'runs',
+    TaskState.WAITING: 'waits',
+    TaskState.HALTED: 'paused',
+    TaskState.QUICK_PAUSED: 'paused',
+    TaskState.ABORTED: 'aborted',
+}
+_log = logging.getLogger(__name__)
+
+
+class SpelProgram:
+    """The program of a controller.
+
+    `program` is what runs. `main` is started at boot and whenever a person starts the program,
+    BgMain at boot. Global variables are cleared with a start by hand unless there is a BgMain,
+    which may share them. Raises ProgramError for a program with statements that are not simulated.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        controller: Controller,
+        arm: PointToPoint,
+        network: ProgramNetwork,
+    ) -> None:
+        self._program = program
+        self._controller = controller
+        self._arm = arm
+        self._network = network
+        self._motion = RobotMotion(arm, controller.clock, self._soon)
+        robot = Robot(controller, self._motion, RobotPoints(controller.model))
+        self._host = SpelHost(
+            controller,
+            robot,
+            network,
+            self._soon,
+            self._task_failed,
+            self._asked_to_pause,
+            self._task_moves,
+        )
+        refuse_unsimulated(program)
+        self._timer: Timer | None = None
+        self._running = False
+        self._later: list[Callable[[], None]] = []
+        self._starting = True  # main is to be started
+        self._finishing = False
+        self._ended = False  # whether the tasks have ended, until a person starts the program
+        self._mover: Task | None = None  # the task whose motion is under way
+        network.news = self._soon
+        self._machine, self._begun = self._new_machine()
+
+    def _new_machine(self) -> tuple[Machine, float]:
+        machine = Machine(self._program, self._host)
+        if BACKGROUND in self._program.by_name:
+            machine.start_background(self._program.by_name[BACKGROUND].name)
+        self._soon()
+        return machine, self._controller.clock.now
+
+    # Time
+
+    def _soon(self) -> None:
+        """Let the tasks run as soon as the controller has done what it does now."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._controller.clock.after(0.0, self._run)
+
+    def _run(self) -> None:
+        """Let the tasks run until now, and then whatever follows from that."""
+        self._timer = None
+        self._start_main()
+        now = self._controller.clock.now - self._begun
+        self._running = True
+        try:
+            self._machine.idle(now)
+            self._machine.advance(now)
+        finally:
+            self._running = False
+        while self._later:
+            self._later.pop(0)()
+        self._look_at_tasks()
+        due = self._machine.next_time()
+        if self._timer is None and due is not None:
+            now = self._controller.clock.now - self._begun
+            self._timer = self._controller.clock.after(max(due - now, 0.0), self._run)
+
+    def _after_tasks(self, action: Callable[[], None]) -> None:
+        """Do something when no task runs: now, or after the tasks' turn."""
+        if self._running:
+            self._later.append(action)
+        else:
+            action()
+            self._soon()
+
+    def _start_main(self) -> None:
+        if not self._starting or self._controller.condition.tasks is not Tasks.RUNNING:
+            return
+        self._starting = False
+        if MAIN not in self._program.by_name:
+            return
+        clear = BACKGROUND not in self._program.by_name
+        try:
+            self._machine.start(self._program.by_name[MAIN].name, clear=clear)
+        except SpelError as error:
+            _log.error('main is not started: %s', error)
+            self._controller.raise_error(error.number)
+
+    def _look_at_tasks(self) -> None:
+        """See whether all tasks are over, and whether one still moves the arm."""
+        kinds = {task.type for task in self._alive()}
+        mover = self._mover
+        if self._motion.busy and (mover is None or mover.frame is None):
+            self._motion.abort(_aborted('its task is over'))
+        condition = self._controller.condition
+        over = not self._starting and not kinds - {TaskType.BACKGROUND}
+        if over and condition.tasks is Tasks.RUNNING:
+            self._finishing = True
+            self._controller.apply(Event.TASKS_FINISHED)
+            self._finishing = False
+
+    def _task_moves(self) -> None:
+        self._mover = self._machine.running
+
+    def _alive(self) -> Iterator[TaskView]:
+        return (task for task in self._machine.tasks() if task.state is not TaskState.ABORTED)
+
+    # The program as the controller sees it
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for `resume`."""
+        return self._controller.condition.paused
+
+    @property
+    def ready(self) -> bool:
+        """Always: what it takes, its own statements decide."""
+        return True
+
+    def receive(self, frame: Frame) -> None:
+        """Raise RuntimeError: bytes come through the program's own ports."""
+        raise RuntimeError(f'a SPEL+ program takes no frame ({frame.msg_type})')
+
+    def step(self, dt: float) -> None:
+        """Let `dt` ≥ 0 s pass for the arm."""
+        left = self._arm.step(dt)
+        while left is not None and left > 0.0 and self._arm.moving:
+            left = self._arm.step(left)
+        self._motion.settle()
+
+    def abort(self) -> None:
+        """Brake: the motors go off. The task that moves gets error 2999."""
+        self._motion.abort(_aborted('the motors went off'))
+        self._soon()
+
+    def restart(self) -> None:
+        """End the tasks that end with an E-stop, an error, a stop; the arm brakes."""
+        if not self._finishing:  # a last Go … CP goes to its end
+            self._motion.abort(_aborted('the tasks were ended'))
+        aborted = self._controller.condition.tasks is Tasks.ABORTED
+        self._starting = False
+        self._ended = True
+
+        def end() -> None:
+            if aborted:
+                if self._controller.condition.estopped:
+                    self._machine.event('emergency')
+                self._machine.emergency_stop()
+            else:
+                self._machine.stop()
+
+        self._after_tasks(end)
+
+    def detach(self) -> None:
+        """Nothing: its own ports tell its statements that a client is gone."""
+
+    def boot(self) -> None:
+        """Begin anew; variables that are preserved keep their values."""
+        self._after_tasks(self._boot)
+
+    def _boot(self) -> None:
+        kept = self._machine.preserved()
+        self._motion.abort(_aborted('the controller was switched off'))
+        self._network.close_all()
+        self._machine, self._begun = self._new_machine()
+        self._machine.restore(kept)
+        self._starting, self._ended = True, False
+        self._soon()
+
+    def pause(self) -> None:
+        """Hold the tasks that a pause holds."""
+        self._after_tasks(self._machine.pause)
+
+    def resume(self) -> None:
+        """Go on after a pause; start main if a person has started the program."""
+        tasks = self._controller.condition.tasks
+        if tasks in ENDED:
+            if tasks is Tasks.STOPPED:  # by a reset, perhaps
+                self._after_tasks(self._machine.clear_errors)
+            return
+        if self._ended:
+            self._ended = False
+            self._starting = not self._running  # StartMain starts it by itself
+        self._motion.settle()
+        self._after_tasks(self._machine.resume)
+
+    def tasks(self) -> Iterator[TaskRow]:
+        """Yield its tasks, each with file and line."""
+        for task in self._machine.tasks():
+            state = f'{_STATES[task.state]} {_plain(task.file)}:{task.line}'
+            yield TaskRow(task.number, task.function, _TYPES[task.type], state)
+
+    # What its tasks do to the controller
+
+    def _task_failed(self, error: TaskError) -> None:
+        """Put the controller in error; by a background task, until it is booted."""
+        critical = FIRST_BACKGROUND <= error.task <= LAST_BACKGROUND
+        _log.error('%s', error)
+        self._later.append(lambda: self._controller.raise_error(error.number, critical))
+        self._soon()
+
+    def _asked_to_pause(self, on: bool) -> None:
+        self._later.append(lambda: self._apply(Event.PAUSE if on else Event.CONTINUE))
+
+    def _apply(self, event: Event) -> None:
+        try:
+            self._controller.apply(event)
+        except RejectedError as error:
+            _log.warning('the program asks for %s: %s', event.value, error)
+
+
+def _plain(name: str) -> str:
+    """Return a file name without what separates the parts of an answer."""
+    return ''.join('_' if each in ',;=' or not each.isprintable() else each for each in name)
+
+
+def _aborted(why: str) -> SpelError:
+    return SpelError(ErrorNumber.MOTION_ABORTED, f'the motion was aborted: {why}')

@@ -1,0 +1,86 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a user's arguments are held against, and the moves that are made of them."""
+
+import numpy as np
+import pytest
+from support.driver_harness import LIMITS, MODEL
+
+from epson_driver.api import moves
+from epson_driver.driver.goal.goal_checks import check_limits
+from epson_driver.motion import Trajectory
+from epson_driver.robots import load_robot_model
+
+HOME = np.zeros(6)
+
+
+@pytest.mark.invariant(1, 2)
+@pytest.mark.parametrize(
+    ('target', 'expected'),
+    [
+        ([0.0] * 5, r'target has shape \(1, 5\)'),
+        ([0.0] * 7, r'target has shape \(1, 7\)'),
+        ([0, 0, float('nan'), 0, 0, 0], 'joint_3: positions = nan rad is not finite'),
+        ([0, 0, 0, 0, 0, float('inf')], 'joint_6: positions = inf rad is not finite'),
+        ([0, 0, 0, 0, 9.0, 0], 'joint_5: position 9 rad is outside the limits'),
+        (['a'] * 6, 'target: must be rows of numbers'),
+        (None, 'target'),
+    ],
+)
+def test_a_target_that_cannot_be_is_refused_with_joint_value_and_limit(target, expected):
+    with pytest.raises(ValueError, match=expected):
+        moves.targets('target', [target], LIMITS)
+
+
+def test_degrees_are_recognised_where_they_can_be():
+    with pytest.raises(ValueError, match='these look like degrees'):
+        moves.targets('target', [[10.0, 20.0, -10.0, 0.0, 45.0, 0.0]], LIMITS)
+    with pytest.raises(ValueError, match='outside the limits') as caught:
+        moves.targets('target', [[1e4, 0, 0, 0, 0, 0]], LIMITS)
+    assert 'degrees' not in str(caught.value)
+
+
+@pytest.mark.parametrize('share', [0.0, -1.0, 1.5, float('nan'), '1'])
+@pytest.mark.parametrize('name', ['speed', 'acceleration'])
+def test_a_share_that_cannot_be_is_refused_by_its_name(name, share):
+    with pytest.raises(ValueError, match=rf'^{name} = '):
+        moves.check_shares(**{'speed': 1.0, 'acceleration': 1.0, name: share})
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s', 'c12_c1401s'])
+@pytest.mark.parametrize('sampled', [False, True])
+def test_random_moves_keep_the_limits_at_their_shares(model, sampled):
+    limits = load_robot_model(model).limits
+    random = np.random.default_rng(18)
+    for _ in range(30):
+        start, target = random.uniform(
+            limits.position_min, limits.position_max, (2, len(limits.names))
+        )
+        speed, acceleration = random.uniform(0.05, 1.0, 2)
+        move = moves.straight(start, target, limits, speed, acceleration, sampled=sampled)
+        whole = move
+        if not sampled:
+            whole = Trajectory(
+                limits.names, np.array([0.0, move.duration]), np.vstack([start, target])
+            )
+        check_limits(whole, moves.scaled_limits(limits, speed, acceleration))
+        assert np.allclose(move.positions[-1], target)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'expected'),
+    [
+        (([0.0, 1.0], [[0] * 6], None, None), r'times has shape \(2,\): must be \(1,\)'),
+        (([1.0], [[0] * 6], [[0] * 6] * 2, None), 'velocities has 2 points, positions has 1'),
+        (([1.0], [[0] * 6], None, ['a'] * 6), 'joint_names = '),
+        (([1.0, 1.0], [[0] * 6] * 2, None, None), 'times must strictly increase'),
+        (([0.0, 0.1], [[0] * 6, [1, 0, 0, 0, 0, 0]], None, None), 'velocity limit'),
+        (([1.0], [[0] * 6], [[1, 0, 0, 0, 0, 0]], None), 'the last velocity, 1 rad/s, must be 0'),
+        (('x', [[0] * 6], None, None), 'times: must be numbers'),
+        (([], [], None, None), 'positions has shape'),
+    ],
+)
+def test_a_trajectory_that_cannot_be_is_refused_with_its_field(arguments, expected):
+    with pytest.raises(ValueError, match=expected):
+        moves.planned(*arguments, MODEL.limits)

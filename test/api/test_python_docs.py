@@ -1,0 +1,64 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The examples of docs/python.md run as they are, where nothing of ROS can be imported."""
+
+import re
+from pathlib import Path
+
+import pytest
+from support.api_harness import output, program
+
+PAGE = (Path(__file__).parents[2] / 'docs' / 'python.md').read_text(encoding='utf-8')
+EXAMPLES = re.findall(r'(?ms)^```python\n(.*?)^```', PAGE)
+
+SAID = (
+    'the arm is enabled',
+    'the arm is not enabled (not enabled since the driver started): call enable()',
+    'canceled; the arm stands',
+    'out of reach',
+    'link disconnected',
+    '0.4',
+)
+"""What each example prints among other things."""
+
+
+def test_every_example_is_here() -> None:
+    assert len(EXAMPLES) == len(SAID)
+
+
+@pytest.mark.parametrize(
+    ('code', 'said'), list(zip(EXAMPLES, SAID, strict=True)), ids=range(len(SAID))
+)
+def test_the_example_runs_without_ros(code: str, said: str) -> None:
+    assert said in output(program(code))
+
+
+@pytest.mark.parametrize('module', ['rclpy', 'sensor_msgs.msg', 'control_msgs.action'])
+def test_ros_really_cannot_be_imported_there(module: str) -> None:
+    process = program(f'import {module}')
+    _, errors = process.communicate(timeout=300)
+    assert process.returncode == 1
+    assert 'no ROS here' in errors
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ('robots',),
+        ('robots', 'c3_a601s'),
+        ('sim_controller', '--help'),
+        ('pendant', '--help'),
+        ('smooth', '--help'),
+        ('replay', '--help'),
+        ('spel', '--help'),
+    ],
+    ids=' '.join,
+)
+def test_executables_that_need_no_ros_run_without_it(words: tuple[str, ...]) -> None:
+    code = f"""
+import sys
+from epson_driver.cli.__main__ import main
+sys.argv = ['epson_driver', *{words!r}]
+sys.exit(main())
+"""
+    assert output(program(code))

@@ -1,0 +1,381 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The synchronous API: real processes and sockets in real time, threads, Ctrl-C."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import sim_process
+from support.api_harness import FAR, output, program
+from support.api_patience import be_patient
+from support.controller_hands import do
+
+import epson_driver
+from epson_driver import MotionError, Robot, RobotError
+
+HOME = [0.0] * 6
+SLOW = 0.02
+PATIENCE = 120.0
+
+
+@pytest.fixture
+def ports():
+    """Yield the ports of a simulated controller in a process of its own."""
+    process, numbers = sim_process.started()
+    yield numbers
+    process.send_signal(signal.SIGINT)
+    process.wait(PATIENCE)
+    process.stdout.close()
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch):
+    """A machine that is busy does not make a controller slow."""
+    be_patient(monkeypatch.setattr)
+
+
+def robot_at(ports):
+    """Return a robot for these ports that is not connected yet."""
+    return Robot(**{f'{name}_port': ports[name] for name in ports})
+
+
+def until(condition):
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def begun(robot):
+    """Begin a long motion and see the arm move."""
+    motion = robot.move_joints(FAR, speed=SLOW, wait=False)
+    until(lambda: robot.joints[0] > 0.01)
+    return motion
+
+
+# --- what stops the arm -----------------------------------------------------------------------
+
+
+@pytest.mark.invariant(3, 4, 5)
+def test_an_estop_ends_the_motion_and_a_callback_may_use_the_robot(ports):
+    seen = []
+    with robot_at(ports) as robot:
+
+        def pressed(is_pressed):
+            seen.append((is_pressed, robot.status.e_stopped, threading.current_thread().name))
+
+        robot.on_estop(pressed)
+        robot.enable()
+        motion = begun(robot)
+        do(ports['remote'], 'estop', 'press')
+        with pytest.raises(MotionError, match='E-stop is pressed'):
+            motion.wait(PATIENCE)
+        until(lambda: seen)
+        assert seen[0] == (True, True, 'robot callbacks')
+        with pytest.raises(MotionError, match=r'the arm is not enabled .*call enable\(\)'):
+            robot.move_joints(HOME)
+        until(lambda: not robot.status.moving)
+        do(ports['remote'], 'estop', 'release')
+        robot.reset()
+        robot.enable()
+        robot.move_joints(HOME)
+
+
+@pytest.mark.invariant(3, 4, 5)
+def test_a_controller_that_is_gone_in_mid_move_ends_the_motion_and_the_robot_comes_back():
+    links = []
+    process, numbers = sim_process.started()
+    with robot_at(numbers) as robot:
+        robot.on_link(lambda name, _why: links.append(name))
+        robot.enable()
+        motion = begun(robot)
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        with pytest.raises(MotionError, match='link was lost'):
+            motion.wait(PATIENCE)
+        assert not robot.status.connected
+        assert 'no connection to the controller' in robot.status.text
+        with pytest.raises(RobotError, match='no joint state'):
+            _ = robot.joints
+        for command in (robot.enable, lambda: robot.move_joints(HOME)):
+            with pytest.raises(RobotError):
+                command()
+        words = [word for name in numbers for word in (f'--{name}-port', str(numbers[name]))]
+        again = subprocess.Popen(
+            [*sim_process.COMMAND, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        until(lambda: robot.status.connected and links[-1] == 'connected')
+        until(lambda: robot.status.e_stopped is not None)
+        with pytest.raises(MotionError, match='not enabled'):
+            robot.move_joints(HOME)
+    again.send_signal(signal.SIGINT)
+    again.wait(PATIENCE)
+
+
+@pytest.mark.invariant(3, 9)
+@pytest.mark.parametrize('error', [ZeroDivisionError, KeyboardInterrupt])
+def test_an_exception_in_the_block_stops_the_arm(ports, error):
+    try:
+        with robot_at(ports) as robot:
+            robot.enable()
+            motion = begun(robot)
+            raise error
+    except error:
+        pass
+    assert motion.text == 'stopped by stop(); the arm stands'
+    with robot_at(ports) as robot:
+        assert 0.0 < robot.joints[0] < 1.0
+        assert not robot.status.moving
+
+
+WAITS = """
+import sys
+from epson_driver import Robot
+
+motion, state, io, remote = map(int, sys.argv[1:5])
+robot = Robot(motion_port=motion, state_port=state, io_port=io, remote_port=remote)
+try:
+    with robot:
+        robot.enable()
+        long = robot.move_joints([1.5, 0.2, -0.2, 0.0, 0.5, 0.0], speed=0.02, wait=False)
+        while robot.joints[0] < 0.01:
+            pass
+        {how}
+except KeyboardInterrupt:
+    print(long.text)
+"""
+
+AWAITS = """
+import asyncio, sys
+from epson_driver.aio import Robot
+
+motion, state, io, remote = map(int, sys.argv[1:5])
+
+async def main():
+    global long
+    ports = dict(motion_port=motion, state_port=state, io_port=io, remote_port=remote)
+    async with Robot(**ports) as robot:
+        await robot.enable()
+        long = await robot.move_joints([1.5, 0.2, -0.2, 0.0, 0.5, 0.0], speed=0.02, wait=False)
+        while robot.joints[0] < 0.01:
+            await asyncio.sleep(0.01)
+        print('moving', flush=True)
+        await long.wait()
+
+try:
+    asyncio.run(main())
+except KeyboardInterrupt:
+    print(long.text)
+"""
+
+MOVES = """
+from epson_driver import Robot, MotionError
+import threading, time
+
+with Robot.simulated() as robot:
+    robot.enable()
+
+    def tell():
+        while robot.joints[0] < 0.01:
+            time.sleep(0.01)
+        print('moving', flush=True)
+
+    threading.Thread(target=tell).start()
+    try:
+        robot.move_joints([1.5, 0.2, -0.2, 0.0, 0.5, 0.0], speed=0.02)
+    except KeyboardInterrupt:
+        robot.move_joints(robot.joints)  # it stands, is connected, and enabled
+        print('goes on')
+"""
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize(
+    'code',
+    [
+        WAITS.format(how="print('moving'); long.wait()"),
+        WAITS.format(how="print('moving'); __import__('time').sleep(1000)"),
+        AWAITS,
+    ],
+    ids=['waiting', 'elsewhere', 'asyncio'],
+)
+def test_ctrl_c_stops_the_arm(ports, code):
+    process = program(code, *(ports[name] for name in sim_process.PORTS))
+    assert process.stdout.readline() == 'moving\n'
+    process.send_signal(signal.SIGINT)
+    assert output(process) == 'stopped by stop(); the arm stands\n'
+    with robot_at(ports) as robot:
+        assert 0.0 < robot.joints[0] < 1.0
+
+
+@pytest.mark.invariant(3)
+def test_ctrl_c_while_a_move_is_awaited_cancels_it_and_spares_the_simulated_controller():
+    process = program(MOVES, start_new_session=True)
+    assert process.stdout.readline() == 'moving\n'
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
+    assert output(process) == 'goes on\n'
+
+
+def children(pid):
+    """Return the processes that a process has started."""
+    found = set()
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            fields = stat.read_text().rpartition(')')[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid:
+            found.add(int(stat.parent.name))
+    return found
+
+
+@pytest.mark.skipif(sys.platform != 'linux', reason='reads /proc')
+@pytest.mark.invariant(9)
+def test_a_program_that_is_killed_leaves_no_simulated_controller_behind():
+    code = (
+        'import time\nfrom epson_driver import Robot\n'
+        'robot = Robot.simulated().connect()\nprint("connected")\ntime.sleep(1000)'
+    )
+    process = program(code)
+    assert process.stdout.readline() == 'connected\n'
+    (controller,) = children(process.pid)
+    process.kill()
+    process.communicate(timeout=PATIENCE)
+    until(lambda: not Path(f'/proc/{controller}').exists())
+
+
+# --- threads ----------------------------------------------------------------------------------
+
+
+def test_a_hundred_moves_leave_threads_and_tasks_flat_and_closing_leaves_none(ports):
+    before = threading.active_count()
+    with robot_at(ports) as robot:
+        robot.enable()
+        robot.move_joints([0.01, 0, 0, 0, 0, 0])
+        tasks = robot._call(lambda: len(asyncio.all_tasks()))
+        threads = threading.active_count()
+        for index in range(100):
+            robot.move_joints([0.01 * (index % 2), 0, 0, 0, 0, 0])
+        assert threading.active_count() == threads
+        assert robot._call(lambda: len(asyncio.all_tasks())) <= tasks
+    assert threading.active_count() == before
+
+
+def test_closing_from_a_callback_and_from_a_thread_that_waits(ports):
+    ended = []
+    robot = robot_at(ports).connect()
+    robot.enable()
+
+    def wait():
+        try:
+            robot.move_joints(FAR, speed=SLOW)
+        except RobotError as error:
+            ended.append(str(error))
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    until(lambda: robot.joints[0] > 0.01)
+    robot.on_estop(lambda _pressed: robot.close())
+    do(ports['remote'], 'estop', 'press')
+    waiting.join(PATIENCE)
+    (said,) = ended
+    assert 'E-stop' in said
+
+    def closed():
+        try:
+            _ = robot.status
+        except RobotError:
+            return True
+        return False
+
+    until(closed)
+
+
+@pytest.mark.invariant(9)
+def test_closing_from_a_callback_and_from_the_block_at_once(ports):
+    for _ in range(5):
+        with robot_at(ports) as robot:
+            told = threading.Event()
+
+            def close(_name, _why, robot=robot, told=told):
+                told.set()
+                robot.close()
+
+            robot.on_link(close)
+            robot._call(lambda robot=robot: robot._robot.on_link_state('connected', 'a test'))
+            told.wait(PATIENCE)
+        with pytest.raises(RobotError, match='no connection'):
+            robot.enable()
+
+
+def test_a_callback_that_raises_stops_the_arm(ports, caplog):
+    with robot_at(ports) as robot:
+        robot.enable()
+        motion = begun(robot)
+
+        def fail(_pressed):
+            raise ZeroDivisionError('mine')
+
+        robot._callbacks.wrap(fail)(True)
+        with pytest.raises(MotionError, match='a callback failed: ZeroDivisionError: mine'):
+            motion.wait(PATIENCE)
+        assert not robot.status.enabled
+    assert 'mine' in caplog.text
+
+
+def test_waiting_has_a_time_limit_that_leaves_the_motion_alone(ports):
+    with robot_at(ports) as robot:
+        robot.enable()
+        motion = begun(robot)
+        with pytest.raises(TimeoutError):
+            motion.wait(0.05)
+        assert not motion.done
+        assert motion.cancel() == 'canceled; the arm stands'
+
+
+def test_waypoints_are_passed_within_the_share_of_the_speed(ports):
+    with robot_at(ports) as robot:
+        robot.enable()
+        motion = robot.move_waypoints([[0.3, 0.1, 0, 0, 0, 0], [0.0, 0, 0, 0, 0.3, 0]], speed=0.5)
+        assert motion.progress == 1.0
+        assert np.abs(robot.joints - [0, 0, 0, 0, 0.3, 0]).max() < 0.01
+
+
+# --- without a connection ---------------------------------------------------------------------
+
+
+def test_without_a_connection_each_request_says_so():
+    robot = Robot()
+    for request in (
+        robot.enable,
+        lambda: robot.joints,
+        lambda: robot.status,
+        lambda: robot.move_joints(HOME),
+        lambda: robot.io.read('DI', 0),
+    ):
+        with pytest.raises(RobotError, match=r'no connection: call connect\(\)'):
+            request()
+    robot.close()
+
+
+def test_what_cannot_be_simulated_is_said():
+    with pytest.raises(ValueError, match='motion = '):
+        Robot.simulated(motion='fast')
+    with pytest.raises(ValueError, match='start: point 0, joint_1: position 9 rad'):
+        Robot.simulated(start=[9.0, 0, 0, 0, 0, 0])
+    with pytest.raises(FileNotFoundError, match='c3_a601s'):
+        Robot.simulated(model='c99')
+
+
+def test_other_names_are_not_in_the_package():
+    with pytest.raises(AttributeError, match='Robots'):
+        _ = epson_driver.Robots

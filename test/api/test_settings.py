@@ -1,0 +1,128 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One engine, two doors: what the driver is made with is the same from Python and from ROS."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from support.api_harness import program
+
+from epson_driver import Robot, Settings
+from epson_driver.api.errors import in_python
+from epson_driver.api.settings import Ports, make_setup
+from epson_driver.node import parameters
+from epson_driver.node.driver_configuration import driver_configuration, goal_settings
+from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import load_robot_model
+
+PROFILES = ['rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman']
+
+
+def flat(value):
+    """Return a configuration's fields as what can be compared."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if dataclasses.is_dataclass(value):
+        return {
+            field.name: flat(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
+    return value
+
+
+@pytest.mark.parametrize('name', PROFILES)
+@pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
+def test_the_configuration_is_that_of_the_node_s_default_parameters(name, model):
+    profile = load_controller_profile(name)
+    values = {row.name: row.default for row in parameters.TABLE}
+    values |= parameters.profile_defaults(profile)
+    names = load_robot_model(model).joint_names
+    values |= {'controller': name, 'robot_model': model, 'joint_names': list(names)}
+    setup = make_setup('127.0.0.1', name, model, Ports(), Settings())
+    assert flat(setup.configuration) == flat(driver_configuration(values, profile))
+    assert setup.goals == goal_settings(values, profile)
+    assert setup.start_tolerance == values['start_tolerance']
+    assert setup.goal_time == values['constraints.goal_time']
+    units = setup.model.limits.units
+    assert list(setup.goal_tolerance) == [parameters.GOAL_TOLERANCE[unit] for unit in units]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'expected'),
+    [
+        ({'motion_port': 0}, 'motion_port = 0: must be a whole number from 1'),
+        ({'io_port': 70000}, 'io_port = 70000'),
+        ({'state_port': '11002'}, "state_port = '11002'"),
+        ({'host': 'no host'}, 'host = '),
+        ({'settings': Settings(joint_names=('a', 'b'))}, 'joint_names has 2 names'),
+        ({'settings': Settings(joint_signs=(1, 2))}, 'joint_signs'),
+        ({'controller': 'motoman', 'settings': Settings(interface='download')}, 'interface'),
+    ],
+)
+def test_an_argument_that_cannot_be_is_refused_by_its_name(arguments, expected):
+    with pytest.raises(ValueError, match=expected):
+        Robot(**arguments)
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [{'reply_timeout': 0}, {'goal_tolerance': float('nan')}, {'byte_order': 'middle'}],
+)
+def test_a_setting_that_cannot_be_is_refused_by_its_name(wrong):
+    (name,) = wrong
+    with pytest.raises(ValueError, match=f'{name} = '):
+        Settings(**wrong)
+
+
+def test_an_unknown_controller_lists_those_there_are():
+    with pytest.raises((OSError, ValueError), match='rc620'):
+        Robot(controller='rc999')
+
+
+@pytest.mark.parametrize(
+    ('sentence', 'expected'),
+    [
+        ('call ~/reset_error, then ~/enable', 'call reset(), then enable()'),
+        ('stopped by ~/stop; the arm stands', 'stopped by stop(); the arm stands'),
+        ('check robot_ip and the ports', 'check host and the ports'),
+        ('robot_ip_2 and ~/enabled', 'robot_ip_2 and ~/enabled'),
+    ],
+)
+def test_sentences_have_the_names_of_python(sentence, expected):
+    assert in_python(sentence) == expected
+
+
+def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
+    file = tmp_path / 'user.py'
+    file.write_text(
+        'import asyncio\n'
+        'from epson_driver import MotionError, Robot, Settings\n'
+        'from epson_driver.aio import Robot as AsyncRobot\n'
+        'def go(robot: Robot) -> float:\n'
+        '    motion = robot.move_joints([0.0] * 6, wait=False)\n'
+        '    text: str = motion.wait(5.0)\n'
+        '    remove = robot.on_estop(lambda pressed: print(pressed, text))\n'
+        '    remove()\n'
+        '    return float(robot.joints[0])\n'
+        'async def main() -> None:\n'
+        '    async with AsyncRobot.simulated(settings=Settings()) as robot:\n'
+        '        await robot.enable()\n'
+        '        value: int = await robot.io.read("DI", 3)\n'
+        'with Robot.simulated() as robot:\n'
+        '    reveal_type(robot)\n'
+        '    robot.move_joint([0.0])\n'
+    )
+    process = program(
+        'import sys; from mypy import api; print(api.run(sys.argv[1:])[0])',
+        '--strict',
+        '--cache-dir',
+        tmp_path / 'cache',
+        '--follow-imports=silent',
+        '--ignore-missing-imports',
+        file,
+    )
+    lines = process.communicate(timeout=600)[0].splitlines()
+    messages = [line.partition(': ')[2] for line in lines if 'user.py' in line]
+    assert 'note: Revealed type is "epson_driver.robot.Robot"' in messages[0]
+    assert 'error: "Robot" has no attribute "move_joint"' in messages[1]
+    assert len([line for line in messages if line.startswith('error')]) == 1

@@ -1,0 +1,201 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A controller that may go on with old points when a client connects gets STOP before all else."""
+
+import asyncio
+import struct
+
+import pytest
+from support.driver_harness import Harness, ScriptedController, frame
+from support.event_loop import run, until
+
+from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.delivery.delivery import DeliveryRules
+from epson_driver.driver.stopping import stopper
+from epson_driver.simple_message import ByteOrder
+from epson_driver.simple_message.motoman import Command, Result
+
+MOTOMAN = DeliveryRules(point_message='joint_traj_pt_full', motoman=True)
+POINTS = DeliveryRules()
+MOTION_CTRL, MOTION_REPLY = 2001, 2002
+
+
+class Motoman(ScriptedController):
+    """Answers MOTION_CTRL as MotoROS does. `connections`: what came on each, as commands.
+
+    `result` is the answer to STOP_MOTION.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.connections = []
+        self.result = Result.SUCCESS
+
+    async def _motion(self, reader, writer):
+        self.motion = writer
+        commands = []
+        self.connections.append(commands)
+        while True:
+            (length,) = struct.unpack('<i', await reader.readexactly(4))
+            body = await reader.readexactly(length)
+            msg_type = struct.unpack_from('<i', body)[0]
+            assert msg_type == MOTION_CTRL, msg_type
+            group, sequence, command = struct.unpack_from('<3i', body, 12)
+            commands.append(command)
+            stop = command == Command.STOP_MOTION
+            result = self.result if stop else Result.SUCCESS
+            if command == Command.START_SERVOS:
+                self.status = self.STATUS
+            values = (group, sequence, command, result, 0)
+            writer.write(frame(MOTION_REPLY, 3, 1, struct.pack('<5i40x', *values)))
+
+
+@pytest.mark.invariant(4)
+def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
+    """MotoROS keeps its queue over a lost client, and goes on as soon as one connects."""
+
+    async def check():
+        async with (
+            Motoman() as controller,
+            Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
+        ):
+            for count in (1, 2, 3):
+                await until(
+                    lambda count=count: (
+                        len(controller.connections) == count and (controller.connections[-1])
+                    )
+                )
+                await harness.ready()
+                assert controller.connections[-1][0] == Command.STOP_MOTION
+                await harness.commands.enable()
+                controller.motion.close()
+                await until(lambda: harness.gate is not None)
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize('status', [False, True], ids=['no state', 'STATUS alone'])
+def test_inv4_stop_motion_waits_for_the_byte_order_and_nothing_is_sent_before_it(status):
+    async def check():
+        async with Motoman() as controller:
+            controller.shows_joints, controller.shows_status = False, status
+            async with Harness(
+                controller.ports,
+                delivery=MOTOMAN,
+                motors='motoman',
+                usual_byte_order=ByteOrder.BIG,
+            ) as harness:
+                await until(lambda: controller.connections)
+                await until(
+                    lambda: harness.driver.state_link.statistics.frames_received or not status
+                )
+                for command in (harness.commands.reset_error, harness.commands.enable):
+                    with pytest.raises(CommandError, match=r'sends no|silent for'):
+                        await command()
+                assert harness.driver.motion_link.statistics.frames_sent == 0
+                assert controller.connections == [[]]
+                controller.shows_joints = controller.shows_status = True
+                await until(lambda: controller.connections[0])
+                assert controller.connections[0][0] == Command.STOP_MOTION
+
+    run(check())
+
+
+class Liar(Motoman):
+    """Writes its state in the wrong byte order while it `lies`; reads and answers in the right."""
+
+    lies = True
+
+    async def _state(self, _reader, writer):
+        self.state = writer
+        order = '>' if self.lies else '<'
+        joints = struct.pack(f'{order}4i', 56, 10, 1, 0) + bytes(44)
+        status = struct.pack(f'{order}11i', 40, 13, 1, 0, *self.STATUS)
+        while not writer.is_closing():
+            writer.write(joints + status)
+            await writer.drain()
+            await asyncio.sleep(0.005)
+
+
+@pytest.mark.invariant(4)
+def test_inv4_a_stop_in_a_byte_order_that_proves_wrong_goes_out_again_first_on_a_new_connection(
+    monkeypatch,
+):
+    """A Motoman that has not understood STOP_MOTION still has its queue."""
+    for name in ('ANSWER_TIMEOUT_S', 'UNCONFIRMED_REST_TIME_S'):  # that STOP stays unanswered
+        monkeypatch.setattr(stopper, name, 1e9)  # is not what ends the connection
+
+    async def check():
+        async with (
+            Liar() as controller,
+            Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
+        ):
+            link = harness.driver.motion_link
+            await until(lambda: link.statistics.frames_sent)
+            assert controller.connections == [[]]  # it waits for the rest of a very long message
+            controller.lies = False
+            controller.state.close()
+            await until(lambda: len(controller.connections) == 2 and controller.connections[1])
+            assert controller.connections[1][0] == Command.STOP_MOTION
+            await until(lambda: link.connected)
+            await harness.ready()
+            await harness.commands.enable()
+            assert len(controller.connections) == 2
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_the_servos_stay_off_until_stop_motion_was_taken():
+    """With the servos, a queue that STOP_MOTION has not emptied would be executed."""
+
+    async def check():
+        async with Motoman() as controller:
+            controller.status = (0, *Motoman.STATUS[1:])  # drives_powered
+            controller.result = Result.MP_FAILURE
+            async with Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness:
+                await harness.ready()
+                with pytest.raises(CommandError, match=r'refused STOP.*MP_FAILURE'):
+                    await harness.commands.enable()
+                assert set(controller.connections[0]) == {Command.STOP_MOTION}
+                controller.result = Result.SUCCESS
+                await harness.commands.enable()
+                assert controller.connections[0][-1] == Command.START_SERVOS
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_points_of_before_the_lost_link_are_stopped_when_it_is_back():
+    """FANUC's and ABB's programs finish the points that they have: STOP cuts that short."""
+
+    async def check():
+        async with (
+            ScriptedController(lambda _: b'') as controller,
+            Harness(controller.ports, delivery=POINTS) as harness,
+        ):
+            await harness.ready()
+            await harness.commands.enable()
+            goal = harness.submit(harness.at + 0.1)
+            await until(lambda: controller.received == [0])
+            controller.motion.close()
+            await goal.end()
+            await until(lambda: len(controller.received) > 1)
+            assert controller.received[1] == -4
+            assert harness.gate is not None
+
+    run(check())
+
+
+def test_a_controller_that_has_nothing_of_ours_gets_nothing_on_connection():
+    async def check():
+        async with (
+            ScriptedController() as controller,
+            Harness(controller.ports, delivery=POINTS) as harness,
+        ):
+            await harness.ready()
+            await harness.commands.enable()
+            assert controller.received == []
+
+    run(check())

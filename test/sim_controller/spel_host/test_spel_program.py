@@ -1,0 +1,438 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""SPEL+ programs run the simulated controller: tasks, motion, E-stop, pause, bits, Print."""
+
+import logging
+
+import numpy as np
+import pytest
+from support.program_bench import ProgramBench
+
+from epson_driver.sim_controller.condition.states import RejectedError, Tasks
+from epson_driver.spel import ProgramError
+
+AWAY = np.radians([30.0, -10.0, 10.0, 0.0, 20.0, 0.0])
+MOVE = """
+Function main
+  Motor On
+  Power High
+  Speed 30
+  Accel 60, 60
+  Print "goes"
+  Go AglToPls(30, -10, 10, 0, 20, 0)
+  Print "there"
+  Wait 0.1
+Fend
+"""
+
+
+@pytest.fixture(autouse=True)
+def _all_is_logged(caplog):
+    caplog.set_level(logging.INFO)
+
+
+def test_go_brings_the_arm_there_and_the_program_goes_on_then(caplog):
+    bench = ProgramBench(MOVE, caplog)
+    bench.until(lambda: 'there' in bench.printed)
+    assert np.allclose(bench.position, AWAY, atol=1e-9)
+    assert not bench.controller.arm.executor.moving
+    bench.step(0.2)
+    assert bench.controller.condition.tasks is Tasks.STOPPED  # main is over
+    assert bench.tasks == []
+    velocity, acceleration = bench.within_limits()
+    assert velocity <= 1.001
+    assert acceleration <= 1.01
+
+
+@pytest.mark.invariant(1)
+def test_motors_off_refuses_a_motion_with_4031_and_the_error_names_file_and_line(caplog):
+    bench = ProgramBench(
+        '\nFunction main\n  Wait 0.1\n  Go AglToPls(1, 0, 0, 0, 0, 0)\nFend\n', caplog
+    )
+    bench.step(0.5)
+    assert bench.controller.error_number == 4031
+    assert any('main.prg:4: error 4031' in message for message in caplog.messages)
+    assert not np.any(np.diff(bench.positions, axis=0))
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize('seconds', [0.15, 0.25, 0.35])
+def test_an_estop_in_mid_motion_ends_the_task_and_nothing_moves_until_started(caplog, seconds):
+    """Invariant: after an E-stop nothing moves until a person has enabled it, step by step."""
+    source = MOVE.replace('Motor On', 'Wait Motor = On')
+    bench = ProgramBench(source, caplog)
+    bench.step(0.1)
+    assert bench.tasks == ['main waits main.prg:3']
+    bench.do('motors on')
+    bench.until(lambda: 'goes' in bench.printed)
+    bench.step(seconds)
+    assert np.any(bench.velocity)
+    bench.do('E-stop press')
+    bench.step(2.0)
+    velocity, acceleration = bench.within_limits()
+    assert velocity <= 1.001
+    assert acceleration <= 1.01
+    rested = bench.position
+    assert bench.tasks == []
+    assert 'there' not in bench.printed
+    for events in (['E-stop release'], ['reset'], ['motors on']):
+        bench.do(*events)
+        bench.step(1.0)
+        assert np.array_equal(bench.position, rested)
+        assert bench.tasks == []
+    bench.do('start')
+    bench.until(lambda: 'there' in bench.printed)
+    assert np.allclose(bench.position, AWAY, atol=1e-9)
+    assert caplog.text.count('goes') == 2
+
+
+@pytest.mark.invariant(4)
+def test_a_program_that_was_started_does_not_move_with_the_motors_off(caplog):
+    bench = ProgramBench(MOVE.replace('Motor On', 'Wait Motor = On'), caplog)
+    bench.do('E-stop press', 'E-stop release', 'reset', 'start')
+    bench.step(1.0)
+    assert bench.tasks == ['main waits main.prg:3']
+    assert not np.any(np.diff(bench.positions, axis=0))
+
+
+@pytest.mark.invariant(4)
+def test_no_program_switches_the_motors_on_during_an_estop_nor_resets_it(caplog):
+    source = """
+    Function BgMain
+      OnErr GoTo failed
+    again:
+      Wait 0.1
+      Reset Error
+      StartMain main
+      GoTo again
+    failed:
+      Print "refused", Err
+      EResume again
+    Fend
+    Function main
+      OnErr GoTo failed
+      Motor On
+      Print "on"
+      Exit Function
+    failed:
+      Print "failed", Err
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.do('E-stop press')
+    bench.step(1.0)
+    assert not bench.controller.condition.powered
+    bench.do('E-stop release')
+    bench.step(1.0)
+    assert not bench.controller.condition.powered
+    assert bench.controller.condition.estopped
+    assert set(bench.printed) == {'refused 2261'}
+    assert [each.split()[0] for each in bench.tasks] == ['BgMain']
+
+
+def test_pause_and_door_hold_task_and_arm_and_the_motion_goes_on(caplog):
+    bench = ProgramBench(MOVE, caplog)
+    bench.until(lambda: 'goes' in bench.printed)
+    bench.step(0.2)
+    bench.do('pause')
+    bench.step(1.0)
+    held = bench.position
+    assert not np.allclose(held, AWAY, atol=1e-3)
+    assert bench.tasks == ['main paused main.prg:8']
+    bench.step(1.0)
+    assert np.array_equal(bench.position, held)
+    bench.do('continue')
+    bench.until(lambda: 'there' in bench.printed)
+    assert np.allclose(bench.position, AWAY, atol=1e-9)
+    assert bench.within_limits()[0] <= 1.001
+
+
+def test_motions_with_cp_blend_and_those_without_stop(caplog):
+    source = """
+    Function main
+      Motor On
+      Power High
+      Speed 50
+      Accel 50, 50
+      Go AglToPls(20, 0, 0, 0, 0, 0) {cp}
+      Wait 0.02
+      Go AglToPls(40, 0, 0, 0, 0, 0)
+      Print "there"
+    Fend
+    """
+    slowest = {}
+    for cp in ('CP', ''):
+        caplog.clear()
+        bench = ProgramBench(source.format(cp=cp), caplog)
+        bench.until(lambda bench=bench: 'there' in bench.printed)
+        assert np.allclose(bench.position, np.radians([40, 0, 0, 0, 0, 0]), atol=1e-9)
+        speeds = np.diff(np.array(bench.positions)[:, 0])
+        middle = (np.array(bench.positions)[:-1, 0] > 0.2) & (
+            np.array(bench.positions)[:-1, 0] < 0.6
+        )
+        slowest[cp] = float(speeds[middle].min())
+        assert bench.within_limits()[1] <= 1.01
+    assert slowest[''] < 1e-6
+    assert slowest['CP'] > 1e-4
+
+
+def test_till_stops_the_arm_without_an_error(caplog):
+    source = """
+    Function main
+      Motor On
+      Power High
+      Speed 20
+      Till MemSw(7) = On
+      Xqt 2, stopper, NoEmgAbort
+      Go AglToPls(60, 0, 0, 0, 0, 0) Till
+      Print "till", TillOn
+      Wait 0.1
+      Go AglToPls(0, 0, 0, 0, 0, 0)
+      Print "till", TillOn
+    Fend
+    Function stopper
+      Wait 0.4
+      MemOn 7
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.until(lambda: bench.printed[-1:] == ['till -1'])
+    assert 0.0 < bench.position[0] < np.radians(59.0)
+    assert not np.any(bench.velocity)
+    bench.until(lambda: bench.printed[-1:] == ['till 0'])
+    assert bench.position[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_abort_motion_ends_the_go_with_2999(caplog):
+    source = """
+    Function main
+      OnErr GoTo failed
+      Motor On
+      Xqt 2, stopper, NoEmgAbort
+      Go AglToPls(60, 0, 0, 0, 0, 0)
+      Print "there"
+      Exit Function
+    failed:
+      Print "error", Err
+      EResume ready
+    ready:
+      Go AglToPls(0, 0, 0, 0, 0, 0)
+      Print "back"
+    Fend
+    Function stopper
+      OnErr GoTo failed
+      Wait 0.4
+      AbortMotion All
+      Wait 10
+      AbortMotion All
+    failed:
+      Print "stopper", Err
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.until(lambda: len(bench.printed) == 3)
+    assert bench.printed == ['error 2999', 'back', 'stopper 2998']
+    assert bench.within_limits()[1] <= 1.01
+
+
+def test_out_of_range_is_4001_before_the_arm_moves(caplog):
+    source = """
+    Function main
+      Motor On
+      OnErr GoTo failed
+      Go AglToPls(500, 0, 0, 0, 0, 0)
+    failed:
+      Print "error", Err
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.step(0.5)
+    assert bench.printed == ['error 4001']
+    assert not np.any(np.diff(bench.positions, axis=0))
+
+
+@pytest.mark.parametrize('line', ['Move P1', 'Jump P1', 'SFree 1', 'Go P1 Sense'])
+def test_what_is_not_simulated_is_refused_before_the_start(line):
+    source = f'Function main\n  If Motor = On Then\n    {line}\n  EndIf\nFend\n'
+    with pytest.raises(ProgramError, match=rf'main.prg:3:\d+: .*{line.split()[0]} is not sim'):
+        ProgramBench(source)
+
+
+def test_motors_that_go_off_end_the_motion_with_2999(caplog):
+    bench = ProgramBench(MOVE, caplog)
+    bench.until(lambda: 'goes' in bench.printed)
+    bench.step(0.3)
+    assert np.any(bench.velocity)
+    bench.do('motors off')
+    bench.step(1.0)
+    assert not bench.controller.condition.powered
+    assert bench.controller.error_number == 2999
+    assert bench.within_limits()[1] <= 1.01
+
+
+@pytest.mark.invariant(3)
+def test_a_task_that_is_quit_in_its_motion_leaves_the_arm_at_rest(caplog):
+    source = """
+    Function BgMain
+      Wait 0.4
+      Quit main
+      Print "quit"
+    Fend
+    Function main
+      Motor On
+      Go AglToPls(90, 0, 0, 0, 0, 0)
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.until(lambda: 'quit' in bench.printed)
+    bench.step(1.0)
+    assert 0.0 < bench.position[0] < np.radians(60.0)
+    assert not np.any(bench.velocity)
+    assert bench.within_limits()[1] <= 1.01
+
+
+def test_the_door_interrupts_and_the_motion_goes_on_after_continue(caplog):
+    bench = ProgramBench(MOVE, caplog)
+    bench.until(lambda: 'goes' in bench.printed)
+    bench.step(0.3)
+    bench.do('door open')
+    bench.step(1.0)
+    assert not bench.controller.condition.powered
+    assert bench.tasks == ['main paused main.prg:8']
+    bench.do('door close')
+    held = bench.position
+    bench.step(1.0)
+    assert np.array_equal(bench.position, held)
+    bench.do('continue')
+    bench.until(lambda: 'there' in bench.printed)
+    assert np.allclose(bench.position, AWAY, atol=1e-9)
+
+
+@pytest.mark.invariant(4)
+def test_continue_does_not_start_a_program_that_ended_in_the_pause(caplog):
+    source = """
+    Function BgMain
+      Wait PauseOn = True
+      Quit main
+    Fend
+    Function main
+      Print "begins"
+      Wait 1000
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.step(0.1)
+    bench.do('pause')
+    bench.step(0.1)
+    bench.do('continue')
+    bench.step(0.5)
+    assert bench.printed == ['begins']
+    assert bench.controller.condition.tasks is Tasks.STOPPED
+
+
+def test_power_that_a_person_holds_low_is_not_raised_by_the_program(caplog):
+    """Invariant: the power that a person chose is not changed by a program."""
+    bench = ProgramBench(MOVE, caplog)
+    bench.do('power low')
+    bench.until(lambda: 'there' in bench.printed)
+    assert bench.within_limits()[0] <= 0.051
+
+
+def test_functions_of_the_robot(caplog):
+    source = """
+    Function main
+      Motor On
+      Go AglToPls(10, 0, 0, 0, 0, 0)
+      Wait 0.2
+      Print Agl(1), RealPls(1) - Pls(1), PPls(AglToPls(10, 0, 0, 0, 0, 0), 1) - Pls(1)
+      Print Motor, EStopOn, CtrlInfo(7), InPos, Speed, Accel(1), RobotType
+      Print JRange(1, 1) < JRange(1, 2), TargetOK(AglToPls(500, 0, 0, 0, 0, 0))
+      P1 = Here
+      Go P1 :Z(CZ(P1) - 20)
+      Print Int(CZ(P1) - CZ(Here) + 0.5), TargetOK(XY(9000, 0, 0, 0, 0, 0))
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.until(lambda: len(bench.printed) == 4)
+    assert bench.printed == ['10 0 0', '1 0 1 -1 5 5 5', '-1 0', '20 0']
+
+
+def test_inputs_outputs_and_memory_are_the_controllers_own(caplog):
+    source = """
+    Function main
+      Wait Sw(3) = On
+      On 5
+      MemOn 7
+      Out 1, &H81
+      Print "seen", Sw(3), Oport(5), MemSw(7), OutW(0)
+      On 400
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    io = bench.controller.io
+    bench.step(0.2)
+    io.set_input(1, 3, 1)
+    bench.step(0.2)
+    assert bench.printed == ['seen 1 1 1 33056']
+    assert [io.read(2, bit) for bit in (5, 8, 15)] == [1, 1, 1]
+    assert bench.controller.error_number == 9993  # there is no output 400
+
+
+def test_an_error_without_handler_ends_the_tasks_and_takes_the_power(caplog):
+    source = """
+    Function main
+      Motor On
+      Xqt 2, other
+      Go AglToPls(60, 0, 0, 0, 0, 0)
+    Fend
+    Function other
+      Wait 0.5
+      Error 8123
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.step(1.5)
+    assert bench.controller.error_number == 8123
+    assert not bench.controller.condition.powered
+    assert bench.tasks == ['other aborted main.prg:9']
+    assert not np.any(bench.velocity)
+    bench.do('reset')
+    bench.step(0.1)
+    assert bench.tasks == []
+    assert bench.controller.error_number == 0
+
+
+def test_boot_begins_anew_and_preserved_variables_stay(caplog):
+    source = """
+    Global Preserve Integer boots
+    Global Integer other
+    Function main
+      boots = boots + 1
+      other = other + 1
+      Print "boot", boots, other
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.step(0.1)
+    bench.do('boot')
+    bench.step(0.1)
+    bench.do('start')
+    bench.step(0.1)
+    assert bench.printed == ['boot 1 1', 'boot 2 1', 'boot 3 1']
+
+
+def test_nobody_starts_what_is_aborted(caplog):
+    bench = ProgramBench(MOVE, caplog)
+    bench.step(0.1)
+    bench.do('E-stop press', 'E-stop release')
+    with pytest.raises(RejectedError):
+        bench.do('start')
+
+
+def test_two_runs_are_the_same(caplog):
+    runs = []
+    for _ in range(2):
+        bench = ProgramBench(MOVE, caplog)
+        bench.step(1.0)
+        runs.append(np.array(bench.positions))
+    assert np.array_equal(*runs)
