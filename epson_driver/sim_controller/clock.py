@@ -66,9 +66,7 @@ class Clock:
         """Have `action` called `delay` ≥ 0 s from now."""
         return self._set(Timer(self.now + delay, action))
 
-    def every(
-        self, period: float, action: Action, first: float = 0.0, catch_up: int = 0
-    ) -> Timer:
+    def every(self, period: float, action: Action, first: float = 0.0, catch_up: int = 0) -> Timer:
         """Have `action` called every `period` > 0 s, for the first time `first` s from now.
 
         Of what a step is too long for, the newest call is made, and up to `catch_up` ≥ 0 before
@@ -100,7 +98,7 @@ class Clock:
         passes(elapsed)
 
     def _skip(self, timer: Timer, period: float, until: float) -> bool:
-        """Leave out what the next timer, a periodic one, is too late for. Was there any?"""
+        """Leave out what the next timer, a periodic one, is too late for; True if it did."""
         too_many = int((until - timer.due) / period) - timer.catch_up
         if too_many <= 0:
             return False

@@ -22,30 +22,31 @@ from epson_driver.simple_message import Status
 
 PERIOD = 0.005
 JOINT_POSITION = 10
+BEGIN = 100.0
 AWAY = (1.6, 0.4, 0.6, -0.8, 0.5, 1.2)
 
 
-def on_time(_chance):
+def on_time(_now, _chance):
     return 0.0
 
 
-def late_by_1_ms(chance):
+def late_by_1_ms(_now, chance):
     return chance.uniform(0.0, 0.001)
 
 
-def late_by_30_ms(chance):
+def late_by_30_ms(_now, chance):
     return chance.uniform(0.0, 0.03) if chance.random() < 0.2 else chance.uniform(0.0, 0.002)
 
 
-def late_by_900_ms(chance):
-    return 0.9 if chance.random() < 0.005 else 0.0
+def late_by_900_ms_once(now, _chance):
+    return 0.9 if 0.5 < now - BEGIN < 0.51 else 0.0
 
 
-LATE = [on_time, late_by_1_ms, late_by_30_ms, late_by_900_ms]
+LATE = [on_time, late_by_1_ms, late_by_30_ms, late_by_900_ms_once]
 
 
 class Paced:
-    """A controller that a pacer steps, which is woken `late(chance)` s after it should be.
+    """A controller that a pacer steps, which is woken `late(now, chance)` s after it should be.
 
     Time is a number here: nothing waits.
     """
@@ -53,7 +54,7 @@ class Paced:
     def __init__(self, late, *, smooth=False, fault=None):
         self.harness = Harness(planner=InlinePlanner() if smooth else None)
         self.controller = self.harness.controller
-        self.now = 100.0
+        self.now = BEGIN
         self._late, self._chance = late, random.Random(5)
         self._pacer = Pacer(self.controller, lambda: self.now)
         if fault is not None:
@@ -67,7 +68,9 @@ class Paced:
         while self.now < end:
             clock = self.controller.clock
             due = min(clock.next_due - clock.now, self.controller.profile.cycle_period)
-            self.now += max(due, 0.0) + 1e-9 + self._late(self._chance)  # never too early
+            self.now += (
+                max(due, 0.0) + 1e-9 + self._late(self.now, self._chance)
+            )  # never too early
             with self._pacer.present():
                 pass
             if self.harness.planner is not None:
@@ -106,7 +109,7 @@ def test_each_message_has_the_joints_of_its_slots_time(late):
 
 def test_a_process_that_stood_still_for_long_makes_up_for_the_newest_slots_only():
     stood = iter([0.0, 60.0])
-    paced = Paced(lambda _chance: next(stood))
+    paced = Paced(lambda *_: next(stood))
     wakes = paced.wakes(30.0)
     next(wakes)
     frames, _ = next(wakes)
@@ -124,7 +127,9 @@ def test_inv8_velocities_of_a_simulation_that_is_late_are_those_of_its_motion(la
     paced.harness.send(point(0, (0.0,) * 6, 0.0, 0.1))
     sent = 1
     for frames, now in paced.wakes(12.0):
-        while sent < 60 and paced.harness.controller.program.ready and sent * 0.2 < now - 99.5:
+        while (
+            sent < 60 and paced.harness.controller.program.ready and sent * 0.2 < now - BEGIN + 0.5
+        ):
             at = 1.5 * np.sin(2.0 * sent * 0.2)
             paced.harness.send(point(sent, (at, *(0.3 * at,) * 5), 0.0, 0.2))
             sent += 1
