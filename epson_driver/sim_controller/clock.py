@@ -11,16 +11,6 @@ Action = Callable[[], None]
 MIN_TIMERS_TO_SWEEP = 64
 """With fewer timers than this, those that were cancelled are not looked for."""
 
-MAX_CATCH_UP_PERIODS = 3
-"""Periods that are made up for after a delay; what was missed before them is left out."""
-
-
-MAX_DELAY_S = 0.002
-"""A periodic timer may act so much later than it is due, s: at the end of the step.
-
-What it sends then, the state of the arm, is as new as it can be.
-"""
-
 
 class Timer:
     """Something that will happen, once or every `period` s, until it is cancelled.
@@ -28,12 +18,15 @@ class Timer:
     Made by `Clock.after` and `Clock.every`.
     """
 
-    __slots__ = ('action', 'due', 'period')
+    __slots__ = ('action', 'catch_up', 'due', 'period')
 
-    def __init__(self, due: float, action: Action, period: float | None = None) -> None:
+    def __init__(
+        self, due: float, action: Action, period: float | None = None, catch_up: int = 0
+    ) -> None:
         self.due = due
         self.action: Action | None = action
         self.period = period
+        self.catch_up = catch_up
 
     def cancel(self) -> None:
         """Let it not happen. Twice, or afterwards, is no error."""
@@ -73,27 +66,30 @@ class Clock:
         """Have `action` called `delay` ≥ 0 s from now."""
         return self._set(Timer(self.now + delay, action))
 
-    def every(self, period: float, action: Action, first: float = 0.0) -> Timer:
+    def every(self, period: float, action: Action, first: float = 0.0, catch_up: int = 0) -> Timer:
         """Have `action` called every `period` > 0 s, for the first time `first` s from now.
 
-        After a long step it is called a few times only, not once for every period in it.
+        Of what a step is too long for, the newest call is made, and up to `catch_up` ≥ 0 before
+        it; older ones are left out.
         """
-        return self._set(Timer(self.now + first, action, period))
+        return self._set(Timer(self.now + first, action, period, catch_up))
 
     def advance(self, until: float, passes: Callable[[float], None] = _nothing) -> None:
         """Let the time be `until`, and let the timers that are due by then act.
 
         The time goes from one timer to the next: before each of them acts, and once at the end,
         `passes` is called with the time since the last call, s. The core lets that time pass for
-        the arm, so an action finds the arm where it is at `now`, the moment it is due (or at most
-        `MAX_DELAY_S` later). An action may set further timers; they act in the same call if they
+        the arm, so an action finds the arm where it is at `now`, the moment it is due, however
+        late this is called. An action may set further timers; they act in the same call if they
         are due by `until`.
         """
         while (due := self.next_due) is not None and due <= until:
-            late = self._timers[0][2].period is not None and until - due <= MAX_DELAY_S
-            self._pass(until if late else due, passes)
+            timer = self._timers[0][2]
+            if timer.period is not None and self._skip(timer, timer.period, until):
+                continue
+            self._pass(due, passes)
             if self.next_due == due:  # not cancelled by that
-                self._act(heapq.heappop(self._timers)[2], until)
+                self._act(heapq.heappop(self._timers)[2])
         self._pass(until, passes)
 
     def _pass(self, until: float, passes: Callable[[float], None]) -> None:
@@ -101,16 +97,23 @@ class Clock:
         self.now = max(self.now, until)
         passes(elapsed)
 
-    def _act(self, timer: Timer, until: float) -> None:
+    def _skip(self, timer: Timer, period: float, until: float) -> bool:
+        """Leave out what the next timer, a periodic one, is too late for; True if it did."""
+        too_many = int((until - timer.due) / period) - timer.catch_up
+        if too_many <= 0:
+            return False
+        heapq.heappop(self._timers)
+        timer.due += too_many * period
+        self._set(timer)
+        return True
+
+    def _act(self, timer: Timer) -> None:
         action = timer.action
         if timer.period is None:
             timer.action = None
         else:
-            missed = until - timer.due > MAX_CATCH_UP_PERIODS * timer.period
             timer.due += timer.period
             self._set(timer)
-            if missed:
-                return
         if action is not None:
             action()
 

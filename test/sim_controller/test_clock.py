@@ -6,7 +6,7 @@ import tracemalloc
 
 import pytest
 
-from epson_driver.sim_controller.clock import MAX_CATCH_UP_PERIODS, MIN_TIMERS_TO_SWEEP, Clock
+from epson_driver.sim_controller.clock import MIN_TIMERS_TO_SWEEP, Clock
 
 
 @pytest.fixture
@@ -77,12 +77,25 @@ def test_every_period_without_drift_until_it_is_cancelled(clock):
     assert clock.next_due is None
 
 
-def test_what_was_missed_in_a_long_step_is_left_out(clock):
+@pytest.mark.parametrize('catch_up', [0, 3])
+def test_what_was_missed_in_a_long_step_is_left_out_but_for_the_newest(clock, catch_up):
+    passed, seen = [], []
+    clock.every(0.1, lambda: seen.append(clock.now), catch_up=catch_up)
+    clock.advance(60.05, passed.append)
+    newest = [60.0 - 0.1 * before for before in reversed(range(catch_up + 1))]
+    assert seen == pytest.approx(newest, abs=1e-9)
+    assert len(passed) == catch_up + 2  # what was left out is no work
+    clock.advance(60.15)
+    assert seen[catch_up + 1 :] == pytest.approx([60.1])
+
+
+def test_a_step_of_two_hours_is_no_more_work_than_one_of_two_seconds(clock):
     seen = []
-    clock.every(0.1, lambda: seen.append(clock.now))
-    clock.advance(60.0)
-    assert len(seen) <= MAX_CATCH_UP_PERIODS + 1
-    assert seen[-1] == pytest.approx(60.0, abs=0.1)
+    clock.every(0.005, lambda: seen.append(clock.now), catch_up=200)
+    clock.advance(2.001)
+    assert len(seen) == 201
+    clock.advance(7200.001)
+    assert len(seen) == 402
 
 
 def test_time_passes_before_each_timer_and_may_cancel_it(clock):
@@ -98,14 +111,14 @@ def test_time_passes_before_each_timer_and_may_cancel_it(clock):
     assert passed == [0.1, 'timer', 0.4]
 
 
-@pytest.mark.parametrize(('late', 'seen_at'), [(0.0015, 0.1015), (0.003, 0.1)])
-def test_what_is_repeated_is_told_as_new_as_it_can_be(clock, late, seen_at):
+@pytest.mark.parametrize('late', [0.0, 0.0005, 0.0019, 0.003, 0.0999])
+def test_what_is_repeated_happens_when_it_is_due_however_late_the_step_is(clock, late):
+    """A client that counts messages knows the time between them."""
     passed, seen = [], []
     clock.every(0.1, lambda: seen.append((clock.now, sum(passed))), first=0.1)
-    clock.advance(0.1 + late, passed.append)
-    assert seen == [(pytest.approx(seen_at), pytest.approx(seen_at))]
-    clock.advance(0.2 + 1e-9)
-    assert seen[1][0] == pytest.approx(0.2)  # no drift
+    for due in (0.1, 0.2, 0.3):
+        clock.advance(due + late + 1e-9, passed.append)
+    assert seen == [(pytest.approx(due), pytest.approx(due)) for due in (0.1, 0.2, 0.3)]
 
 
 def test_what_happens_once_happens_when_it_is_due(clock):

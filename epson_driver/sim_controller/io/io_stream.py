@@ -9,6 +9,9 @@ from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.io.io_points import IoError, IoPoints
 from epson_driver.simple_message import IoAddress, IoPublish, IoResult, IoSpan, IoValues
 
+MAX_CATCH_UP_PUBLICATIONS = 3
+"""So many are made up for at once, besides the newest, when the process was not scheduled."""
+
 MAX_RANGES = 64
 MAX_VALUES = 4096
 """What one client can subscribe to: ranges, and values in all of them."""
@@ -89,7 +92,9 @@ class IoStream:
 
     def _wait(self) -> None:
         period = self._points.profile.publish_period
-        self._timer = self._clock.every(period, self._due, first=period)
+        self._timer = self._clock.every(
+            period, self._due, first=period, catch_up=MAX_CATCH_UP_PUBLICATIONS
+        )
 
     def _due(self) -> None:
         self._send(self._values())

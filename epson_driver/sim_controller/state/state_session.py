@@ -22,6 +22,14 @@ from epson_driver.simple_message import (
     topic,
 )
 
+MAX_CATCH_UP_SLOTS = 200
+"""So many slots are made up for at once when the process was not scheduled, 1 s at 200 Hz.
+
+A controller measures in each of its cycles; what its simulation sends late is still the state of
+the slot's own time. A process that stood still for longer leaves out what is older: a client
+needs none of it, and sending it keeps the process from other things, 0.1 ms for each slot.
+"""
+
 _Slot = tuple[Callable[[], Message], ...]
 """What is sent in one slot of time."""
 
@@ -41,6 +49,8 @@ class StateSource(Protocol):
 
 class StateSession:
     """Sends one client the joints every `period` s, and a STATUS after some.
+
+    What it sends is the state at that very time, also when the process gets there late.
 
     `profile` says which message has the joints, how many of them come before each STATUS, and
     whether that has a slot of its own.
@@ -70,7 +80,7 @@ class StateSession:
         else:
             slots.append((source.status,))
         self._slots: Iterator[_Slot] = cycle(slots)
-        self._timer = clock.every(period, self._tick)
+        self._timer = clock.every(period, self._tick, catch_up=MAX_CATCH_UP_SLOTS)
         self._open = True
 
     def receive(self, data: bytes) -> None:
