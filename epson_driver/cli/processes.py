@@ -19,8 +19,10 @@ from pathlib import Path
 SAFE_DOMAINS = range(1, 102)
 """ROS domains whose ports lie below the ephemeral range of every common system."""
 
-MAX_CLAIMS = 20
-"""How many of the chosen domains stay claimed; the oldest claim is dropped first."""
+MAX_CLAIMS = 5
+"""How many of the chosen domains stay claimed; the oldest claim is dropped first.
+
+No process starts more at once, and all processes of a machine share the domains."""
 
 claims: deque[socket.socket] = deque()
 """Sockets that keep other processes from choosing the same domains, the oldest first."""
