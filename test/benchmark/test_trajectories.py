@@ -7,18 +7,26 @@ import pytest
 
 from benchmark.limit_sets import FACTORS, MAX_VELOCITY_RAD_S, limit_set, ramp_time
 from benchmark.references import ReferenceFile, digest
-from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
+from benchmark.trajectories import GENERATED, SHARED, BenchmarkTrajectory, benchmark_set
 
-SET = {trajectory.name: trajectory for trajectory in benchmark_set()}
+NAMES = [*GENERATED, *sorted(path.stem for path in SHARED.glob('*.yaml'))]
+
+Trajectories = dict[str, BenchmarkTrajectory]
 
 
-def test_the_set_is_the_same_every_time() -> None:
-    for one, other in zip(benchmark_set(), SET.values(), strict=True):
+@pytest.fixture(scope='module')
+def trajectories() -> Trajectories:
+    return {trajectory.name: trajectory for trajectory in benchmark_set()}
+
+
+def test_the_set_is_the_same_every_time(trajectories: Trajectories) -> None:
+    for one, other in zip(benchmark_set(), trajectories.values(), strict=True):
         assert np.array_equal(one.positions, other.positions)
 
 
-@pytest.mark.parametrize('trajectory', SET.values(), ids=SET)
-def test_a_trajectory_can_be_streamed(trajectory: BenchmarkTrajectory) -> None:
+@pytest.mark.parametrize('name', NAMES)
+def test_a_trajectory_can_be_streamed(trajectories: Trajectories, name: str) -> None:
+    trajectory = trajectories[name]
     limits = limit_set('full')
     assert 9 <= len(trajectory.positions) <= 1000
     assert trajectory.positions.shape[1] == 6
@@ -30,19 +38,22 @@ def test_a_trajectory_can_be_streamed(trajectory: BenchmarkTrajectory) -> None:
         assert np.all(trajectory.durations[1:] > 0.0)
 
 
-def test_all_kinds_are_there() -> None:
-    assert len(SET) == 17
-    assert [name for name, one in SET.items() if one.durations is None] == [
+def test_all_kinds_are_there(trajectories: Trajectories) -> None:
+    assert list(trajectories) == NAMES
+    assert len(NAMES) == 17
+    assert [name for name, one in trajectories.items() if one.durations is None] == [
         'around_pillar_positions_only'
     ]
-    there = SET['reversal'].positions
+    there = trajectories['reversal'].positions
     assert np.array_equal(there, there[::-1])
-    assert np.sum(~np.any(np.diff(SET['repeated_points'].positions, axis=0), axis=1)) == 5
-    assert np.abs(np.diff(SET['tiny_steps'].positions, axis=0)).max() < 1.1e-3
+    assert np.sum(~np.any(np.diff(trajectories['repeated_points'].positions, axis=0), axis=1)) == 5
+    assert np.abs(np.diff(trajectories['tiny_steps'].positions, axis=0)).max() < 1.1e-3
 
 
-def test_only_the_plan_that_is_too_fast_asks_for_more_than_the_velocity_limits() -> None:
-    for name, one in SET.items():
+def test_only_the_plan_that_is_too_fast_asks_for_more_than_the_velocity_limits(
+    trajectories: Trajectories,
+) -> None:
+    for name, one in trajectories.items():
         if one.durations is not None:
             speeds = np.abs(np.diff(one.positions, axis=0)) / one.durations[1:, None]
             assert (np.max(speeds / MAX_VELOCITY_RAD_S) > 1.001) == (name == 'too_fast'), name
@@ -54,9 +65,11 @@ def test_limit_sets() -> None:
     assert limit_set('half').acceleration == pytest.approx(5.0 * MAX_VELOCITY_RAD_S)
 
 
-def test_the_stored_references_are_those_of_the_set_and_sound() -> None:
+def test_the_stored_references_are_those_of_the_set_and_sound(
+    trajectories: Trajectories,
+) -> None:
     stored = ReferenceFile()
-    for trajectory in SET.values():
+    for trajectory in trajectories.values():
         for name in FACTORS:
             key = digest(trajectory.positions, limit_set(name))
             assert key in stored, f'{trajectory.name}, {name}: run `make bench-motion`'

@@ -57,7 +57,10 @@ def test_every_usage_begins_alike(name: str) -> None:
     assert run.stdout.startswith(f'usage: epson_driver {name} ')
 
 
-@pytest.mark.parametrize('words', [['--seed=3'], ['--seeds=2'], ['--compare', '--seed=1']])
+@pytest.mark.parametrize(
+    'words',
+    [['--seed=3'], pytest.param(['--seeds=2'], marks=pytest.mark.slow), ['--compare', '--seed=1']],
+)
 def test_seeds_without_plan_are_refused(words: list[str]) -> None:
     run = command('demo', *words)
     assert run.returncode == 2

@@ -95,6 +95,11 @@ def test_only_the_newest_domains_stay_claimed(monkeypatch, unclaimed):
     assert len(unclaimed) == 3
 
 
+def test_two_runs_of_these_tests_find_domains_side_by_side():
+    workers = 4  # of `make test`, see Makefile
+    assert 2 * workers * processes.MAX_CLAIMS <= len(SAFE_DOMAINS) // 2
+
+
 def test_domains_lie_below_the_ephemeral_ports():
     highest = max(SAFE_DOMAINS)
     assert min(SAFE_DOMAINS) >= 1  # 0 is everybody's

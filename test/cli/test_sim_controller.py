@@ -58,8 +58,15 @@ def until(condition):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize('motion', ['smooth', 'ptp'])
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    ('number', 'motion'),
+    [
+        (signal.SIGTERM, 'smooth'),
+        (signal.SIGINT, 'ptp'),
+        pytest.param(signal.SIGTERM, 'ptp', marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, 'smooth', marks=pytest.mark.slow),
+    ],
+)
 def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(
     start, number, motion
 ):

@@ -6,6 +6,7 @@ import struct
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.examples import examples
 from support.robot_program import IO_PORT, MOTION_PORT, STATE_PORT, RobotBench, moved, point
 
 POINT_BYTES = 52
@@ -40,7 +41,7 @@ FRAMES = st.builds(
 CHUNKS = st.lists(st.one_of(FRAMES, FRAMES, FRAMES, st.binary(max_size=40)), max_size=12)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(25), deadline=None, suppress_health_check=list(HealthCheck))
 @given(port=st.sampled_from([STATE_PORT, MOTION_PORT, IO_PORT]), chunks=CHUNKS, cut=st.booleans())
 def test_hostile_frames_end_nothing_and_move_nothing(
     port: int, chunks: list[bytes], cut: bool

@@ -441,7 +441,7 @@ def test_memory_does_not_grow_with_the_stream() -> None:
     smoother = Smoother(LIMITS, HOME, planner=None)
     t = 0.0
     sizes = []
-    for _ in range(3000):
+    for _ in range(1000):
         while smoother.look_ahead < 1.0:
             t += 0.02
             smoother.append(HOME + 0.3 * np.sin(t * np.arange(1, 7) / 4.0), 0.02)

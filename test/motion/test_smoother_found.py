@@ -16,7 +16,7 @@ from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.planner import plan
 
-NO_WAY = (2095, 2134)
+NO_WAY = (2095, pytest.param(2134, marks=pytest.mark.slow))
 """The arm rested on a point to rounding, and the path to it had no length: NaN."""
 
 CRAWLING = (2298, 2819, pytest.param(2950, marks=pytest.mark.slow))

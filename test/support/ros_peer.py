@@ -20,6 +20,7 @@ from epson_msgs.srv import SetSpeedScaling
 from industrial_msgs.msg import RobotStatus
 from rclpy.action import ActionClient
 from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -121,7 +122,12 @@ class RosPeer:
     def __init__(self, domain: int, prefix: str = '', node: str = 'epson_driver') -> None:
         self._domain = domain
         context = CONTEXTS.take(domain)
-        self.node = Node(f'peer_{next(NUMBERS)}', context=context)
+        self.node = Node(  # with nothing that the executor would look at in each turn for nobody
+            f'peer_{next(NUMBERS)}',
+            context=context,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.node)
         self._changed = threading.Condition()
@@ -143,11 +149,11 @@ class RosPeer:
                 100,
             ),
         ):
-            self.node.create_subscription(kind, topic, self._keep(kept.append), qos)
-        self.node.create_subscription(
+            self._subscribe(kind, topic, kept.append, qos)
+        self._subscribe(
             String,
             f'{driver}/link_state',
-            self._keep(lambda message: self.link_states.append(message.data)),
+            lambda message: self.link_states.append(message.data),
             latched,
         )
         self.trajectory_topic = self.node.create_publisher(
@@ -161,10 +167,10 @@ class RosPeer:
             for name in ('stop', 'enable', 'disable', 'reset_error')
         }
         self.speed_scaling: list[float] = []
-        self.node.create_subscription(
+        self._subscribe(
             Float64,
             f'{driver}/speed_scaling',
-            self._keep(lambda message: self.speed_scaling.append(message.data)),
+            lambda message: self.speed_scaling.append(message.data),
             latched,
         )
         self._set_speed = self.node.create_client(SetSpeedScaling, f'{driver}/set_speed_scaling')
@@ -185,13 +191,23 @@ class RosPeer:
         self.node.destroy_node()
         CONTEXTS.give(self._domain)
 
-    def _keep(self, store: Callable[[Any], None]) -> Callable[[Any], None]:
+    def _subscribe(
+        self, kind: Any, topic: str, store: Callable[[Any], None], qos: QoSProfile | int
+    ) -> None:
+        """Store what a topic brings; without events, which cost the executor time in each turn."""
+
         def callback(message: Any) -> None:
             with self._changed:
                 store(message)
                 self._changed.notify_all()
 
-        return callback
+        self.node.create_subscription(
+            kind,
+            topic,
+            callback,
+            qos,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
 
     def wait_for(self, what: Callable[[], Any], meaning: str, patience: float = PATIENCE) -> Any:
         """Wait until `what()` is true, checked at each message; fail with `meaning` otherwise."""
@@ -294,7 +310,7 @@ class RosPeer:
             'motion',
         )
 
-    def assert_still(self, states: int = 60) -> np.ndarray:
+    def assert_still(self, states: int = 30) -> np.ndarray:
         """Check that the next joint states are all the same; return the position."""
         first, *others = self.newer(states)
         for state in others:

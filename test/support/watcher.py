@@ -21,8 +21,8 @@ ROUNDING = 0.02
 PROFILE = """
 like: {kind}
 name: measured
-description: the same, but it tells two clients its velocities, often and with its own time
-state: {{message: joint_feedback, feedback_time: true, period: 0.005}}
+description: the same, but it tells two clients its velocities and its own time
+state: {{message: joint_feedback, feedback_time: true, period: 0.01}}
 server: {{state_clients: 2}}
 """
 
@@ -30,7 +30,7 @@ server: {{state_clients: 2}}
 BUFFER = 4_000_000
 """What the system may keep for a watcher whose process has no turn, bytes: minutes of messages."""
 
-AT_REST = 100
+AT_REST = 50
 """So many messages in a row without a velocity are an arm at rest."""
 
 

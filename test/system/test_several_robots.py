@@ -293,7 +293,9 @@ def test_a_controller_that_floods_its_driver_delays_nobody_for_long(tmp_path: Pa
 
         thread = threading.Thread(target=flood)
         thread.start()
-        controller = processes.sim_controller(tmp_path / 'good.log', '--motion=ptp')
+        controller = processes.sim_controller(
+            tmp_path / 'good.log', '--motion=ptp', '--state-period=0.02'
+        )
         domain = processes.free_ros_domain()
         with processes.ended_at_exit(controller):
             good = controller.ports()
