@@ -24,6 +24,9 @@ endif
 endif
 endif
 
+# Containers often set it. Each process would compile 500 modules at its start, and the tests start hundreds.
+unexport PYTHONDONTWRITEBYTECODE
+
 # Otherwise Fast DDS would multicast on every network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 

@@ -3,6 +3,7 @@
 """How many examples the run tries, and what it tells in the end."""
 
 import gc
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -15,14 +16,17 @@ from epson_driver.cli import processes
 def pytest_configure(config: Any) -> None:
     """Choose the examples before the tests are collected: their settings are made then."""
     load_profile(profile_for(config.option.markexpr))
-    gc.disable()  # what is imported and collected stays: to look for garbage in it is a waste
 
 
-def pytest_collection_finish() -> None:
-    """Leave what the collection made out of every later search for garbage."""
-    gc.collect()
-    gc.freeze()
-    gc.enable()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Look for no garbage in what is imported and collected: all of it stays."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

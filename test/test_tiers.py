@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What make test, test-all and soak-tests choose, and how many examples they try."""
 
+import os
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -49,3 +51,14 @@ def test_no_profile_judges_by_time_and_only_soak_is_not_the_same_each_time() -> 
 def test_examples_are_a_share_of_what_a_test_names(count: int) -> None:
     share = settings.default.max_examples / FULL
     assert examples(count) == max(int(count * share), min(count, LEAST))
+
+
+def test_no_process_compiles_its_modules_again() -> None:
+    """Containers often forbid bytecode: then starting processes is half of what a run costs."""
+    environment = os.environ | {'PYTHONDONTWRITEBYTECODE': '1'}
+    code = f'include {ROOT / "Makefile"}\nshow-environment: ; @env\n'
+    run = subprocess.run(
+        ['make', '-f', '-', 'show-environment'],
+        input=code, env=environment, cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert 'PYTHONDONTWRITEBYTECODE' not in run.stdout

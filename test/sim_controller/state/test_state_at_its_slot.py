@@ -120,7 +120,10 @@ def test_a_process_that_stood_still_for_long_makes_up_for_the_newest_slots_only(
 @pytest.mark.parametrize('late', LATE)
 @pytest.mark.parametrize('fault', [None, 'coalesce 0.05 port=state', 'coalesce 0.2 port=state'])
 def test_inv8_velocities_of_a_simulation_that_is_late_are_those_of_its_motion(late, fault):
-    """docs/invariants.md, 8: within 2 % of the fastest, through the driver's own estimate."""
+    """docs/invariants.md, 8: the driver's own estimate is within 2 % of the motion's fastest.
+
+    The motion is what the slots say; that they tell the truth is tested above.
+    """
     paced = Paced(late, smooth=True, fault=fault)
     state = RobotState(6, rules=StateRules(PERIOD, LIMITS))
     path, velocities = [], []  # by slot
