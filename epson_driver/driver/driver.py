@@ -244,7 +244,8 @@ class Driver:
     def _on_state_packet(self, packet: Packet) -> None:
         if packet.comm_type is not CommType.TOPIC:  # nothing was asked (REP-I0006)
             return
-        now = self._now()
+        # What was read at once came at once: this process may be held up while it goes through it.
+        came = self.state_link.last_received
         message = packet.message
         if isinstance(message, DIALECT_MESSAGES):
             self._dialect_known = True
@@ -252,19 +253,19 @@ class Driver:
             self._stop_first()
             self.io.follow(self.state_link.dialect)
         if isinstance(message, Status):
-            self._take_status(message, now)
+            self._take_status(message, came)
         elif isinstance(message, JointPosition):
             self._positions_since_feedback += 1
             self._feedback_leads &= self._positions_since_feedback <= MAX_MIXED_POSITIONS
             if not self._feedback_leads:
-                self._take_joints(message.joints, now)
+                self._take_joints(message.joints, came)
         elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
             self._feedback_leads = self._positions_since_feedback <= MAX_MIXED_POSITIONS
             self._positions_since_feedback = 0
             given = message.valid_fields
             self._take_joints(
                 message.positions,
-                now,
+                came,
                 message.velocities if given & ValidFields.VELOCITY else None,
                 message.time if given & ValidFields.TIME else None,
             )
@@ -272,13 +273,14 @@ class Driver:
     def _take_joints(
         self,
         positions: tuple[float, ...],
-        now: float,
+        came: float,
         velocities: tuple[float, ...] | None = None,
         told: float | None = None,
     ) -> None:
         """Take joints; of what cannot be true nothing is known but that, and it disables."""
+        now = self._now()
         try:
-            sample = self.robot.on_joints(positions, now, velocities, told)
+            sample = self.robot.on_joints(positions, came, velocities, told)
         except ValueError as error:
             self.state_link.statistics.bad_frames['joints'] += 1
             line = self._dropped_throttle.line(str(error), now)
@@ -293,8 +295,9 @@ class Driver:
         self.stopper.see(now)
         self.goal_queue.on_joints(sample, now)
 
-    def _take_status(self, status: Status, now: float) -> None:
-        self.robot.on_status(status, now)
+    def _take_status(self, status: Status, came: float) -> None:
+        now = self._now()
+        self.robot.on_status(status, came)
         self._status_missing.heard()
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()

@@ -106,7 +106,8 @@ class Link:
         self.attempt = 0
         """Attempts to connect since a connection has lasted."""
         self._ended_because: str | None = None
-        self._last_received = 0.0
+        self.last_received = 0.0
+        """When the newest bytes were read, loop time, s: what was read at once came no later."""
 
     @property
     def connected(self) -> bool:
@@ -225,7 +226,7 @@ class Link:
         established = loop.time()
         _configure(writer.get_extra_info('socket'))
         self._writer = writer
-        self._last_received = established
+        self.last_received = established
         self.statistics.connections += 1
         self.statistics.connected_since = established
         self._framer = Framer(self._byte_order)
@@ -289,7 +290,7 @@ class Link:
                 watch.cancel()
 
     def _received(self, data: bytes) -> None:
-        self._last_received = asyncio.get_running_loop().time()
+        self.last_received = asyncio.get_running_loop().time()
         self.statistics.bytes_received += len(data)
         if self.trace is not None:
             self.trace(WireEvent.RECEIVED, data)
@@ -316,8 +317,8 @@ class Link:
             self.statistics.unsolicited_replies += 1
             self._on_packet(packet)
             return
-        self.statistics.reply_latencies.append(self._last_received - waiting.sent)
-        waiting.on_reply(packet, self._last_received)
+        self.statistics.reply_latencies.append(self.last_received - waiting.sent)
+        waiting.on_reply(packet, self.last_received)
 
     def _answer(self, packet: Packet) -> None:
         """REP-I0006: a PING is echoed, any other request to a client fails."""

@@ -277,6 +277,29 @@ def test_a_late_no_ends_the_goal():
     run(scenario())
 
 
+@pytest.mark.invariant(8)
+def test_inv8_what_was_read_at_once_arrived_at_once_however_slowly_it_is_gone_through():
+    """docs/invariants.md, 8: a process held up within a burst must not take that for a pause."""
+
+    async def scenario():
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+            await harness.ready()
+            scripted.shows_joints = False
+            take = harness.events.on_joints
+
+            def slowly(sample):
+                take(sample)
+                asyncio.get_running_loop().now += 0.02
+
+            harness.events.on_joints = slowly
+            seen = len(harness.events.samples)
+            scripted.extra = 30 * frame(10, 1, 0, bytes(44))
+            await until(lambda: len(harness.events.samples) == seen + 30)
+            assert len(set(list(harness.driver.robot.arrivals)[-29:])) == 1
+
+    run(scenario())
+
+
 # --- faults -----------------------------------------------------------------------------------
 
 
