@@ -16,11 +16,13 @@ from epson_driver.cli.pendant_words import (
     completion,
     request,
 )
+from epson_driver.inputs import number
 from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.faults.fault_text import describe
 
-_TIMEOUT_S = 5.0  # s
+ANSWER_TIMEOUT_S = 5.0
+TIMEOUT = number(0.1, 3600.0, 's')
 
 _LOCAL = {'fault kinds': describe, 'completion': completion}
 """What needs no controller to be answered."""
@@ -43,12 +45,12 @@ def main() -> int:
     except UsageError as error:
         parser.error(str(error))
     try:
-        said = asyncio.run(_do(asked, args.host, args.port, args.password))
+        said = asyncio.run(_do(asked, args))
     except (RemoteError, _RejectedError) as error:
         print(f'refused: {error} ({args.host}:{args.port})', file=sys.stderr)
         return 1
     except TimeoutError:
-        print(f'no answer from {args.host}:{args.port} in {_TIMEOUT_S:g} s', file=sys.stderr)
+        print(f'no answer from {args.host}:{args.port} in {args.timeout:g} s', file=sys.stderr)
         return 1
     except ConnectionError as error:
         print(f'no controller: {error}', file=sys.stderr)
@@ -57,8 +59,9 @@ def main() -> int:
     return 0
 
 
-async def _do(asked: Request | None, host: str, port: int, password: str) -> str:
-    async with logged_in(host, port, _TIMEOUT_S, password) as ask:
+async def _do(asked: Request | None, args: argparse.Namespace) -> str:
+    host, port = args.host, args.port
+    async with logged_in(host, port, args.timeout, args.password) as ask:
         try:
             if asked is None:
                 return await status(ask, f'{host}:{port}')
@@ -108,7 +111,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver pendant',
         description='What a person does at the controller.',
-        usage='%(prog)s [-h] [--host HOST] [--port PORT] [--password PASSWORD] WORD …',
+        usage='%(prog)s [-h] [--host HOST] [--port PORT] [--password PASSWORD] '
+        '[--timeout S] WORD …',
         epilog='\n'.join(['words:', *(f'  {said:26}{text}' for said, text in TEXTS.items())]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
@@ -120,5 +124,12 @@ def _parser() -> argparse.ArgumentParser:
         '--port', type=argument(PORT), default=5000, help='its remote port (%(default)s)'
     )
     parser.add_argument('--password', default='', help='password of the remote port (none)')
+    parser.add_argument(
+        '--timeout',
+        type=argument(TIMEOUT),
+        default=ANSWER_TIMEOUT_S,
+        metavar='S',
+        help='how long to wait for each answer, s (%(default)g)',
+    )
     parser.add_argument('action', nargs='+', metavar='WORD', help='the action, as listed below')
     return parser

@@ -30,6 +30,7 @@ FILES = (
 TABLE = (
     ('pendant', HOSTS, '--host={}', 'status'),
     ('pendant', NUMBERS, '--port={}', 'status'),
+    ('pendant', NUMBERS, '--timeout={}', 'status'),
     ('pendant', NUMBERS, 'io', 'out', '{}', 'x'),
     ('pendant', ('nan', 'inf', 'x', TOO_LONG[:30] + 'x'), 'disturb', '1', '{}'),
     ('sim_controller', HOSTS, '--host={}'),

@@ -95,17 +95,14 @@ def descriptors(process):
 
 
 def pressed(port):
-    """Press the E-stop as a person does, who tries again; return what the pendant says."""
-    for _ in range(3):  # a crowded machine may take longer than the pendant waits
-        run = subprocess.run(
-            [*PENDANT, '--port', str(port), 'estop', 'press'],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-        if 'no answer' not in run.stderr:
-            break
+    """Press the E-stop as a person does; return what the pendant says."""
+    run = subprocess.run(
+        [*PENDANT, '--port', str(port), '--timeout', '120', 'estop', 'press'],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
     return run.returncode, run.stdout + run.stderr
 
 
