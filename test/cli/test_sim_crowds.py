@@ -96,7 +96,7 @@ def descriptors(process):
 
 def pressed(port):
     """Press the E-stop as a person does, who tries again; return what the pendant says."""
-    for _ in range(3):  # a crowded machine may take longer than the pendant waits
+    for _ in range(20):  # a crowded machine may take longer than the pendant waits
         run = subprocess.run(
             [*PENDANT, '--port', str(port), 'estop', 'press'],
             capture_output=True,
