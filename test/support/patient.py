@@ -31,6 +31,7 @@ TIMEOUTS = {
     'epson_driver.driver.stopping.stopper': {
         'ANSWER_TIMEOUT_S': LONG,
         'BRAKING_TIMEOUT_S': LONG,
+        'CAUSE_TIMEOUT_S': LONG,
         'MOTORS_OFF_TIMEOUT_S': LONG,
     },
     'epson_driver.link.link': {'CONNECT_TIMEOUT_S': LONG},
