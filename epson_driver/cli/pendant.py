@@ -17,7 +17,7 @@ from epson_driver.cli.pendant_words import (
     request,
 )
 from epson_driver.inputs import number
-from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
+from epson_driver.remote_ethernet.client import MAX_LOGINS, Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.faults.fault_text import describe
 
@@ -61,7 +61,8 @@ def main() -> int:
 
 async def _do(asked: Request | None, args: argparse.Namespace) -> str:
     host, port = args.host, args.port
-    async with logged_in(host, port, args.timeout, args.password) as ask:
+    logins = max(MAX_LOGINS, round(args.timeout))
+    async with logged_in(host, port, args.timeout, args.password, logins) as ask:
         try:
             if asked is None:
                 return await status(ask, f'{host}:{port}')
@@ -129,7 +130,7 @@ def _parser() -> argparse.ArgumentParser:
         type=argument(TIMEOUT),
         default=ANSWER_TIMEOUT_S,
         metavar='S',
-        help='how long to wait for each answer, s (%(default)g)',
+        help='how long to try, s (%(default)g)',
     )
     parser.add_argument('action', nargs='+', metavar='WORD', help='the action, as listed below')
     return parser

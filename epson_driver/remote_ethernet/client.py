@@ -29,6 +29,10 @@ MAX_LOGINS = 5
 LOGIN_RETRY_PERIOD_S = 0.2
 """How long after a controller hung up the next login is tried, s."""
 
+LOGIN_TIMEOUT_S = 5.0
+"""How long a login may take before it is tried on another connection, s. The system repeats ever
+more rarely what a full queue of connections did not take."""
+
 Ask = Callable[[str], Awaitable[str]]
 """Gives a command without its `$`; returns the value of the answer, or raises RemoteError.
 
@@ -64,28 +68,28 @@ async def execute(
 
 @asynccontextmanager
 async def logged_in(
-    host: str, port: int, timeout: float, password: str = ''
+    host: str, port: int, timeout: float, password: str = '', max_logins: int = MAX_LOGINS
 ) -> AsyncIterator[Ask]:
     """Be logged in for several commands; what they have in common is one `timeout`, s.
 
-    A controller that hangs up before the login is answered is tried again, `MAX_LOGINS` times in
-    all: nothing was asked of it yet. One that does so at the logout has answered everything.
+    A controller that hangs up before the login is answered, or takes LOGIN_TIMEOUT_S for it, is
+    tried again, `max_logins` times in all: nothing was asked of it yet. One that hangs up at the
+    logout has answered everything.
 
     Raises RemoteError for a command that is refused, TimeoutError if all together took longer
     than `timeout`, and ConnectionError if the controller cannot be reached, hangs up or answers
     something else.
     """
     async with asyncio.timeout(timeout):
-        for left in reversed(range(MAX_LOGINS)):
-            try:
-                reader, writer = await asyncio.open_connection(host, port, limit=_MAX_LINE_BYTES)
-            except (OSError, OverflowError, ValueError) as error:
-                raise ConnectionError(f'{host}:{port}: {reason(error)}') from error
-            ask = partial(_ask_at, f'{host}:{port}', reader, writer)
+        for left in reversed(range(max_logins)):
+            writer: asyncio.StreamWriter | None = None
             try:
                 try:
-                    await ask(f'Login,{password}')
-                except _HungUpError:
+                    async with asyncio.timeout(LOGIN_TIMEOUT_S):
+                        reader, writer = await _connected(host, port)
+                        ask = partial(_ask_at, f'{host}:{port}', reader, writer)
+                        await ask(f'Login,{password}')
+                except (_HungUpError, TimeoutError):
                     if not left:
                         raise
                     await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
@@ -95,11 +99,19 @@ async def logged_in(
                     await ask('Logout')
                 return
             finally:
-                writer.close()
+                if writer is not None:
+                    writer.close()
 
 
 class _HungUpError(ConnectionError):
     """The controller has closed the connection."""
+
+
+async def _connected(host: str, port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    try:
+        return await asyncio.open_connection(host, port, limit=_MAX_LINE_BYTES)
+    except (OSError, OverflowError, ValueError) as error:
+        raise ConnectionError(f'{host}:{port}: {reason(error)}') from error
 
 
 async def _ask_at(

@@ -5,7 +5,7 @@
 import asyncio
 
 import pytest
-from support.event_loop import PATIENCE, run
+from support.event_loop import PATIENCE, run, until
 
 from epson_driver.remote_ethernet.client import RemoteError, execute
 
@@ -53,6 +53,30 @@ def test_an_answer_that_makes_no_sense_is_a_connection_error(answer):
     with pytest.raises(ConnectionError, match='is no answer to SetMotorsOn') as error:
         ask(answer)
     assert len(str(error.value)) < 600
+
+
+@pytest.mark.invariant(9)
+def test_a_login_that_is_not_answered_is_tried_on_another_connection():
+    """Invariant 9: the queue of the port was full, and the system repeats ever more rarely."""
+    logins, ended = [], []
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        logins.append(await reader.readline())
+        if len(logins) == 3:
+            for name in (b'Login', b'Reset', b'Logout'):
+                writer.write(b'#%s,0\r\n' % name)
+        await reader.read()
+        writer.close()
+        ended.append(writer)
+
+    async def scenario() -> None:
+        async with await asyncio.start_server(serve, '127.0.0.1', 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            assert await execute('127.0.0.1', port, ['Reset'], PATIENCE) == ['0']
+            await until(lambda: len(ended) == 3)
+
+    run(scenario())
+    assert logins == [b'$Login,\r\n'] * 3
 
 
 @pytest.mark.parametrize('host', ['a..b', 'a' * 70, 'nul\0'])

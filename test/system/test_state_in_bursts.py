@@ -40,17 +40,17 @@ def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_
 ) -> None:
     """docs/invariants.md, 8. In a motion of one speed positions tell the controller's time.
 
-    What counts is where the controller kept its period: on a busy machine it may not.
+    What counts is where the controller kept its period: on a busy machine it may not, and neither
+    controller nor driver has a clock while it is not scheduled. So the arm moves until one motion
+    was measured as it is; without the estimate of the controller's clock none ever is.
     """
     cell: Cell = make_cell(
         f'--state-period={PERIOD}', '--motion=smooth', state_timeout=10.0
     ).ready()
     cell.peer.enable()
     cell.pendant('fault', *fault.split())
-    judged: list[np.ndarray] = []
+    judged: list[tuple[int, float, float]] = []
     for _ in range(10):
-        if sum(map(len, judged)) >= 50:
-            break
         cell.peer.enable()  # a machine that is too busy may have stopped the arm
         here = cell.peer.assert_still().tolist()
         there = AWAY if here[0] < 0.8 else START
@@ -59,14 +59,16 @@ def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_
         came = cell.peer.joint_states[seen:]
         positions = np.array([state.position[0] for state in came])
         velocities = np.array([state.velocity[0] for state in came])
-        judged.append(_errors(positions, velocities))
+        errors = _errors(positions, velocities)
+        if len(errors) >= 50:
+            judged.append((len(errors), *np.quantile(errors, (0.5, 0.9)).tolist()))
         assert np.abs(velocities).max() <= FASTEST
         moved = np.abs(np.diff(positions)) > 1e-4
         assert np.all(velocities[1:][moved] != 0.0)
-    errors = np.concatenate(judged)
-    assert len(errors) >= 50
-    assert np.median(errors) < 0.02
-    assert np.quantile(errors, 0.9) < 0.15  # a controller that is not scheduled has no clock
+        if len(errors) >= 50 and judged[-1][1] < 0.02 and judged[-1][2] < 0.05:
+            break
+    else:
+        pytest.fail(f'samples, median and 90 % of the errors of each motion: {judged}')
     stamps = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in came]
     spans = np.diff(stamps)
     assert np.all(spans > 0.0)
