@@ -58,6 +58,8 @@ class Harness:
             self.goal, settings or GoalSettings(), self._send, self._on_end, self.now, self.scaling
         )
         self.wire = wire
+        self.handled_after = 0.0
+        """How long after joints were read they are handled, s."""
         self.see(0.1)
         if start:
             self.start()
@@ -104,7 +106,7 @@ class Harness:
         if position is not None:
             self.at = np.array(position, dtype=float)
         self.robot.on_joints(joint_data(self.at.tolist()), self.now)
-        self.execution.on_state(self.robot, self.now)
+        self.execution.on_state(self.robot, self.now + self.handled_after)
 
     def status(self, **fields):
         """A STATUS comes; the driver tells the execution, too."""

@@ -87,6 +87,7 @@ class GoalExecution:
         self._standstill = Standstill(now)
         self._pause = PauseDetector()
         self._rest_at: float | None = None
+        self._checked: JointSample | None = None
         self._begins_by = 0.0
         self._looked = now
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
@@ -393,12 +394,13 @@ class GoalExecution:
     def _check_path(self, sample: JointSample, now: float) -> None:
         """Hold new joints against where the plan was when they were measured."""
         tolerance = self.goal.path_tolerance
+        is_new, self._checked = sample is not self._checked, sample
         if (
             tolerance is None
             or self._schedule is None
             or self.state not in RUNNING_STATES
             or self._pause.interrupted
-            or sample.time != now
+            or not is_new
             or self._plan_time >= self.goal.trajectory.duration
         ):
             return

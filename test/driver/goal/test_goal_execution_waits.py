@@ -49,8 +49,10 @@ def test_an_arm_on_its_path_violates_nothing():
     assert harness.outcome.end is End.SUCCEEDED
 
 
-def test_a_joint_beside_the_path_stops_the_arm_and_the_text_says_which():
+@pytest.mark.parametrize('handled_after', [0.0, 1e-4])
+def test_a_joint_beside_the_path_stops_the_arm_and_the_text_says_which(handled_after):
     harness = Harness(path_tolerance=tolerance((INF, 0.05)))
+    harness.handled_after = handled_after
     harness.answer()
     follow(harness, 0.3, offset=(0.5, 0.0))
     assert harness.stops == 0
