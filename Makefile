@@ -7,7 +7,7 @@ INSTALL := $(BIN)/python requirements/install.py
 INTERFACES := interfaces/control_msgs interfaces/epson_msgs interfaces/industrial_msgs
 INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
-	$(shell find $(wildcard epson_driver config launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
+	$(shell find $(wildcard epson_driver config controller_program launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
 
 # Four processes, each with one thread for matrices: tests of real processes mostly wait. Each file stays in one of
 # them, so that what its tests share is started once.

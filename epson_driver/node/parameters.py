@@ -302,6 +302,8 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
         'error_texts': profile.error_texts,
         'interface': profile.program.interface,
         'point_message': POINT_MESSAGES[profile.program.kind],
+        'smoothing': profile.program.smoothing,
+        'resample_period': profile.program.resample_period,
     }
 
 

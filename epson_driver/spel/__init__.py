@@ -25,7 +25,7 @@ from epson_driver.spel.host import (
     NetSettings,
 )
 from epson_driver.spel.machine import Machine, TaskView
-from epson_driver.spel.project import build, read_project
+from epson_driver.spel.project import build, read_project, with_defines
 from epson_driver.spel.task import TaskState, Timing
 from epson_driver.spel.values import Array, Point, Value
 
@@ -53,4 +53,5 @@ __all__ = [
     'Value',
     'build',
     'read_project',
+    'with_defines',
 ]

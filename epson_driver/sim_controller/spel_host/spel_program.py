@@ -31,6 +31,7 @@ from epson_driver.spel import (
     TaskState,
     TaskType,
     TaskView,
+    Timing,
 )
 from epson_driver.spel.task import FIRST_BACKGROUND, LAST_BACKGROUND, Task
 
@@ -72,7 +73,9 @@ class SpelProgram:
         self._controller = controller
         self._arm = arm
         self._network = network
-        self._motion = RobotMotion(arm, controller.clock, self._soon)
+        given = controller.profile.spel
+        self._timing = Timing(given.statement, given.wait, given.scan)
+        self._motion = RobotMotion(arm, controller.clock, self._soon, given.scan)
         robot = Robot(controller, self._motion, RobotPoints(controller.model))
         self._host = SpelHost(
             controller,
@@ -95,7 +98,7 @@ class SpelProgram:
         self._machine, self._begun = self._new_machine()
 
     def _new_machine(self) -> tuple[Machine, float]:
-        machine = Machine(self._program, self._host)
+        machine = Machine(self._program, self._host, self._timing)
         if BACKGROUND in self._program.by_name:
             machine.start_background(self._program.by_name[BACKGROUND].name)
         self._soon()
