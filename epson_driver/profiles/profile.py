@@ -128,8 +128,8 @@ class ProgramProfile:
     * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
       if it is given a port, by that but with main stopped before and started after ('restart'), or
       by Motoman's commands.
-    * `smoothing`, `resample_period` (s): what a driver sends of a plan unless it is told otherwise,
-      as its parameters of these names.
+    * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): what a driver sends of a plan
+      unless it is told otherwise, as its parameters of these names.
     """
 
     kind: Literal['points', 'motoman']
@@ -149,8 +149,9 @@ class ProgramProfile:
     special_sequences: Literal['all', 'stop']
     skip_first: float
     motors: Literal['none', 'remote_ethernet', 'restart', 'motoman']
-    smoothing: Literal['none', 'resample']
+    smoothing: Literal['none', 'resample', 'thin']
     resample_period: float
+    thin_deviation: float
     download: DownloadProfile
 
 

@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
-from epson_driver.motion.smoothed import retimed, smoothed
+from epson_driver.motion.smoothed import retimed, smoothed, thinned
 from epson_driver.motion.smoother import Mode
 
 MAX_MENTIONED_PROBLEMS = 3
@@ -20,11 +20,15 @@ class Smoothing:
     """How a plan is changed before it is sent.
 
     resample_period: time between two points of the smooth motion, s; None for the plan's own
-    points. time_optimal: as fast as the limits allow, whatever the plan's times.
+    points. time_optimal: as fast as the limits allow, whatever the plan's times. thin: few points,
+    resample_period apart or more, of the plan's own where they are; straight ways between them are
+    at most deviation rad (or m) off the smooth motion, in any joint.
     """
 
     resample_period: float | None = None
     time_optimal: bool = False
+    thin: bool = False
+    deviation: float = np.inf
 
     @property
     def wanted(self) -> bool:
@@ -49,7 +53,12 @@ def smoothed_trajectory(
     if smoothing.resample_period is None:
         return retimed(trajectory, limits) if smoothing.time_optimal else trajectory
     mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
-    motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
+    if smoothing.thin:
+        motion = thinned(
+            trajectory, limits, smoothing.resample_period, smoothing.deviation, mode
+        )
+    else:
+        motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
     wrong = list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS))
     if wrong:
         raise ValueError('; '.join(wrong))
