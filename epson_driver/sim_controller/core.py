@@ -107,13 +107,17 @@ class Clients(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """How those parts of a controller are made that need the controller itself."""
+    """How those parts of a controller are made that need the controller itself.
+
+    `strict_ready`: it is Ready only while no Normal task runs, as real ones are.
+    """
 
     arm: Callable[['Controller'], SimulatedArm]
     program: Callable[['Controller', Executor], Program]
     clients: Callable[['Controller'], Clients]
     settings: SpelSettings
     tables: Tables = field(default_factory=lambda: REGIONS)
+    strict_ready: bool = False
 
 
 class Controller:
@@ -150,6 +154,7 @@ class Controller:
         self.clients = parts.clients(self)
         self.spel = parts.settings
         self._tables = parts.tables
+        self.strict_ready = parts.strict_ready
         self.errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo

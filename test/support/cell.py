@@ -18,6 +18,9 @@ TIMEOUTS = {'state_timeout': 45.0, 'io_timeout': 45.0, 'reply_timeout': 90.0}
 LASTS = 60.0
 """A motion that is interrupted would take this long, s: who is late still finds the arm on it."""
 
+SPEL = '--controller=spel'
+"""A controller whose program is in SPEL+: how it moves and what it sends, its statements say."""
+
 START = [0.0, 0.1, 0.2, 0.0, -0.5, 0.0]
 
 
@@ -46,10 +49,11 @@ class Cell:
         return self
 
     def _start_controller(self, ports: processes.Ports | None) -> processes.Process:
+        # half of the states that a C3 sends, and half of the work
+        usual = () if SPEL in self._controller_arguments else ('--motion=ptp', '--state-period=0.01')
         return processes.sim_controller(
             self._folder / 'controller.log',
-            '--motion=ptp',
-            '--state-period=0.01',  # half of what a C3 sends, and half of the work
+            *usual,
             *self._controller_arguments,
             start=self.start,
             ports=ports,

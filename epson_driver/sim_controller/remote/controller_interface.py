@@ -32,6 +32,10 @@ class ControllerInterface(Protocol):
         """Its condition now."""
 
     @property
+    def strict_ready(self) -> bool:
+        """Whether it is Ready only while no Normal task runs."""
+
+    @property
     def error_number(self) -> int:
         """The error that it shows."""
 
