@@ -167,9 +167,10 @@ def test_client_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
     assert_works_after_enable(cell)
 
 
-def test_silent_controller_is_noticed(make_cell: Any) -> None:
+@pytest.mark.parametrize('program', PROGRAMS)
+def test_silent_controller_is_noticed(make_cell: Any, program: str) -> None:
     """A stopped process keeps its connections open, as a pulled cable does."""
-    cell = make_cell(state_timeout=0.5).ready()
+    cell = make_cell(program=program, state_timeout=0.5).ready()
     peer = enabled_at_start(cell)
     goal = peer.goal(far_away())
     peer.wait_for_motion()
