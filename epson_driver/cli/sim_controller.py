@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from epson_driver.cli.arguments import FREE_PORT, PORT, argument, host, if_in_use
+from epson_driver.cli.arguments import FREE_PORT, PORT, argument, define, host, if_in_use
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
@@ -214,13 +214,6 @@ def _program_port(text: str) -> tuple[int, int]:
     return ports
 
 
-def _define(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition('=')
-    if not equals or not name.strip():
-        raise argparse.ArgumentTypeError(f'{shown(text)}: must be NAME=VALUE, or NAME= for off')
-    return name.strip(), value
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver sim_controller',
@@ -252,7 +245,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--define',
-        type=_define,
+        type=define,
         action='append',
         default=[],
         metavar='NAME=VALUE',

@@ -23,6 +23,7 @@ from epson_driver.spel.host import (
     Memory,
     MotionRequest,
     NetSettings,
+    Terminal,
 )
 from epson_driver.spel.machine import Machine, TaskView
 from epson_driver.spel.project import build, read_project, with_defines
@@ -49,6 +50,7 @@ __all__ = [
     'TaskState',
     'TaskType',
     'TaskView',
+    'Terminal',
     'Timing',
     'Value',
     'build',

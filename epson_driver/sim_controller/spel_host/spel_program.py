@@ -16,6 +16,7 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.states import ENDED, Event, RejectedError, Tasks
 from epson_driver.sim_controller.condition.tasks import TaskRow
 from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.spel_host.log_terminal import LogTerminal
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
@@ -31,6 +32,7 @@ from epson_driver.spel import (
     TaskState,
     TaskType,
     TaskView,
+    Terminal,
     Timing,
 )
 from epson_driver.spel.task import FIRST_BACKGROUND, LAST_BACKGROUND, Task
@@ -59,7 +61,7 @@ class SpelProgram:
 
     `program` is what runs. `main` is started at boot and whenever a person starts the program,
     BgMain at boot. Global variables are cleared with a start by hand unless there is a BgMain,
-    which may share them. Raises ProgramError for a program with statements that are not simulated.
+    which may share them. Without a `terminal` what it prints is logged. Raises ProgramError for a program with statements that are not simulated.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class SpelProgram:
         controller: Controller,
         arm: PointToPoint,
         network: ProgramNetwork,
+        terminal: Terminal | None = None,
     ) -> None:
         self._program = program
         self._controller = controller
@@ -81,6 +84,7 @@ class SpelProgram:
             controller,
             robot,
             network,
+            terminal or LogTerminal(controller.clock),
             self._soon,
             self._task_failed,
             self._asked_to_pause,
