@@ -241,7 +241,8 @@ def _parser() -> argparse.ArgumentParser:
         '--program',
         type=Path,
         metavar='FOLDER',
-        help="run this SPEL+ project (or .prg file) instead of the built-in program (the profile's)",
+        help='run this SPEL+ project (or .prg file), not the built-in program or the one that the '
+        'profile names',
     )
     parser.add_argument(
         '--define',

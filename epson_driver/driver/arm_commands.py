@@ -106,7 +106,7 @@ class ArmCommands:
                 if driver.motors.restarts:
                     await self._wait_for_status(
                         lambda status: status.motion_possible == TriState.TRUE,
-                        'the program was started, but the controller says that no motion is possible',
+                        'the program was started, but no motion is possible',
                     )
             await self._clear_motion()
             if (why := await driver.why_not_ready(ANSWER_TIMEOUT_S)) is not None:

@@ -3,7 +3,7 @@
 """A whole trajectory through the smoother at once."""
 
 from collections.abc import Callable, Iterator
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import ceil
 
 import numpy as np
@@ -111,7 +111,8 @@ def thinned(
     for before, index in pairwise(kept):
         parts = max(ceil((times[index] - times[before]) / (2.0 * spacing) - 1e-9), 1)
         ends = np.linspace(times[before], times[index], parts + 1).tolist()
-        between = [time for way in pairwise(ends) for time in _ends_of_ways(motion, way, deviation)]
+        ways = [_ends_of_ways(motion, way, deviation) for way in pairwise(ends)]
+        between = list(chain.from_iterable(ways))
         on_way = _at(np.array(between), motion.times, motion.positions)
         on_way[-1] = positions[index]
         found_times.append(np.array(between))

@@ -111,9 +111,7 @@ def _spel_parts(source: SpelSource, where: Array) -> Parts:
     def program(controller: Controller, executor: Executor) -> Program:
         if not isinstance(executor, PointToPoint):
             raise TypeError('a SPEL+ program moves the arm from point to point')
-        return SpelProgram(
-            source.program, controller, executor, source.network, source.terminal
-        )
+        return SpelProgram(source.program, controller, executor, source.network, source.terminal)
 
     return Parts(
         arm=arm,

@@ -76,7 +76,7 @@ def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[st
             if not value.isprintable():
                 raise InputError(f'#define {match[1]} = {shown(value)}: must be printable')
             left.pop(match[1], None)
-            lines[number] = f"{'' if value else OFF}#define {match[1]} {value or match[2]}"
+            lines[number] = f'{"" if value else OFF}#define {match[1]} {value or match[2]}'
         changed[name] = '\n'.join(lines)
     if left:
         named = ', '.join(shown(name) for name in left)

@@ -252,7 +252,7 @@ def test_power_is_high_only_when_it_moves_and_only_with_the_switch() -> None:
 
 
 def test_the_program_is_shipped_for_a_first_run_at_low_power() -> None:
-    """Invariant 2, for a machine nobody has tried it on: nobody has to remember to switch it off."""
+    """Invariant 2, on a machine that nobody has tried it on: full power is switched on."""
     assert "\n'#define FULL_POWER 1\n" in FILES['config.inc']
 
 

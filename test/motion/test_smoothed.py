@@ -3,6 +3,7 @@
 """Whole trajectories through the smoother."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -120,7 +121,7 @@ def off_the_ways(motion, points):
     worst = 0.0
     for place in motion.positions:
         nearest = np.inf
-        for begin, end in zip(points[:-1], points[1:], strict=True):
+        for begin, end in pairwise(points):
             along = end - begin
             share = np.clip((place - begin) @ along / max(along @ along, 1e-30), 0.0, 1.0)
             nearest = min(nearest, np.abs(place - begin - share * along).max())
@@ -142,7 +143,7 @@ def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times():
 
 
 def test_thinned_ways_keep_as_near_to_the_smooth_motion_as_is_asked():
-    """Invariant 2: with a joint-space way from each point to the next the arm keeps to the plan."""
+    """Invariant: whoever goes straight from point to point keeps to the plan."""
     motion = smoothed(PLAN, LIMITS)
     counts = []
     for deviation in (np.inf, 0.02, 0.002):

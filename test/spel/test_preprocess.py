@@ -123,7 +123,7 @@ def test_user_errors_have_names_and_texts() -> None:
 
 
 CONFIG = {
-    'config.inc': "' what a person edits\n#define SPEED 10\n'#define FAST 1\n#define OWN \"a b\"",
+    'config.inc': '\' what a person edits\n#define SPEED 10\n\'#define FAST 1\n#define OWN "a b"',
     'main.prg': '#include "config.inc"\nFunction main\nFend',
 }
 

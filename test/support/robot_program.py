@@ -312,7 +312,8 @@ class Client:
 class RobotBench:
     """The program on the robot; with `ready`, motors on and main running, as after an enable.
 
-    `changes` are those in config.inc; FULL_POWER is on, as after the first run, unless they say so.
+    `changes` are those in config.inc; FULL_POWER is on, as after the first run, unless they say
+    otherwise.
     """
 
     def __init__(self, ready: bool = True, sign: int = 1, **changes: str) -> None:

@@ -54,9 +54,7 @@ def smoothed_trajectory(
         return retimed(trajectory, limits) if smoothing.time_optimal else trajectory
     mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
     if smoothing.thin:
-        motion = thinned(
-            trajectory, limits, smoothing.resample_period, smoothing.deviation, mode
-        )
+        motion = thinned(trajectory, limits, smoothing.resample_period, smoothing.deviation, mode)
     else:
         motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
     wrong = list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS))

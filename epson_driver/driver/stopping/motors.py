@@ -123,10 +123,10 @@ class RemoteEthernetMotors:
 
 
 class RestartingMotors(RemoteEthernetMotors):
-    """The same where a program runs: it is stopped first, as the controller takes most commands
-    only while none runs (Ready), and started when the motors are on.
+    """The same where a program runs: it is stopped first, and started when the motors are on.
 
-    The arm, if it moves, comes to rest by the Stop.
+    The controller takes most commands only while no program runs (it is Ready then). The arm, if
+    it moves, comes to rest by the Stop.
     """
 
     restarts = True
@@ -135,12 +135,10 @@ class RestartingMotors(RemoteEthernetMotors):
         await ask('Stop')
         try:
             async with asyncio.timeout(timeout * READY_SHARE):
-                while (await ask('GetStatus'))[READY_FLAG : READY_FLAG + 1] != '1':
+                while (await ask('GetStatus'))[READY_FLAG : READY_FLAG + 1] != '1':  # noqa: ASYNC110 - it sends no events
                     await asyncio.sleep(READY_PERIOD_S)
         except TimeoutError as error:
-            text = (
-                'stopped, but not Ready: the arm still moves, or a task runs that Stop does not end'
-            )
+            text = 'not Ready: the arm still moves, or a task runs that Stop does not end'
             raise ConnectionError(text) from error
         await ask(action.value.remote_ethernet)
         if action is Action.MOTORS_ON:

@@ -35,8 +35,7 @@ def _robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str
     joints = len(model.joint_names)
     if wanted is not None and (int(wanted[1]) != joints or 'm' in model.limits.units):
         raise InputError(
-            f'{model.name} has {joints} joints: the project is for arms with {wanted[1]} '
-            'that turn'
+            f'{model.name} has {joints} joints: the project is for arms with {wanted[1]} that turn'
         )
     limits = model.limits
     speeds = np.degrees(limits.velocity)

@@ -61,7 +61,8 @@ class SpelProgram:
 
     `program` is what runs. `main` is started at boot and whenever a person starts the program,
     BgMain at boot. Global variables are cleared with a start by hand unless there is a BgMain,
-    which may share them. Without a `terminal` what it prints is logged. Raises ProgramError for a program with statements that are not simulated.
+    which may share them. Without a `terminal` what it prints is logged. Raises ProgramError for a
+    program with statements that are not simulated.
     """
 
     def __init__(

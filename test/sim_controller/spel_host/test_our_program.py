@@ -5,13 +5,13 @@
 import logging
 import struct
 import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.controller_harness import FAILURE, MODEL, STOP, SUCCESS, point, split
 from support.program_bench import STEP_S, OurProgramBench
+from support.sim_process import COMMAND
 
 from epson_driver.cli.demo_report import Recording, measure
 from epson_driver.cli.trajectory_file import read_trajectory
@@ -270,7 +270,7 @@ def test_the_robot_s_speeds_are_put_in_and_other_robots_are_refused():
 )
 def test_arguments_that_do_not_fit_a_program_are_refused(arguments, words):
     process = subprocess.run(
-        [sys.executable, '-m', 'epson_driver.cli', 'sim_controller', '--controller=spel', *arguments],
+        [*COMMAND, '--controller=spel', *arguments],
         capture_output=True,
         text=True,
         timeout=60,
