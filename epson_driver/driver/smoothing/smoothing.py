@@ -10,6 +10,7 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import retimed, smoothed, thinned
 from epson_driver.motion.smoother import Mode
+from epson_driver.profiles.profile import ProgramProfile
 
 MAX_MENTIONED_PROBLEMS = 3
 """How many violations a text mentions."""
@@ -34,6 +35,15 @@ class Smoothing:
     def wanted(self) -> bool:
         """Whether a plan is changed before it is sent."""
         return self.time_optimal or self.resample_period is not None
+
+
+def usual_smoothing(program: ProgramProfile) -> Smoothing:
+    """Return what suits a controller unless somebody wants something else."""
+    return Smoothing(
+        None if program.smoothing == 'none' else program.resample_period,
+        thin=program.smoothing == 'thin',
+        deviation=program.thin_deviation,
+    )
 
 
 def smoothed_trajectory(

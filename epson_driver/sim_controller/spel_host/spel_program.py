@@ -188,6 +188,11 @@ class SpelProgram:
         """Always: what it takes, its own statements decide."""
         return True
 
+    @property
+    def statements(self) -> int:
+        """How many statements its tasks have executed since the controller was booted."""
+        return self._machine.statements
+
     def receive(self, frame: Frame) -> None:
         """Raise RuntimeError: bytes come through the program's own ports."""
         raise RuntimeError(f'a SPEL+ program takes no frame ({frame.msg_type})')
