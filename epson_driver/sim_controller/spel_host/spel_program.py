@@ -53,6 +53,9 @@ _STATES = {
     TaskState.QUICK_PAUSED: 'paused',
     TaskState.ABORTED: 'aborted',
 }
+ROUNDING_S = 1e-9
+"""Two times that are nearer are the same: the tasks' time does not begin with the clock's."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -121,7 +124,7 @@ class SpelProgram:
         """Let the tasks run until now, and then whatever follows from that."""
         self._timer = None
         self._start_main()
-        now = self._controller.clock.now - self._begun
+        now = self._now()
         self._running = True
         try:
             self._machine.idle(now)
@@ -133,8 +136,13 @@ class SpelProgram:
         self._look_at_tasks()
         due = self._machine.next_time()
         if self._timer is None and due is not None:
-            now = self._controller.clock.now - self._begun
             self._timer = self._controller.clock.after(max(due - now, 0.0), self._run)
+
+    def _now(self) -> float:
+        """Return the time of the tasks, s; what is due at it, rounding does not put off."""
+        now = self._controller.clock.now - self._begun
+        due = self._machine.next_time()
+        return due if due is not None and now < due < now + ROUNDING_S else now
 
     def _after_tasks(self, action: Callable[[], None]) -> None:
         """Do something when no task runs: now, or after the tasks' turn."""

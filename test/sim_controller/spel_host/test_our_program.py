@@ -190,6 +190,25 @@ def test_motors_off_in_mid_motion_fails_what_is_not_reached():
     assert_moves(bench, motion, peer)
 
 
+@pytest.mark.invariant(4)
+def test_a_reboot_ends_it_and_the_program_begins_anew():
+    """Also at a time that a sum of times only rounds to: the tasks' time begins with the boot."""
+    bench, _, _ = moving()
+    bench.controller.reboot(0.3)
+    assert_still(bench)
+    assert not bench.controller.condition.powered
+    for seconds in (0.1, 0.37):
+        bench.controller.step(seconds / 3.0)
+        bench.controller.reboot(seconds)
+        bench.step(1.0)
+    motion, peer = bench.client('motion')
+    _, state = bench.client('state')
+    bench.do('motors on')
+    assert_still(bench)
+    assert status(state)[-1] == 1
+    assert_moves(bench, motion, peer)
+
+
 def test_pause_and_continue_go_on_to_the_end():
     bench, motion, peer = moving()
     bench.do('pause')
