@@ -119,7 +119,6 @@ def _spel_parts(source: SpelSource, where: Array) -> Parts:
         clients=lambda controller: ClientConnections(controller, source.network),
         settings=SpelSettings(DEFAULT_SPEED, DEFAULT_SPEED),
         tables=STARTED_BY_A_PERSON,
-        strict_ready=True,
     )
 
 

@@ -107,17 +107,13 @@ class Clients(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """How those parts of a controller are made that need the controller itself.
-
-    `strict_ready`: it is Ready only while no Normal task runs, as real ones are.
-    """
+    """How those parts of a controller are made that need the controller itself."""
 
     arm: Callable[['Controller'], SimulatedArm]
     program: Callable[['Controller', Executor], Program]
     clients: Callable[['Controller'], Clients]
     settings: SpelSettings
     tables: Tables = field(default_factory=lambda: REGIONS)
-    strict_ready: bool = False
 
 
 class Controller:
@@ -154,7 +150,6 @@ class Controller:
         self.clients = parts.clients(self)
         self.spel = parts.settings
         self._tables = parts.tables
-        self.strict_ready = parts.strict_ready
         self.errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
@@ -317,6 +312,11 @@ class Controller:
         for the rest. The servos follow what is commanded at the end.
         """
         self.clock.advance(self.clock.now + dt, self._move)
+
+    @property
+    def program_runs(self) -> bool:
+        """Whether tasks of its program keep it from being Ready, as on a real controller."""
+        return self.program.runs
 
     @property
     def in_motion(self) -> bool:

@@ -32,8 +32,8 @@ class ControllerInterface(Protocol):
         """Its condition now."""
 
     @property
-    def strict_ready(self) -> bool:
-        """Whether it is Ready only while no Normal task runs."""
+    def program_runs(self) -> bool:
+        """Whether tasks of a SPEL+ program run, besides those in the background."""
 
     @property
     def error_number(self) -> int:

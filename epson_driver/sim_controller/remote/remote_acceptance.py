@@ -39,12 +39,8 @@ def _no(flag: str, sentence: Callable[[ControllerInterface], str]) -> Requiremen
     return Requirement(f'no {flag}', lambda controller: not FLAGS[flag](controller), sentence)
 
 
-def _ready_if_strict(controller: ControllerInterface) -> bool:
-    return not controller.strict_ready or FLAGS['Ready'](controller)
-
-
 def _not_ready(controller: ControllerInterface) -> str:
-    if controller.strict_ready and controller.condition.tasks is Tasks.RUNNING:
+    if controller.program_runs:
         return 'the program runs: stop first'
     if not controller.condition.paused:
         return 'the arm still moves: try again when it stands'
@@ -79,7 +75,9 @@ def _no_tasks(controller: ControllerInterface) -> str:
 
 AUTO = _is('Auto', lambda _: 'the key switch is at MANUAL: turn it to AUTO first')
 READY = _is('Ready', _not_ready)
-READY_IF_STRICT = Requirement('Ready with a SPEL+ program', _ready_if_strict, _not_ready)
+NO_PROGRAM = Requirement(
+    'no SPEL+ program', lambda controller: not controller.program_runs, _not_ready
+)
 PAUSED = _is('Paused', _not_paused)
 NO_ESTOP = _no('EStop', _estopped)
 NO_SAFEGUARD = _no('Safeguard', lambda _: 'the safeguard door is open: close it first')

@@ -246,7 +246,7 @@ def _sim(dialogue: Dialogue, parameters: list[str]) -> str | None:
 _FREE: tuple[Requirement, ...] = ()
 _AUTO = (requirements.AUTO,)
 _IDLE = (requirements.AUTO, requirements.READY)
-_OFF = (requirements.AUTO, requirements.READY_IF_STRICT)
+_OFF = (requirements.AUTO, requirements.NO_PROGRAM)
 _SAFE = (requirements.AUTO, requirements.NO_ESTOP, requirements.NO_SAFEGUARD, requirements.READY)
 _SOUND = (
     requirements.AUTO,

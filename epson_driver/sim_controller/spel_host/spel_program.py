@@ -167,13 +167,11 @@ class SpelProgram:
 
     def _look_at_tasks(self) -> None:
         """See whether all tasks are over, and whether one still moves the arm."""
-        kinds = {task.type for task in self._alive()}
         mover = self._mover
         if self._motion.busy and (mover is None or mover.frame is None):
             self._motion.abort(_aborted('its task is over'))
         condition = self._controller.condition
-        over = not self._starting and not kinds - {TaskType.BACKGROUND}
-        if over and condition.tasks is Tasks.RUNNING:
+        if not self.runs and condition.tasks is Tasks.RUNNING:
             self._finishing = True
             self._controller.apply(Event.TASKS_FINISHED)
             self._finishing = False
@@ -190,6 +188,12 @@ class SpelProgram:
     def paused(self) -> bool:
         """Whether it waits for `resume`."""
         return self._controller.condition.paused
+
+    @property
+    def runs(self) -> bool:
+        """Whether tasks run besides those in the background."""
+        kinds = {task.type for task in self._alive()}
+        return self._starting or bool(kinds - {TaskType.BACKGROUND})
 
     @property
     def ready(self) -> bool:

@@ -168,7 +168,7 @@ NEEDS = {
         'refused',
         'there is error 4031 (motion attempted with the motors off): reset first',
     ),
-    'Ready with a SPEL+ program': ('spel', 'the program runs: stop first'),
+    'no SPEL+ program': ('spel', 'the program runs: stop first'),
     'tasks run': ('stop', 'the tasks are stopped: there is nothing to pause'),
     'Paused': ('nothing', 'nothing is paused'),
 }
@@ -187,14 +187,14 @@ PARAMETERS = {
     ('name', 'need'),
     [(name, need.text) for name in COMMANDS for need in COMMANDS[name].requirements],
 )
-def test_what_a_command_needs(name, need):
+def test_what_a_command_needs(name, need, monkeypatch):
     remote = Remote()
     what, sentence = NEEDS[need]
     if what == 'refused':
         remote.harness.send(point(0, FAR))
         assert remote.controller.error_number == 4031
     elif what == 'spel':
-        remote.controller.strict_ready = True
+        monkeypatch.setattr(type(remote.controller.program), 'runs', True)
     elif what != 'nothing':
         remote.harness.do(what)
     before = remote.controller.condition
@@ -229,7 +229,7 @@ def test_the_manuals_acceptance_conditions():
     assert needs['SetMotorsOn'] == 'Auto no EStop no Safeguard Ready'
     assert needs['Reset'] == needs['SetCurRobot'] == needs['SetVariable'] == 'Auto Ready'
     assert needs['Stop'] == needs['Abort'] == 'Auto'
-    assert needs['SetMotorsOff'] == 'Auto Ready with a SPEL+ program'
+    assert needs['SetMotorsOff'] == 'Auto no SPEL+ program'
     assert needs['Pause'] == 'Auto tasks run'
     assert needs['Continue'] == 'Auto Paused'
     assert needs['SetIO'] == needs['SetIOByte'] == 'Ready'

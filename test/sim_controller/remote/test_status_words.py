@@ -28,7 +28,7 @@ def controller(moving=False, in_motion=None, error=0, spel=False, **regions):
         moving=moving,
         in_motion=moving if in_motion is None else in_motion,
         error_number=error,
-        strict_ready=spel,
+        program_runs=spel,
     )
 
 
@@ -49,8 +49,9 @@ STOPPED = controller(tasks=Tasks.STOPPED)
 HIGH = controller(power=Power.HIGH)
 HELD_LOW = controller(power=Power.HELD_LOW)
 SPEL_RUNS = controller(spel=True)
-SPEL_STOPPED = controller(spel=True, tasks=Tasks.STOPPED)
-SPEL_LAST_MOVE = controller(spel=True, moving=True, motors=Motors.ON, tasks=Tasks.STOPPED)
+SPEL_SERVER_RUNS = controller(spel=True, tasks=Tasks.ABORTED)
+SPEL_PAUSED = controller(spel=True, tasks=Tasks.PAUSED)
+SPEL_LAST_MOVE = controller(moving=True, motors=Motors.ON, tasks=Tasks.STOPPED)
 BRAKING = controller(moving=True, motors=Motors.BRAKING)
 
 NEVER = ()
@@ -67,12 +68,12 @@ FLAGS = {
     'Error': ((PRESSED, LATCHED, REFUSED, ERROR, CRITICAL), (IDLE, MOVING, DOOR_OPEN)),
     'Paused': ((PAUSED, PAUSING, DOOR_OPEN, WAIT_RECOVER), (IDLE, MOVING, RECOVERING, STOPPED)),
     'Running': (
-        (MOVING, RECOVERING, BRAKING, SPEL_RUNS, SPEL_LAST_MOVE),
-        (IDLE, PAUSED, PAUSING, DOOR_OPEN, PRESSED, SPEL_STOPPED),
+        (MOVING, RECOVERING, BRAKING, SPEL_RUNS, SPEL_SERVER_RUNS, SPEL_LAST_MOVE),
+        (IDLE, PAUSED, PAUSING, DOOR_OPEN, PRESSED, SPEL_PAUSED),
     ),
     'Ready': (
-        (IDLE, PRESSED, ERROR, MANUAL, STOPPED, SPEL_STOPPED),
-        (MOVING, PAUSED, DOOR_OPEN, RECOVERING, SPEL_RUNS, SPEL_LAST_MOVE),
+        (IDLE, PRESSED, ERROR, MANUAL, STOPPED),
+        (MOVING, PAUSED, DOOR_OPEN, RECOVERING, SPEL_RUNS, SPEL_SERVER_RUNS, SPEL_PAUSED),
     ),
 }
 
