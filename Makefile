@@ -7,7 +7,7 @@ INSTALL := $(BIN)/python requirements/install.py
 INTERFACES := interfaces/control_msgs interfaces/epson_msgs interfaces/industrial_msgs
 INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
-	$(shell find $(wildcard epson_driver config launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
+	$(shell find $(wildcard epson_driver config controller_program launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
 
 # Four processes, each with one thread for matrices: tests of real processes mostly wait. Each file stays in one of
 # them, so that what its tests share is started once.
@@ -39,7 +39,7 @@ help:
 	@echo "make test-all      run the slow tests as well (half an hour)"
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff and mypy"
-	@echo "make bench         measure the CPU time of the smoother, of a driver per robot, and of collision checks"
+	@echo "make bench         measure the CPU time of the smoother, drivers, collision checks and the SPEL+ program"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to benchmark/results"
 	@echo "make soak          send 2,000 goals and 20,000 service calls, and watch the driver's memory (ten minutes)"
@@ -84,6 +84,7 @@ bench: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.cost
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.collision
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.robots
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.spel_program
 
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)

@@ -26,7 +26,7 @@ def data_files():
     """Yield (target folder, files) for everything that is installed beside the code."""
     yield 'share/ament_index/resource_index/packages', [f'resource/{NAME}']
     yield f'share/{NAME}', ['package.xml']
-    for top in filter(os.path.isdir, ('config', 'urdf', 'launch')):
+    for top in filter(os.path.isdir, ('config', 'urdf', 'launch', 'controller_program')):
         for folder in [Path(top), *(p for p in sorted(Path(top).rglob('*')) if p.is_dir())]:
             files = [str(path) for path in sorted(folder.iterdir()) if path.is_file()]
             if files:

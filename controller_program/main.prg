@@ -53,6 +53,9 @@ Function main
 #endif
   Wait g_ready <> 0, 5
   If TW <> 0 Then Error NOT_READY
+#ifndef FULL_POWER
+  Print "Low power, slower than asked for: FULL_POWER is off in config.inc"
+#endif
   m_lost = g_lost
   g_main_error = 0
   before = g_epoch

@@ -314,6 +314,7 @@ Function PlanPoint(n As Integer)
   ' the accelerations take BLEND_MS, or the whole way if it is shorter
   seconds = way / percent * 100000
   If seconds > BLEND_MS Then seconds = BLEND_MS
+  seconds = seconds - RAMP_MS
   If seconds < 1 Then seconds = 1
   percent = Int(percent * T100_MS / seconds)
   If percent < 1 Then percent = 1

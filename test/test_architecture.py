@@ -83,7 +83,9 @@ PACKAGES = {
     'api': Package(3, BOTTOM | {'link', 'driver'}, frozenset({'numpy'})),
     'aio': Package(3, BOTTOM | {'driver', 'api'}, frozenset({'numpy'})),
     'robot': Package(3, frozenset({'aio', 'api', 'motion', 'robots'}), frozenset({'numpy'})),
-    'bringup': Package(3, frozenset({'inputs', 'robots', 'share'}), frozenset({'xacro'})),
+    'bringup': Package(
+        3, frozenset({'inputs', 'profiles', 'robots', 'share'}), frozenset({'xacro'})
+    ),
     'cli': Package(
         4,
         BOTTOM

@@ -10,6 +10,7 @@ import numpy as np
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.smoothing.smoothing import usual_smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import HOST, JOINT_NAMES, Rule, count, number
@@ -150,6 +151,7 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             usual_byte_order=profile.byte_order,
             motors=profile.program.motors,
             state_period=profile.state.period,
+            smoothing=usual_smoothing(profile.program),
         ),
         GoalSettings(
             stopped_velocity=more.stopped_velocity_tolerance,

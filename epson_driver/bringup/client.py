@@ -8,6 +8,7 @@ from typing import Any
 
 from epson_driver.bringup.params_file import file_parameters
 from epson_driver.inputs import HOST, JOINT_NAMES, count
+from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 INTERFACE = (
@@ -83,13 +84,20 @@ def effective(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def controller_arguments(values: Mapping[str, str]) -> list[str]:
-    """Return the command line of the simulated controller for this client."""
+    """Return the command line of the simulated controller for this client.
+
+    Where the controller's profile has a SPEL+ program, that says how it moves. Raises
+    FileNotFoundError, InputError for a profile that is not there, or wrong.
+    """
     values = effective(values)
-    words = ['--robot', values['robot_model'], '--motion', values['sim_motion']]
+    words = ['--robot', values['robot_model']]
+    controller = values['controller']
+    if not (controller and load_controller_profile(controller).spel.project):
+        words += ['--motion', values['sim_motion']]
     if values['robot_ip']:
         words += ['--host', values['robot_ip']]
-    if values['controller']:
-        words += ['--controller', values['controller']]
+    if controller:
+        words += ['--controller', controller]
     for name, port in _ports(values, values).items():
         if port:
             words += ['--' + name.replace('_', '-'), str(_port(name, port))]

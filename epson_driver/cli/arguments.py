@@ -32,6 +32,15 @@ def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callab
 host = argument(HOST, str)
 
 
+def define(text: str) -> tuple[str, str]:
+    """Return name and value of NAME=VALUE: another value in a #define line of a SPEL+ project."""
+    name, equals, value = text.partition('=')
+    if not equals or not name.strip():
+        rule = 'must be NAME=VALUE, or NAME= to turn it off'
+        raise argparse.ArgumentTypeError(f'{printable(shown(text))}: {rule}')
+    return name.strip(), value
+
+
 PICTURES = ('.png', '.pdf', '.svg', '.jpg')
 
 

@@ -39,6 +39,7 @@ from epson_driver.cli.processes import Ports, RunError
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
+from epson_driver.profiles import load_controller_profile
 from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
@@ -56,7 +57,10 @@ INSTALL = (
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-TITLES = {'ptp': 'point to point', 'smooth': 'smooth'}
+TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
+
+NATIVE = 'rc620'
+"""The profile that a SPEL+ program is compared with: its program is built in."""
 
 
 def main() -> int:
@@ -80,13 +84,15 @@ def main() -> int:
             seeds = range(first, first + (arguments.seeds or 1))
             return demo_plan.run(seeds, arguments.picture, console)
         trajectory = read_trajectory(arguments.trajectory)
-        motions = ('ptp', 'smooth') if arguments.compare else (arguments.motion,)
+        motions = _motions(arguments)
         runs = []
         for turn, motion in enumerate(motions, start=1):
             if arguments.compare:
                 console.rule(f'{turn} of {len(motions)}: {TITLES[motion]}')
             with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder:
-                runs.append(_run(motion, trajectory, Path(folder), console))
+                native = arguments.spel and motion != 'spel'
+                controller = NATIVE if native else arguments.controller
+                runs.append(_run(motion, controller, trajectory, Path(folder), console))
         return _report(arguments, trajectory, runs, console)
     except _GoalError as error:
         return _judged(console, [str(error)], error.missed, 0.0)
@@ -112,13 +118,21 @@ def _arguments() -> argparse.Namespace:
         help='a JointTrajectory as YAML (default: %(default)s)',
     )
     parser.add_argument(
-        '--motion',
-        choices=('smooth', 'ptp'),
-        default='smooth',
-        help='how the controller moves: through all points, or resting at each (%(default)s)',
+        '--controller',
+        default=NATIVE,
+        help='controller profile, or a .yaml file; spel: the SPEL+ program for real controllers '
+        '(%(default)s)',
     )
     parser.add_argument(
-        '--compare', action='store_true', help='run both, one after the other, in one picture'
+        '--motion',
+        choices=('smooth', 'ptp'),
+        help='how the controller moves: through all points, or resting at each (smooth)',
+    )
+    parser.add_argument(
+        '--compare',
+        action='store_true',
+        help='run both, one after the other, in one picture; with a SPEL+ program: it and the '
+        f'built-in one of {NATIVE}',
     )
     parser.add_argument(
         '--picture',
@@ -145,11 +159,27 @@ def _arguments() -> argparse.Namespace:
         help='how many tasks --plan executes, one seed after the other (default: 1)',
     )
     arguments = parser.parse_args()
-    if arguments.plan and (arguments.compare or arguments.motion != 'smooth'):
+    if arguments.plan and (arguments.compare or arguments.motion == 'ptp'):
         parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
+    if arguments.plan and arguments.controller != NATIVE:
+        parser.error(f'--plan is for {NATIVE}: leave out --controller')
+    try:
+        profile = load_controller_profile(arguments.controller)
+    except (OSError, InputError) as error:
+        parser.error(str(error))
+    arguments.spel = bool(profile.spel.project)
+    if arguments.spel and arguments.motion is not None:
+        parser.error('--motion: a SPEL+ program moves as its statements say')
     if not arguments.plan and (arguments.seed is not None or arguments.seeds is not None):
         parser.error('--seed and --seeds say what --plan plans: add --plan, or leave them out')
     return arguments
+
+
+def _motions(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return what is run, one after the other; the last is of the controller asked for."""
+    if arguments.spel:
+        return ('smooth', 'spel') if arguments.compare else ('spel',)
+    return ('ptp', 'smooth') if arguments.compare else (arguments.motion or 'smooth',)
 
 
 def _on_signal(_number: int, _frame: object) -> NoReturn:
@@ -181,7 +211,7 @@ class Run:
                 f'a waypoint was missed by {self.figures.waypoint_deviation:.4f} rad, '
                 f'{MAX_DEVIATION_RAD:g} rad are allowed'
             )
-        if self.motion == 'smooth' and self.figures.stops:
+        if self.motion != 'ptp' and self.figures.stops:
             times = 'once' if self.figures.stops == 1 else f'{self.figures.stops} times'
             faults.append(f'the arm stopped {times} on the way')
         return faults
@@ -195,16 +225,22 @@ class _GoalError(RunError):
         self.missed = missed
 
 
-def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) -> Run:
+def _run(
+    motion: str, controller: str, trajectory: Trajectory, folder: Path, console: Console
+) -> Run:
     """Execute the trajectory. Raises RunError if the goal is not reached."""
     began = time.monotonic()
     start = trajectory.positions[0].tolist()
-    with running_controller(folder, start, f'--motion={motion}') as ports:
+    how = [f'--controller={controller}']
+    if motion != 'spel':
+        how.append(f'--motion={motion}')
+    with running_controller(folder, start, *how) as ports:
         with running_driver(
             folder,
             ports,
             trajectory.joint_names,
             console,
+            controller=controller,
             allow_nonzero_velocity_at_trajectory_end='true',
         ) as user:
             missed = deadlines_missed(ports.remote)
@@ -295,7 +331,7 @@ def _rows(trajectory: Trajectory, run: Run) -> tuple[tuple[str, str], ...]:
             'reply to a point',
             f'median {latencies.get("reply latency median [ms]", "?")} ms, '
             f'p99 {latencies.get("reply latency p99 [ms]", "?")} ms '
-            f'({"as its buffer has room" if run.motion == "smooth" else "after the move"})',
+            f'({"after the move" if run.motion == "ptp" else "as its buffer has room"})',
         ),
         (
             'round trip to the controller',

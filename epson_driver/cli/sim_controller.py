@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from epson_driver.cli.arguments import FREE_PORT, PORT, argument, host, if_in_use
+from epson_driver.cli.arguments import FREE_PORT, PORT, argument, define, host, if_in_use
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
@@ -24,7 +24,7 @@ from epson_driver.profiles.profile import (
     ControllerProfile,
     load_controller_profile,
 )
-from epson_driver.robots import load_robot_model
+from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.faults.fault_kinds import Fault
@@ -32,8 +32,9 @@ from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.network.stderr_log import StderrLog
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
+from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.simple_message import ByteOrder, Dialect
-from epson_driver.spel import build, read_project
+from epson_driver.spel import Program, build, read_project, with_defines
 
 _PORTS = Ports()
 STATE_PERIOD = number(0.001, 3600.0, 's')
@@ -48,11 +49,12 @@ def main() -> int:
         model = load_robot_model(args.robot)
         profile = load_controller_profile(args.controller)
         start = None if args.start is None else _start(args.start, model.limits)
-        program = None if args.program is None else build(read_project(args.program))
+        program = _program(args, profile, model)
     except (OSError, InputError, _StartError) as error:
         parser.error(str(error))
-    if program is not None and args.motion == 'smooth':
-        parser.error('--motion smooth: a SPEL+ program moves from point to point, blended by CP')
+    if program is not None and (asked := _of_built_in_programs(args)) is not None:
+        option, why = asked
+        parser.error(f'{option}: a SPEL+ program {why}')
     byte_order = profile.byte_order
     if args.byte_order is not None:
         byte_order = ByteOrder[args.byte_order.upper()]
@@ -82,6 +84,34 @@ def main() -> int:
         return asyncio.run(_run(servers, args.host, ports, args.until_stdin_ends))
     finally:
         log.finish()
+
+
+def _program(
+    args: argparse.Namespace, profile: ControllerProfile, model: RobotModel
+) -> Program | None:
+    """Return the SPEL+ program to run, if any. Raises OSError, InputError."""
+    if args.program is not None:
+        files = read_project(args.program)
+    elif profile.spel.project:
+        files = profile_project(profile.spel, model)
+    elif args.define:
+        raise InputError('--define: there is no SPEL+ program')
+    else:
+        return None
+    return build(with_defines(files, dict(args.define)))
+
+
+def _of_built_in_programs(args: argparse.Namespace) -> tuple[str, str] | None:
+    """Return an argument that a SPEL+ program makes nothing of, and why; None: there is none."""
+    given = {
+        '--motion': (args.motion, 'moves as its statements say'),
+        '--look-ahead': (args.look_ahead, 'takes points as its statements say'),
+        '--state-period': (args.state_period, 'sends when its statements say so'),
+        '--byte-order': (args.byte_order, 'has the byte order of its statements'),
+    }
+    return next(
+        ((option, why) for option, (value, why) in given.items() if value is not None), None
+    )
 
 
 def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) -> int:
@@ -211,7 +241,17 @@ def _parser() -> argparse.ArgumentParser:
         '--program',
         type=Path,
         metavar='FOLDER',
-        help='run this SPEL+ project (or .prg file) instead of the built-in program',
+        help='run this SPEL+ project (or .prg file), not the built-in program or the one that the '
+        'profile names',
+    )
+    parser.add_argument(
+        '--define',
+        type=define,
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='another value in a #define line of the SPEL+ project; may be repeated (nothing '
+        'behind the = turns it off)',
     )
     parser.add_argument(
         '--program-port',

@@ -1,15 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel check|test FILE…`: SPEL+ programs without a robot and without RC+."""
+"""`epson_driver spel check|run|test FILE…`: SPEL+ programs without a robot and without RC+."""
 
 import argparse
 import json
+import logging
 import sys
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from epson_driver.cli.arguments import argument
-from epson_driver.inputs import InputError, Rule, count, printable
+from epson_driver.cli.arguments import FREE_PORT, argument, define
+from epson_driver.inputs import InputError, Rule, count, number, printable
 from epson_driver.spel import Problem, ProgramError, build, read_project
 from epson_driver.spel.commands import VERSIONS
 from epson_driver.spel.lint import RULES, check
@@ -23,13 +24,16 @@ _FILES = 'a project folder, or .prg files (with the .inc files beside them)'
 
 
 def main() -> int:
-    """Check or test. Returns 0 if all is well, 1 if not, 2 for arguments that cannot be used."""
+    """Check, run or test. Returns 0 if all is well, 1 if not, 2 for unusable arguments."""
     parser = _parser()
     arguments = parser.parse_args()
     try:
         run: int = arguments.run(arguments)
     except BrokenPipeError:
         sys.stderr.close()
+        return FOUND
+    except ProgramError as error:
+        print(error)
         return FOUND
     except (OSError, InputError) as error:
         parser.error(str(error))
@@ -40,7 +44,7 @@ def main() -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='epson_driver spel', description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar='check|test')
+    commands = parser.add_subparsers(required=True, metavar='check|run|test')
     checking = commands.add_parser('check', help='a linter: what is wrong, and what will be')
     checking.add_argument('files', nargs='+', type=Path, metavar='FILE', help=_FILES)
     checking.add_argument(
@@ -58,7 +62,45 @@ def _parser() -> argparse.ArgumentParser:
     testing.add_argument('-k', metavar='TEXT', default='', help='only tests with this in the name')
     testing.add_argument('--junit', type=Path, metavar='FILE', help='write JUnit XML as well')
     testing.set_defaults(run=_test)
+    running = commands.add_parser('run', help='run a program on a simulated controller')
+    running.add_argument('program', type=Path, metavar='FILE', help='a project folder, or a .prg')
+    running.add_argument('--robot', default='c3_a601s', help='robot model (%(default)s)')
+    running.add_argument('--controller', default='rc620', help='controller profile (%(default)s)')
+    running.add_argument(
+        '--define',
+        type=define,
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='another value in a #define line; may be repeated',
+    )
+    running.add_argument(
+        '--remote-port',
+        type=argument(FREE_PORT),
+        default=0,
+        metavar='PORT',
+        help='where `pendant` reaches it (any free one, said on stderr)',
+    )
+    running.add_argument(
+        '--seconds',
+        type=argument(number(0.001, 1e6, 's')),
+        metavar='S',
+        help="end after this long, by the controller's clock, with exit code 3",
+    )
+    running.add_argument(
+        '--fast',
+        action='store_true',
+        help="let the controller's time pass as fast as possible, without network (600 s at most)",
+    )
+    running.set_defaults(run=_run)
     return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from epson_driver.cli import spel_run  # imports numpy and the whole controller
+
+    logging.basicConfig(level=logging.WARNING, format='%(message)s')
+    return spel_run.run(arguments)
 
 
 def _projects(paths: list[Path]) -> list[dict[str, str]]:

@@ -96,11 +96,19 @@ class ArmCommands:
             await self._wait_for_first_stop()
             if driver.stopper.keeps_points:  # with the motors, it would go on with them
                 await self._clear_motion()
-            if status.drives_powered == TriState.FALSE:
+            restarts = driver.motors.restarts and driver.gate.reason is not None
+            if status.drives_powered == TriState.FALSE or (
+                restarts and status.motion_possible == TriState.FALSE
+            ):
                 await self._act(Action.MOTORS_ON)
                 await self._wait_for_status(
                     lambda status: status.drives_powered == TriState.TRUE, 'the motors stay off'
                 )
+                if driver.motors.restarts:
+                    await self._wait_for_status(
+                        lambda status: status.motion_possible == TriState.TRUE,
+                        'the program was started, but no motion is possible',
+                    )
             await self._clear_motion()
             if (why := await driver.why_not_ready(ANSWER_TIMEOUT_S)) is not None:
                 raise CommandError(f'nobody knows where the arm is: {why}')

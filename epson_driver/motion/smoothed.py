@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A whole trajectory through the smoother at once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import chain, pairwise
 from math import ceil
 
 import numpy as np
 
-from epson_driver.motion.limits import JointLimits
+from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.passages import passed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
 from epson_driver.motion.trajectory import Trajectory
@@ -75,17 +76,90 @@ def retimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     `smoothed`.
     """
     motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL)
-    positions = trajectory.in_order(limits.names).positions
+    times, positions = _own_points(trajectory, motion)
+    return Trajectory(limits.names, times, positions, _at(times, motion.times, motion.velocities))
+
+
+def thinned(
+    trajectory: Trajectory,
+    limits: JointLimits,
+    spacing: float,
+    deviation: float = np.inf,
+    mode: Mode = Mode.TIME_PRESERVING,
+) -> Trajectory:
+    """Return few points whose straight joint-space ways keep near a trajectory's smooth motion.
+
+    They are `spacing` to twice that apart, s: of the trajectory's own points those that are far
+    enough apart, when the motion passes them, and others where there are too few. Where a way
+    would be farther than `deviation` (rad, m, any joint) from the motion they are nearer to each
+    other; the last two may be too. Raises as `smoothed`.
+    """
+    if not (spacing > 0.0 and deviation > 0.0):
+        raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
+    motion = smoothed(trajectory, limits, mode)
+    times, positions = _own_points(trajectory, motion)
+    kept = [0]
+    for index, time in enumerate(times.tolist()):
+        if time - times[kept[-1]] >= spacing:
+            kept.append(index)
+    last = len(times) - 1
+    if kept[-1] != last:
+        if len(kept) > 1:
+            kept.pop()
+        kept.append(last)
+    found_times, found = [times[:1]], [positions[:1]]
+    for before, index in pairwise(kept):
+        parts = max(ceil((times[index] - times[before]) / (2.0 * spacing) - 1e-9), 1)
+        ends = np.linspace(times[before], times[index], parts + 1).tolist()
+        ways = [_ends_of_ways(motion, way, deviation) for way in pairwise(ends)]
+        between = list(chain.from_iterable(ways))
+        on_way = _at(np.array(between), motion.times, motion.positions)
+        on_way[-1] = positions[index]
+        found_times.append(np.array(between))
+        found.append(on_way)
+    times = np.concatenate(found_times)
+    velocities = _at(times, motion.times, motion.velocities)
+    return Trajectory(limits.names, times, np.concatenate(found), velocities)
+
+
+def _ends_of_ways(
+    motion: Trajectory, way: tuple[float, float], deviation: float
+) -> Iterator[float]:
+    """Yield the ends of straight ways from way[0] to way[1], s, each near enough to a motion."""
+    begin, end = way
+    inside = motion.positions[(motion.times > begin) & (motion.times < end)]
+    first, last = _at(np.array(way), motion.times, motion.positions)
+    if len(inside) > 1 and _off_line(inside, first, last) > deviation:
+        middle = (begin + end) / 2.0
+        yield from _ends_of_ways(motion, (begin, middle), deviation)
+        yield from _ends_of_ways(motion, (middle, end), deviation)
+    else:
+        yield end
+
+
+def _off_line(positions: Array, first: Array, last: Array) -> float:
+    """Return how far positions, shape (k, n), are from the line between two, in any joint."""
+    along = last - first
+    square = float(along @ along)
+    offsets = positions - first
+    share = np.clip(offsets @ along / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(offsets))
+    return float(np.abs(offsets - share[:, None] * along).max())
+
+
+def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Array]:
+    """Return when a motion passes a trajectory's points, and these; without repeated ones."""
+    positions = trajectory.in_order(motion.joint_names).positions
     apart = np.abs(np.diff(positions, axis=0)).max(axis=1) >= MERGE_TOLERANCE
     kept = np.concatenate([np.flatnonzero(apart), [len(positions) - 1]])  # the last of each run
     positions = positions[kept]
     _, times = passed(positions, motion)
-    times[0], times[-1] = 0.0, motion.duration
+    times[0], times[-1] = motion.times[0], motion.times[-1]
     forward = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
     forward[-1] = True
-    times, positions = times[forward], positions[forward]
-    assert motion.velocities is not None  # noqa: S101 - for the type checker
-    velocities = np.stack(
-        [np.interp(times, motion.times, column) for column in motion.velocities.T], axis=1
-    )
-    return Trajectory(limits.names, times, positions, velocities)
+    return times[forward], positions[forward]
+
+
+def _at(times: Array, sampled: Array, values: Array | None) -> Array:
+    """Return the values of a motion, shape (k, n), between its samples, at times (m,): (m, n)."""
+    assert values is not None  # noqa: S101 - for the type checker
+    return np.stack([np.interp(times, sampled, column) for column in values.T], axis=1)

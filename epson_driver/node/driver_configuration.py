@@ -55,8 +55,10 @@ def driver_configuration(
         state_period=profile.state.period,
         margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
         smoothing=Smoothing(
-            values['resample_period'] if values['smoothing'] == 'resample' else None,
-            values['timing'] == 'time_optimal',
+            None if values['smoothing'] == 'none' else values['resample_period'],
+            time_optimal=values['timing'] == 'time_optimal',
+            thin=values['smoothing'] == 'thin',
+            deviation=values['thin_deviation'],
         ),
     )
 

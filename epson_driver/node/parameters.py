@@ -136,14 +136,23 @@ TABLE = (
         'smoothing',
         'none',
         'What is sent of a trajectory. none: its own points, for a controller that smooths or '
-        'goes from point to point; resample: points on the smooth motion through them.',
-        choices=('none', 'resample'),
+        'goes from point to point; resample: points on the smooth motion through them; thin: of '
+        'its own points those that are far enough apart, and others where there are too few.',
+        choices=('none', 'resample', 'thin'),
     ),
     Row(
         'resample_period',
         0.05,
-        'Time between two points of the smooth motion [s].',
+        'Time between two points of the smooth motion; with thin this to twice this [s].',
         0.004,
+        1.0,
+    ),
+    Row(
+        'thin_deviation',
+        0.01,
+        'With smoothing thin: how far straight ways between its points may be from the smooth '
+        'motion, each joint; less needs more points, at which the arm may be slower [rad, m].',
+        0.0001,
         1.0,
     ),
     Row(
@@ -302,6 +311,9 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
         'error_texts': profile.error_texts,
         'interface': profile.program.interface,
         'point_message': POINT_MESSAGES[profile.program.kind],
+        'smoothing': profile.program.smoothing,
+        'resample_period': profile.program.resample_period,
+        'thin_deviation': profile.program.thin_deviation,
     }
 
 

@@ -8,6 +8,7 @@ profile_rules.py.
 """
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -34,6 +35,7 @@ __all__ = [
     'RemoteProfile',
     'ServerProfile',
     'ServoProfile',
+    'SpelProfile',
     'StateProfile',
     'load_controller_profile',
 ]
@@ -124,7 +126,10 @@ class ProgramProfile:
     * `skip_first`: a first point so near to where the arm stands, rad or m, each joint, is left
       out; 0: none is.
     * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
-      if it is given a port, or by Motoman's commands.
+      if it is given a port, by that but with main stopped before and started after ('restart'), or
+      by Motoman's commands.
+    * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): what a driver sends of a plan
+      unless it is told otherwise, as its parameters of these names.
     """
 
     kind: Literal['points', 'motoman']
@@ -143,7 +148,10 @@ class ProgramProfile:
     accepts: Literal['exact', 'longer', 'any']
     special_sequences: Literal['all', 'stop']
     skip_first: float
-    motors: Literal['none', 'remote_ethernet', 'motoman']
+    motors: Literal['none', 'remote_ethernet', 'restart', 'motoman']
+    smoothing: Literal['none', 'resample', 'thin']
+    resample_period: float
+    thin_deviation: float
     download: DownloadProfile
 
 
@@ -201,6 +209,22 @@ class RemoteProfile:
 
 
 @dataclass(frozen=True, slots=True)
+class SpelProfile:
+    """The SPEL+ project that the simulation runs instead of a built-in program, and its speed.
+
+    `project`: a folder of this package, or an absolute path; empty: none. `config`: what a person
+    has changed in its #define lines; an empty value turns one off. `statement` s for one simple
+    statement; Wait rounds up to whole `wait` s; conditions are looked at every `scan` s.
+    """
+
+    project: str
+    config: Mapping[str, str]
+    statement: float
+    wait: float
+    scan: float
+
+
+@dataclass(frozen=True, slots=True)
 class ControllerProfile:
     """Data of one kind of controller.
 
@@ -221,6 +245,7 @@ class ControllerProfile:
     program: ProgramProfile
     state: StateProfile
     server: ServerProfile
+    spel: SpelProfile
     io: IoProfile
     remote: RemoteProfile
 
@@ -241,6 +266,7 @@ def load_controller_profile(name: str) -> ControllerProfile:
         program=ProgramProfile(download=download, **values.pop('program')),
         state=StateProfile(**values.pop('state')),
         server=ServerProfile(**values.pop('server')),
+        spel=SpelProfile(**values.pop('spel')),
         io=read_io_profile(values.pop('io'), printable(path)),
         remote=RemoteProfile(**values.pop('remote')),
         **values,

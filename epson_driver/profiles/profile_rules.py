@@ -44,6 +44,18 @@ def _mapping(value: Any) -> dict[str, Any]:
     return value
 
 
+def _defines(value: Any) -> dict[str, str]:
+    """Return #define lines by name; numbers become texts, nothing (null) an empty one."""
+    defines = {}
+    for name, given in _mapping(value).items():
+        if not isinstance(name, str) or isinstance(given, bool):
+            raise TypeError
+        if not isinstance(given, str | int | float | None):
+            raise TypeError
+        defines[name] = '' if given is None else str(given)
+    return defines
+
+
 _TEXT = Rule(_text, 'must be a text')
 _YES_OR_NO = Rule(_yes_or_no, 'must be true or false')
 _PORT = count(1, 65_535)
@@ -89,7 +101,10 @@ RULES: dict[str, Rule] = {
     'program.accepts': choice('exact', 'longer', 'any'),
     'program.special_sequences': choice('all', 'stop'),
     'program.skip_first': number(0.0, 0.1),
-    'program.motors': choice('none', 'remote_ethernet', 'motoman'),
+    'program.motors': choice('none', 'remote_ethernet', 'restart', 'motoman'),
+    'program.smoothing': choice('none', 'resample', 'thin'),
+    'program.resample_period': number(0.004, 1.0),
+    'program.thin_deviation': number(0.0001, 1.0),
     'program.download.buffer': count(1, 100_000),
     'program.download.overflow': choice('refuse', 'drop'),
     'program.download.dead_time': number(0.0, 10.0),
@@ -107,6 +122,11 @@ RULES: dict[str, Rule] = {
     'server.lost_client': choice('brake', 'finish', 'keep'),
     'server.state_clients': _CLIENTS,
     'server.io_clients': _CLIENTS,
+    'spel.project': _TEXT,
+    'spel.config': Rule(_defines, 'must be a mapping of names to texts or numbers'),
+    'spel.statement': number(1e-7, 0.001),
+    'spel.wait': number(0.0, 0.1),
+    'spel.scan': number(0.001, 0.1),
     'io': Rule(_mapping, 'must be a mapping'),
     'remote.session_timeout': number(0.0, 86_400.0),
     'remote.password': _TEXT,

@@ -27,16 +27,18 @@ from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.spel_program import SpelProgram
 from epson_driver.simple_message import MAX_JOINTS, Dialect
 from epson_driver.spel import Program as CompiledProgram
+from epson_driver.spel import Terminal
 
 DEFAULT_SPEED = 0.05
 """Speed and Accel of a SPEL+ program until it sets them, a fraction of the limits."""
 
 
 class SpelSource(NamedTuple):
-    """A SPEL+ program and its ports."""
+    """A SPEL+ program, its ports, and its terminal; None: what it prints is logged."""
 
     program: CompiledProgram
     network: ProgramNetwork
+    terminal: Terminal | None = None
 
 
 def new_controller(
@@ -109,7 +111,7 @@ def _spel_parts(source: SpelSource, where: Array) -> Parts:
     def program(controller: Controller, executor: Executor) -> Program:
         if not isinstance(executor, PointToPoint):
             raise TypeError('a SPEL+ program moves the arm from point to point')
-        return SpelProgram(source.program, controller, executor, source.network)
+        return SpelProgram(source.program, controller, executor, source.network, source.terminal)
 
     return Parts(
         arm=arm,

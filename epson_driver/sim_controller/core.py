@@ -314,6 +314,11 @@ class Controller:
         self.clock.advance(self.clock.now + dt, self._move)
 
     @property
+    def program_runs(self) -> bool:
+        """Whether tasks of its program keep it from being Ready, as on a real controller."""
+        return self.program.runs
+
+    @property
     def in_motion(self) -> bool:
         """Whether the arm moves, or is about to."""
         return self.arm.in_motion

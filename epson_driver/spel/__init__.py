@@ -23,9 +23,10 @@ from epson_driver.spel.host import (
     Memory,
     MotionRequest,
     NetSettings,
+    Terminal,
 )
 from epson_driver.spel.machine import Machine, TaskView
-from epson_driver.spel.project import build, read_project
+from epson_driver.spel.project import build, read_project, with_defines
 from epson_driver.spel.task import TaskState, Timing
 from epson_driver.spel.values import Array, Point, Value
 
@@ -49,8 +50,10 @@ __all__ = [
     'TaskState',
     'TaskType',
     'TaskView',
+    'Terminal',
     'Timing',
     'Value',
     'build',
     'read_project',
+    'with_defines',
 ]

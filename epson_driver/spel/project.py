@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from epson_driver.inputs import InputError, printable, read_file
+from epson_driver.inputs import InputError, printable, read_file, shown
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.compiler import Compiler
 from epson_driver.spel.errors import Position, Problem, ProgramError, SyntaxProblem
@@ -22,6 +22,10 @@ LARGEST_FILE = 5_000_000
 MOST_ELEMENTS = 2_000_000
 """Of all shared arrays together."""
 
+OFF = "'"
+"""In front of a #define line: it is a comment."""
+
+_DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 _ENDINGS = ('.prg', '.inc')
 _USER_ERRORS = 'UserErrors.dat'
 
@@ -52,6 +56,32 @@ def decoded(content: bytes) -> str:
     except UnicodeDecodeError:
         text = content.decode('latin-1')
     return text.replace('\r\n', '\n').replace('\r', '\n')
+
+
+def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[str, str]:
+    """Return the files with other values in their #define lines; an empty value turns one off.
+
+    A line that is turned off by a ' in front is turned on. Raises InputError for a name that no
+    file has such a line for, and a value that is more than one line.
+    """
+    left = dict(values)
+    changed = {}
+    for name, text in files.items():
+        lines = text.split('\n')
+        for number, line in enumerate(lines):
+            match = _DEFINE.match(line)
+            if match is None or match[1] not in values:
+                continue
+            value = values[match[1]].strip()
+            if not value.isprintable():
+                raise InputError(f'#define {match[1]} = {shown(value)}: must be printable')
+            left.pop(match[1], None)
+            lines[number] = f'{"" if value else OFF}#define {match[1]} {value or match[2]}'
+        changed[name] = '\n'.join(lines)
+    if left:
+        named = ', '.join(shown(name) for name in left)
+        raise InputError(f'no file of the project has a line #define {named}')
+    return changed
 
 
 def parse(files: Mapping[str, str], problems: list[Problem]) -> list[File]:

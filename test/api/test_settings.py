@@ -16,7 +16,7 @@ from epson_driver.node.driver_configuration import driver_configuration, goal_se
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
-PROFILES = ['rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman']
+PROFILES = ['rc620', 'rc700a', 'spel', 'thesis', 'generic', 'fanuc', 'abb', 'motoman']
 
 
 def flat(value):

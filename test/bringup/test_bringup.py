@@ -85,22 +85,23 @@ def test_client_and_simulated_controller_agree_on_the_remote_port(remote_port: s
     assert words[words.index('--remote-port') + 1] == '5000'
 
 
-def test_the_simulated_controller_takes_its_command_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize('controller', ['rc700a', 'spel'])
+def test_the_simulated_controller_takes_its_command_line(tmp_path: Path, controller: str) -> None:
     values = VALUES | {
         'robot_ip': '127.0.0.1',
-        'controller': 'rc700a',
+        'controller': controller,
         'sim_motion': 'ptp',
         'motion_port': '0',
         'state_port': '0',
         'io_port': '0',
         'remote_port': '0',
     }
-    controller = processes.Process(
+    process = processes.Process(
         'sim_controller', controller_arguments(values), tmp_path / 'log', dict(os.environ)
     )
-    with processes.ended_at_exit(controller):
-        assert controller.ports().motion > 0
-    assert controller.returncode == 0
+    with processes.ended_at_exit(process):
+        assert process.ports().motion > 0
+    assert process.returncode == 0
 
 
 def test_several_robots_get_a_prefix_that_ros_allows() -> None:

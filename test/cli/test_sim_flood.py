@@ -81,16 +81,22 @@ def read_all(sock):
             pass
 
 
+PTP = ('--motion', 'ptp')
+SPEL = ('--controller', 'spel')
+
+
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize(
-    'port',
+    ('arguments', 'port'),
     [
-        'motion',
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ('state', 'io', 'remote')),
+        (PTP, 'motion'),
+        *(pytest.param(PTP, name, marks=pytest.mark.slow) for name in ('state', 'io', 'remote')),
+        *(pytest.param(SPEL, name, marks=pytest.mark.slow) for name in ('motion', 'io', 'remote')),
     ],
 )
-def test_invariant_7_floods_do_not_add_memory_and_the_state_goes_on(start, port):
-    process, ports = start('--motion', 'ptp')
+def test_invariant_7_floods_do_not_add_memory_and_the_state_goes_on(start, arguments, port):
+    """The SPEL+ program has one state client, who sees here that the state goes on."""
+    process, ports = start(*arguments)
     with connect(ports['state']) as state:
         receive(state, 6000)
         flood(ports[port], FLOODS['requests'], reads=True)  # what a first use allocates

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
+from support.controller_hands import do
 
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'spel']
 
@@ -155,3 +156,104 @@ def test_a_program_that_cannot_be_read_is_not_tested(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert done.stdout == 'main.prg:2:3: error: not simulated: Curve [not-simulated]\n'
     assert done.stderr == ''
+
+
+RUNS = """#define STEPS 3
+Function main
+  Integer i
+  String s$
+  Motor On
+  Power High
+  Speed 50
+  For i = 1 To STEPS
+    Go AglToPls(10 * i, 0, 0, 0, 0, 0)
+    Print "at ", Agl(1)
+  Next i
+  Print "name"
+  Input s$
+  Print "hello ", s$, Sw(3)
+Fend
+"""
+
+
+def run_with_input(typed: str, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, 'run', *map(str, arguments)],
+        input=typed,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize('how', [[], ['--fast']], ids=['real time', 'fast'])
+def test_run_prints_reads_what_is_typed_and_ends_with_the_program(
+    tmp_path: Path, how: list[str]
+) -> None:
+    (tmp_path / 'main.prg').write_text(RUNS)
+    done = run_with_input('you\n', *how, '--define', 'STEPS=2', tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [line.split() for line in done.stdout.splitlines()] == [
+        ['at', '10'],
+        ['at', '20'],
+        ['name'],
+        ['hello', 'you', '0'],
+    ]
+
+
+def test_two_fast_runs_print_the_same(tmp_path: Path) -> None:
+    """Nothing depends on the computer: the times of motions and statements neither."""
+    (tmp_path / 'main.prg').write_text(
+        'Function main\n  Integer i\n  Xqt 2, other\n  Motor On\n  Power High\n  Speed 30\n'
+        '  For i = 1 To 5\n    Go AglToPls(5 * i, 0, 0, 0, 0, 0) CP\n    Print i, Tmr(0)\n'
+        '  Next i\n  Quit other\nFend\n'
+        'Function other\n  Do\n    Print Tmr(0), Agl(1)\n    Wait 0.03\n  Loop\nFend\n'
+    )
+    first, second = (run_with_input('', '--fast', tmp_path) for _ in range(2))
+    assert first.returncode == 0, first.stderr
+    assert first.stdout == second.stdout
+    assert len(first.stdout.splitlines()) > 20
+
+
+def test_an_error_of_the_program_ends_the_run_and_is_said_as_rc_plus_does(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text(
+        'Function main\n  Integer a(3), i\n  i = 7\n  a(i) = 1\nFend\n'
+    )
+    done = run_with_input('', '--fast', tmp_path)
+    assert done.returncode == 1
+    assert 'main.prg:4: error 9992 in main (task 1): an array index is out of range' in done.stderr
+
+
+def test_a_program_that_cannot_be_run_is_not_started(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text('Function main\n  Jump3CP P1\nFend\n')
+    done = run_with_input('', tmp_path)
+    assert done.returncode == 1
+    assert done.stdout == 'main.prg:2:3: error: not simulated: Jump3CP [not-simulated]\n'
+
+
+def test_a_program_that_is_not_over_in_time_shows_its_tasks(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text('Function main\n  Do\n    Wait 1\n  Loop\nFend\n')
+    done = run_with_input('', '--fast', '--seconds', '5', tmp_path)
+    assert done.returncode == 3
+    assert 'not over after 5.00 s' in done.stderr
+    assert 'task 1 main (Normal): waits main.prg:3' in done.stderr
+
+
+def test_people_at_the_controller_reach_a_run_over_the_remote_port(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text(
+        'Function main\n  Wait Sw(3) = On\n  On 2\n  Print "seen"\nFend\n'
+    )
+    process = subprocess.Popen(
+        [*COMMAND, 'run', str(tmp_path)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    ports = dict(word.split('=') for word in process.stderr.readline().split()[1:])
+    do(int(ports['remote']), 'io', 'in', '3', 'on')
+    assert process.communicate(timeout=120)[0] == 'seen\n'
+    assert process.returncode == 0

@@ -4,6 +4,7 @@
 
 import pytest
 from support.robot_program import (
+    FILES,
     IO_PORT,
     MOTION_PORT,
     STATE_PORT,
@@ -241,9 +242,18 @@ def test_power_is_high_only_when_it_moves_and_only_with_the_switch() -> None:
     assert not bench.robot.power
     moving(bench)
     assert bench.robot.power
+    assert 'Low power' not in ''.join(bench.robot.printed)
     low = RobotBench(FULL_POWER='')
     moving(low)
     assert not low.robot.power
+    assert low.robot.printed == [
+        'Low power, slower than asked for: FULL_POWER is off in config.inc\n'
+    ]
+
+
+def test_the_program_is_shipped_for_a_first_run_at_low_power() -> None:
+    """Invariant 2, on a machine that nobody has tried it on: full power is switched on."""
+    assert "\n'#define FULL_POWER 1\n" in FILES['config.inc']
 
 
 def test_main_switches_no_motors_on_and_the_servers_run_no_robot_command() -> None:

@@ -2,13 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/controller_program.md: its programs are SPEL+, and it has every name of config.inc."""
 
+import logging
 import re
 import textwrap
 from pathlib import Path
 
 import pytest
+from support.controller_harness import MODEL
+from support.program_bench import SPEL_PROFILE, ProgramBench
 from support.robot_program import FILES
 
+from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel.lint import check
 
 PAGE = (Path(__file__).parents[2] / 'docs' / 'controller_program.md').read_text(encoding='utf-8')
@@ -19,7 +23,8 @@ ONE_LINE_OF_LOOP = 'endless-loop'
 
 @pytest.mark.parametrize('program', PROGRAMS, ids=range(1, len(PROGRAMS) + 1))
 def test_the_programs_of_the_questions_can_be_built(program: str) -> None:
-    found = {problem.rule for problem in check({'main.prg': program}, 6)}
+    files = {'main.prg': program, 'UserErrors.dat': FILES['UserErrors.dat']}
+    found = {problem.rule for problem in check(files, 6)}
     assert found <= {ONE_LINE_OF_LOOP}
 
 
@@ -39,3 +44,16 @@ def test_the_page_has_every_error_number_of_the_program() -> None:
     )
     for number in numbers:
         assert f'| {number} |' in PAGE, number
+
+
+def test_the_page_s_measurement_finds_how_long_accelerations_take(caplog) -> None:
+    """What a person is told to measure is what the simulated arm has, and the profile puts in."""
+    caplog.set_level(logging.INFO)
+    (program,) = [each for each in PROGRAMS if 'RAMP_MS' in each]
+    bench = ProgramBench(program, caplog)
+    bench.until(lambda: bench.printed)
+    _, quick, _, ramp = bench.printed[0].split()
+    config = profile_project(SPEL_PROFILE.spel, MODEL)['config.inc']
+    wanted = dict(re.findall(r'(?m)^#define (T100_MS|RAMP_MS) (\d+)', config))
+    assert float(quick) == pytest.approx(float(wanted['T100_MS']), abs=2.0)
+    assert float(ramp) == pytest.approx(float(wanted['RAMP_MS']), abs=2.0)

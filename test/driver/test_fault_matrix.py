@@ -31,9 +31,15 @@ from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.faults import parse
-from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, SpecialSequence, decode
+from epson_driver.simple_message import (
+    Framer,
+    JointTrajPt,
+    JointTrajPtFull,
+    SpecialSequence,
+    decode,
+)
 
-PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
+PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman', 'spel')
 STATE_TIMEOUT = 0.4
 REPLY_TIMEOUT = 0.4
 LONG_CAUSE_TIME = 1.0
@@ -139,6 +145,10 @@ EXCEPTIONS = {
     # Its points are answered before the arm moves, or never: what can be lost is STOP's reply.
     ('lost_reply', 'abb'): STOP_UNANSWERED,
     ('lost_reply', 'motoman'): STOP_UNANSWERED,
+    # All its points are answered before the arm has moved far: it looks that far ahead.
+    ('lost_reply', 'spel'): STOP_UNANSWERED,
+    # A refused point is no error of the controller; STATUS shows its number.
+    ('failure_reply', 'spel'): {'gate': 'refused point 3 of 4', 'reset': False},
     # A topic has no reply: STATUS alone tells.
     ('failure_reply', 'abb'): {'text': IN_ERROR_4001},
     # Its reply says why; STATUS shows no error.
@@ -196,6 +206,8 @@ async def cell_of(profile):
             'settings': settings,
             'limits': WIDER,
         }
+        if profile.program.motors == 'restart':
+            options['motors'] = 'restart'
         if not profile.ports.remote:
             options['remote_port'] = 0
         async with Harness(ports, **options) as harness:
@@ -204,9 +216,40 @@ async def cell_of(profile):
             yield harness, controller, sent
 
 
+class Tapped:
+    """The clients of a controller whose program takes bytes: the points among them are kept."""
+
+    def __init__(self, clients, points):
+        self._clients = clients
+        self._points = points
+
+    def __getattr__(self, name):
+        return getattr(self._clients, name)
+
+    def connect(self, port, client):
+        session = self._clients.connect(port, client)
+        if port == 'motion':
+            take, framer = session.receive, Framer()
+
+            def receive(data):
+                framer.receive_data(data)
+                while (got := framer.next_frame()) is not None:
+                    message = decode(got).message
+                    stop = getattr(message, 'sequence', None) == SpecialSequence.STOP_TRAJECTORY
+                    if isinstance(message, JointTrajPt) and not stop:
+                        self._points.append(message)
+                take(data)
+
+            session.receive = receive
+        return session
+
+
 def watch(controller):
     """Return a list that fills with the points which the controller takes, STOP left out."""
     points = []
+    if controller.profile.spel.project:
+        controller.clients = Tapped(controller.clients, points)
+        return points
     take = controller.program.receive
 
     def receive(frame, *rest):

@@ -3,6 +3,7 @@
 """Whole trajectories through the smoother."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from support.motion_harness import CURVE, LIMITS, NAMES, PLAN
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.motion_figures import measure
 from epson_driver.motion.passages import passed
-from epson_driver.motion.smoothed import retimed, smoothed
+from epson_driver.motion.smoothed import retimed, smoothed, thinned
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 
 
@@ -113,3 +114,62 @@ def test_a_motion_that_would_break_a_limit_is_refused() -> None:
 
     with pytest.raises(ValueError, match=r'breaks a limit: .* is beyond the limit'):
         smoothed(PLAN, LIMITS, Mode.TIME_OPTIMAL, planner=too_fast)
+
+
+def off_the_ways(motion, points):
+    """Return how far a motion is from the straight ways between points, in the worst joint."""
+    worst = 0.0
+    for place in motion.positions:
+        nearest = np.inf
+        for begin, end in pairwise(points):
+            along = end - begin
+            share = np.clip((place - begin) @ along / max(along @ along, 1e-30), 0.0, 1.0)
+            nearest = min(nearest, np.abs(place - begin - share * along).max())
+        worst = max(worst, nearest)
+    return worst
+
+
+def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times():
+    dense = smoothed(PLAN, LIMITS, period=0.02)
+    few = thinned(dense, LIMITS, 0.15)
+    gaps = np.diff(few.times)
+    assert gaps.min() >= 0.15 - 1e-9
+    assert gaps.max() <= 0.3 + 0.02
+    own = np.abs(few.positions[:, None] - dense.positions).max(axis=2).min(axis=1)
+    assert own.max() < 1e-5
+    assert few.duration == pytest.approx(dense.duration, abs=0.1)
+    assert np.array_equal(few.positions[[0, -1]], dense.positions[[0, -1]])
+    assert np.abs(few.velocities[[0, -1]]).max() == 0.0
+
+
+def test_thinned_ways_keep_as_near_to_the_smooth_motion_as_is_asked():
+    """Invariant: whoever goes straight from point to point keeps to the plan."""
+    motion = smoothed(PLAN, LIMITS)
+    counts = []
+    for deviation in (np.inf, 0.02, 0.002):
+        few = thinned(PLAN, LIMITS, 0.15, deviation)
+        counts.append(len(few.times))
+        if np.isfinite(deviation):
+            assert off_the_ways(motion, few.positions) <= deviation + 1e-6
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1]
+
+
+def test_points_that_are_too_far_apart_get_others_between_them():
+    sparse = thinned(PLAN, LIMITS, 0.05)
+    assert np.diff(sparse.times).max() <= 0.1 + 1e-9
+    for place in CURVE:
+        assert np.abs(sparse.positions - place).max(axis=1).min() < 1e-5
+
+
+def test_one_point_and_two_points_can_be_thinned():
+    one = thinned(Trajectory(NAMES, np.zeros(1), CURVE[:1]), LIMITS, 0.15)
+    assert np.all(one.positions == CURVE[0])
+    two = thinned(Trajectory(NAMES, np.array([0.0, 0.4]), CURVE[:2]), LIMITS, 0.15)
+    assert np.array_equal(two.positions[[0, -1]], CURVE[:2])
+
+
+@pytest.mark.parametrize(('spacing', 'deviation'), [(0.0, 1.0), (-1.0, 1.0), (0.1, 0.0)])
+def test_no_spacing_or_deviation_is_refused(spacing, deviation):
+    with pytest.raises(ValueError, match='must be positive'):
+        thinned(PLAN, LIMITS, spacing, deviation)

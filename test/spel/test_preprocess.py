@@ -5,7 +5,8 @@
 import pytest
 from support.spel_harness import files, printed, run
 
-from epson_driver.spel import ProgramError, build
+from epson_driver.inputs import InputError
+from epson_driver.spel import ProgramError, build, with_defines
 
 
 def test_a_definition_is_put_in_wherever_its_name_stands_in_any_case() -> None:
@@ -119,3 +120,31 @@ def test_user_errors_have_names_and_texts() -> None:
     assert program.texts == {8000: 'a bad message'}
     with pytest.raises(ProgramError, match='unknown variable, constant or function CORRUPT_MSG'):
         run(source)
+
+
+CONFIG = {
+    'config.inc': '\' what a person edits\n#define SPEED 10\n\'#define FAST 1\n#define OWN "a b"',
+    'main.prg': '#include "config.inc"\nFunction main\nFend',
+}
+
+
+def test_defines_get_other_values_and_are_switched_on_and_off() -> None:
+    changed = with_defines(CONFIG, {'SPEED': '20', 'FAST': '1', 'OWN': ''})
+    assert changed['config.inc'].split('\n')[1:] == [
+        '#define SPEED 20',
+        '#define FAST 1',
+        '\'#define OWN "a b"',
+    ]
+    assert changed['main.prg'] == CONFIG['main.prg']
+    assert with_defines(CONFIG, {}) == CONFIG
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [({'SPEEED': '1'}, "no line #define 'SPEEED'"), ({'SPEED': '1\n2'}, 'must be printable')],
+)
+def test_a_define_that_is_not_there_or_no_line_is_refused(
+    values: dict[str, str], words: str
+) -> None:
+    with pytest.raises(InputError, match=words.replace('no line', 'line')):
+        with_defines(CONFIG, values)

@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """One robot cell of real processes: a simulated controller, the driver's node, a ROS peer."""
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from epson_driver.cli import processes
+from epson_driver.driver.stopping.motors import Action, RestartingMotors
 from support import patient
 from support.controller_hands import do
 from support.ros_peer import PATIENCE, RosPeer
@@ -17,6 +21,12 @@ TIMEOUTS = {'state_timeout': 45.0, 'io_timeout': 45.0, 'reply_timeout': 90.0}
 
 LASTS = 60.0
 """A motion that is interrupted would take this long, s: who is late still finds the arm on it."""
+
+SPEL = '--controller=spel'
+"""A controller whose program is in SPEL+: how it moves and what it sends, its statements say."""
+
+PROGRAMS = ('built-in', pytest.param('spel', marks=pytest.mark.slow))
+"""The controller's programs, for tests of what holds with each: see `cell_with`."""
 
 START = [0.0, 0.1, 0.2, 0.0, -0.5, 0.0]
 
@@ -32,6 +42,7 @@ class Cell:
     ) -> None:
         self._folder = folder
         self._controller_arguments = controller_arguments
+        self.spel = SPEL in controller_arguments
         self._parameters = (TIMEOUTS if patience else {}) | parameters
         self._run = patient.COMMAND if patience else processes.EXECUTABLE
         self.domain = processes.free_ros_domain()
@@ -46,10 +57,11 @@ class Cell:
         return self
 
     def _start_controller(self, ports: processes.Ports | None) -> processes.Process:
+        # a quarter of the states that a C3 sends, and of the work
+        usual = () if self.spel else ('--motion=ptp', '--state-period=0.02')
         return processes.sim_controller(
             self._folder / 'controller.log',
-            '--motion=ptp',
-            '--state-period=0.02',  # a quarter of what a C3 sends, and of the work
+            *usual,
             *self._controller_arguments,
             start=self.start,
             ports=ports,
@@ -76,7 +88,22 @@ class Cell:
         """Do what a person does at the controller."""
         do(self.ports.remote, *words)
 
+    def motors(self, on: bool) -> None:
+        """Switch the motors; a SPEL+ program is stopped first, and started with them."""
+        if not self.spel:
+            self.pendant('motors', 'on' if on else 'off')
+            return
+        action = Action.MOTORS_ON if on else Action.MOTORS_OFF
+        asyncio.run(RestartingMotors('127.0.0.1', self.ports.remote).act(action, PATIENCE))
+
     def close(self) -> None:
         self.peer.close()
         self.client.end()
         self.controller.end()
+
+
+def cell_with(folder: Path, program: str, *arguments: str, **parameters: Any) -> Cell:
+    """Return a cell whose controller runs one of PROGRAMS."""
+    if program == 'spel':
+        return Cell(folder, SPEL, *arguments, controller='spel', **parameters)
+    return Cell(folder, *arguments, **parameters)

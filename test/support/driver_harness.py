@@ -17,8 +17,10 @@ from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.motion import Trajectory
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
+from epson_driver.sim_controller.spel_host.profile_project import profile_project
+from epson_driver.spel import build
 from support.event_loop import now, until
 
 MODEL = load_robot_model('c3_a601s')
@@ -167,13 +169,18 @@ def pose(*values):
 async def simulated(dialect=None, profile='rc620', model=None):
     """Run the simulated controller in this process; yield it and its ports.
 
-    `profile` is the name of one, or one; `model` the name of a robot.
+    `profile` is the name of one, or one, with its SPEL+ program if it has any; `model` the name of
+    a robot.
     """
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
     arm = MODEL if model is None else load_robot_model(model)
-    controller = new_controller(arm, profile, dialect=dialect)
-    servers = ControllerServers(controller)
+    spel = None
+    if profile.spel.project:
+        program = build(profile_project(profile.spel, arm))
+        spel = SpelSource(program, program_network(profile))
+    controller = new_controller(arm, profile, dialect=dialect, spel=spel)
+    servers = ControllerServers(controller, spel=spel and spel.network)
     ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
     task = asyncio.create_task(servers.run())
     try:

@@ -3,15 +3,19 @@
 """SPEL+ programs on a simulated controller with a manual clock, and clients without sockets."""
 
 import re
+import struct
 from textwrap import dedent
 
 import numpy as np
 
+from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.spel import build
-from support.controller_harness import MODEL, PROFILE, Peer
+from epson_driver.sim_controller.spel_host.profile_project import profile_project
+from epson_driver.spel import build, with_defines
+from support.controller_harness import MODEL, PROFILE, SUCCESS, Peer, point, split
 
+SPEL_PROFILE = load_controller_profile('spel')
 STEP_S = 0.002
 LIMITS = MODEL.limits
 
@@ -79,3 +83,51 @@ class ProgramBench:
             float(np.max(np.abs(velocity) / LIMITS.velocity)),
             float(np.max(np.abs(acceleration) / LIMITS.acceleration)),
         )
+
+
+class OurProgramBench(ProgramBench):
+    """The same with controller_program/, as the profile `spel` has it; `defines` change it."""
+
+    def __init__(self, start=None, caplog=None, profile=SPEL_PROFILE, **defines):
+        files = with_defines(profile_project(profile.spel, MODEL), defines)
+        key = tuple(sorted(defines.items()))
+        if key not in _built:
+            _built[key] = build(files)
+        network = program_network(profile)
+        start = None if start is None else np.array(start)
+        source = SpelSource(_built[key], network)
+        self.controller = new_controller(MODEL, profile, start, spel=source)
+        self.caplog = caplog
+        self.positions = [self.position]
+
+    def ready(self):
+        """Motors on and main running, a motion client connected; return connection and peer."""
+        self.step(0.5)
+        self.do('motors on')
+        motion, peer = self.client('motion')
+        self.step(0.3)
+        return motion, peer
+
+    def replies(self, peer):
+        """Return sequence and reply code of what a motion client has got since the last call."""
+        return [
+            (struct.unpack_from('<i', body)[0], code) for _, _, code, body in split(peer.take())
+        ]
+
+    def stream(self, motion, peer, trajectory, most=60.0):
+        """Send a trajectory as a driver does, each point when the one before is answered."""
+        durations = np.diff(trajectory.times, prepend=trajectory.times[0]).tolist()
+        for number, (joints, seconds) in enumerate(
+            zip(trajectory.positions.tolist(), durations, strict=True)
+        ):
+            motion.receive(point(number, joints, 0.0, seconds))
+            self.until(lambda: len(peer.got) >= 60, most)
+            assert self.replies(peer) == [(number, SUCCESS)]
+
+    def rest(self, most=60.0):
+        """Let time pass until the arm stands, and a little more."""
+        self.until(lambda: not self.controller.in_motion, most)
+        self.step(0.1)
+
+
+_built = {}

@@ -51,7 +51,6 @@ BRAKING_S = 0.05
 OUT_OF_RANGE, TASK_GONE = 4001, 2261
 STEP_S = 0.005
 
-_PROGRAM = build(FILES)
 _machines: list[Machine] | None = None
 
 
@@ -311,14 +310,16 @@ class Client:
 
 
 class RobotBench:
-    """The program on the robot; with `ready`, motors on and main running, as after an enable."""
+    """The program on the robot; with `ready`, motors on and main running, as after an enable.
+
+    `changes` are those in config.inc; FULL_POWER is on, as after the first run, unless they say
+    otherwise.
+    """
 
     def __init__(self, ready: bool = True, sign: int = 1, **changes: str) -> None:
         self.robot = SimpleRobot()
         self.robot.sign = sign
-        program = _PROGRAM
-        if changes:
-            program = build(changed(**changes))
+        program = build(changed(**{'FULL_POWER': '1', **changes})) if changes else _PROGRAM
         self.machine = Machine(program, self.robot, Timing())
         self.robot.machine = self.machine
         if _machines is not None:
@@ -435,6 +436,9 @@ def changed(**values: str) -> dict[str, str]:
             lines.append(line)
     assert not left, f'config.inc has no {left}'
     return {**FILES, 'config.inc': '\n'.join(lines)}
+
+
+_PROGRAM = build(changed(FULL_POWER='1'))
 
 
 def point(

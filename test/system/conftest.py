@@ -10,15 +10,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from support.cell import Cell
+from support.cell import Cell, cell_with
 
 
 @pytest.fixture
 def make_cell(tmp_path: Any) -> Iterator[Any]:
     cells: list[Cell] = []
 
-    def make(*arguments: str, **parameters: Any) -> Cell:
-        cells.append(Cell(tmp_path, *arguments, **parameters))
+    def make(*arguments: str, program: str = 'built-in', **parameters: Any) -> Cell:
+        cells.append(cell_with(tmp_path, program, *arguments, **parameters))
         return cells[-1]
 
     yield make

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from epson_driver.cli.demo_verdict import TOO_BUSY
 from epson_driver.share import share_file
 
 
@@ -29,6 +30,29 @@ def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
     assert 'the arm did what was planned' in run.stdout
     assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.slow
+def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: Path) -> None:
+    picture = tmp_path / 'both.png'
+    run = demo('--controller=spel', '--compare', f'--picture={picture}')
+    assert run.returncode in (0, TOO_BUSY), run.stdout + run.stderr
+    assert 'SPEL+ program' in run.stdout
+    assert picture.exists()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['--controller=spel', '--motion=ptp'], '--motion: a SPEL+ program moves as its'),
+        (['--controller=spel', '--plan'], '--plan is for rc620'),
+        (['--controller=rc1'], 'no rc1.yaml'),
+    ],
+)
+def test_demo_refuses_arguments_that_do_not_go_together(arguments: list[str], words: str) -> None:
+    run = demo(*arguments)
+    assert run.returncode == 2
+    assert words in run.stderr
 
 
 def test_demo_says_what_is_wrong_with_a_file(tmp_path: Path) -> None:

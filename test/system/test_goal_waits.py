@@ -8,20 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 from control_msgs.msg import JointTolerance
-from support.cell import LASTS, START, Cell
+from support.cell import LASTS, START, Cell, cell_with
 from support.ros_peer import RosPeer, trajectory
 
 A = [0.8, 0.0, 0.3, 0.1, -0.6, 0.1]
 POINTS = 21
+SLOW_SPEL = pytest.param('spel', marks=pytest.mark.slow)
 SLOW_PTP = pytest.param('ptp', marks=pytest.mark.slow)
 
 
-@pytest.fixture(scope='module', params=['smooth', SLOW_PTP])
+@pytest.fixture(scope='module', params=['smooth', SLOW_PTP, SLOW_SPEL])
 def waiting_cell(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Cell]:
     """One enabled cell; its arm stands anywhere."""
-    cell = Cell(tmp_path_factory.mktemp('cell'), f'--motion={request.param}').ready()
+    how = () if request.param == 'spel' else (f'--motion={request.param}',)
+    cell = cell_with(tmp_path_factory.mktemp('cell'), request.param, *how).ready()
     cell.peer.enable()
     yield cell
     cell.close()
@@ -64,7 +66,7 @@ def test_a_wide_path_tolerance_is_kept_and_a_narrow_one_stops_the_arm(waiting_ce
     assert peer.assert_still()[0] < 0.7
 
 
-@pytest.mark.parametrize('waiting_cell', ['smooth', 'ptp'], indirect=True)
+@pytest.mark.parametrize('waiting_cell', ['smooth', 'ptp', SLOW_SPEL], indirect=True)
 def test_a_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
     peer = at_start(waiting_cell)
     goal = peer.goal(plan(8.0))

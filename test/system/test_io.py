@@ -173,6 +173,32 @@ def test_estop_and_lost_controller_make_the_values_invalid(
     assert [state.valid for state in peer.states[seen:]] == [False, True]
 
 
+@pytest.mark.slow
+def test_the_spel_program_serves_the_io_also_with_the_e_stop_pressed(
+    make_cell: Any, make_io_peer: Any
+) -> None:
+    """Its I/O server is a background task; it has no analogue points."""
+    cell: Cell = make_cell(program='spel').ready()
+    peer = make_io_peer(cell.domain)
+    peer.wait_until_valid()
+    assert peer.value(DI, 3) == 0
+    cell.pendant('io', 'in', '3', 'on')
+    peer.wait_for(lambda: peer.value(DI, 3) == 1, 'the input')
+    cell.pendant('estop', 'press')
+    answer = peer.write((DO, 0, 1), (GO, 1, 0x81))
+    assert answer.success, answer.message
+    peer.wait_for(lambda: peer.value(DO, 0) == peer.value(DO, 15) == 1, 'the outputs')
+    answer = peer.read((DO, 8), (DI, 3), (GO, 1000))
+    assert [point.value for point in answer.points] == [1, 1, 0x8101]
+    answer = peer.write((DO, 1, 1), (DO, 16, 1), (DI, 0, 1))
+    assert [point.result for point in answer.points] == [
+        IoPoint.SUCCESS,
+        IoPoint.INDEX_OUT_OF_RANGE,
+        IoPoint.TYPE_FEATURE_UNSUPPORTED,
+    ]
+    assert peer.states[-1].valid
+
+
 def test_without_io_goals_succeed_and_the_log_is_quiet(make_cell: Any, make_io_peer: Any) -> None:
     cell = make_cell(io_port=1).ready()  # nobody listens on port 1
     peer = make_io_peer(cell.domain)

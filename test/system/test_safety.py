@@ -3,11 +3,12 @@
 """E-stop, motors off, lost links, killed processes: the arm stays still until it is enabled."""
 
 import signal
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from support.cell import LASTS, START, Cell
+from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import RosPeer, trajectory
 
 FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
@@ -18,10 +19,14 @@ def far_away() -> Any:
     return trajectory((0.0, START), (LASTS, FAR))
 
 
-@pytest.fixture(scope='module')
-def cell(one_cell: Cell) -> Cell:
+@pytest.fixture(scope='module', params=PROGRAMS)
+def cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One cell for all of them: every test ends with a driver and a controller that work."""
-    return one_cell
+    one = cell_with(tmp_path_factory.mktemp('cell'), request.param)
+    try:
+        yield one.ready()
+    finally:
+        one.close()
 
 
 def enabled_at_start(cell: Cell) -> RosPeer:
@@ -93,14 +98,14 @@ def test_motors_off_in_mid_motion(cell: Cell) -> None:
     peer = enabled_at_start(cell)
     goal = peer.goal(far_away())
     peer.wait_for_motion()
-    cell.pendant('motors', 'off')
+    cell.motors(on=False)
     ended, code, text = goal.result()
     assert (ended, code) == ('aborted', -4)
     assert 'motors are off' in text or 'refused' in text
     peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 0, 'drives off')
-    cell.pendant('motors', 'on')
+    cell.motors(on=True)
     peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 1, 'drives on')
-    assert_disabled(cell, 'motors')
+    assert_disabled(cell, 'the motion task does not exist' if cell.spel else 'motors')
     assert_works_after_enable(cell)
 
 
@@ -162,9 +167,10 @@ def test_client_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
     assert_works_after_enable(cell)
 
 
-def test_silent_controller_is_noticed(make_cell: Any) -> None:
+@pytest.mark.parametrize('program', PROGRAMS)
+def test_silent_controller_is_noticed(make_cell: Any, program: str) -> None:
     """A stopped process keeps its connections open, as a pulled cable does."""
-    cell = make_cell(state_timeout=0.5).ready()
+    cell = make_cell(program=program, state_timeout=0.5).ready()
     peer = enabled_at_start(cell)
     goal = peer.goal(far_away())
     peer.wait_for_motion()

@@ -3,10 +3,11 @@
 """Goals through real ROS 2 to a controller that moves smoothly, and what ends them."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
-from support.cell import LASTS, START, Cell
+from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import trajectory
 
 from epson_driver.cli.trajectory_file import read_trajectory
@@ -15,10 +16,11 @@ from epson_driver.share import share_file
 FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
 
 
-@pytest.fixture(scope='module')
-def smooth_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+@pytest.fixture(scope='module', params=PROGRAMS)
+def smooth_cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One enabled cell whose arm stands at START after every test."""
-    cell = Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth').ready()
+    how = () if request.param == 'spel' else ('--motion=smooth',)
+    cell = cell_with(tmp_path_factory.mktemp('cell'), request.param, *how).ready()
     cell.peer.enable()
     yield cell
     cell.close()

@@ -8,8 +8,9 @@ from itertools import islice
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
-from epson_driver.motion.smoothed import retimed, smoothed
+from epson_driver.motion.smoothed import retimed, smoothed, thinned
 from epson_driver.motion.smoother import Mode
+from epson_driver.profiles.profile import ProgramProfile
 
 MAX_MENTIONED_PROBLEMS = 3
 """How many violations a text mentions."""
@@ -20,16 +21,29 @@ class Smoothing:
     """How a plan is changed before it is sent.
 
     resample_period: time between two points of the smooth motion, s; None for the plan's own
-    points. time_optimal: as fast as the limits allow, whatever the plan's times.
+    points. time_optimal: as fast as the limits allow, whatever the plan's times. thin: few points,
+    resample_period apart or more, of the plan's own where they are; straight ways between them are
+    at most deviation rad (or m) off the smooth motion, in any joint.
     """
 
     resample_period: float | None = None
     time_optimal: bool = False
+    thin: bool = False
+    deviation: float = np.inf
 
     @property
     def wanted(self) -> bool:
         """Whether a plan is changed before it is sent."""
         return self.time_optimal or self.resample_period is not None
+
+
+def usual_smoothing(program: ProgramProfile) -> Smoothing:
+    """Return what suits a controller unless somebody wants something else."""
+    return Smoothing(
+        None if program.smoothing == 'none' else program.resample_period,
+        thin=program.smoothing == 'thin',
+        deviation=program.thin_deviation,
+    )
 
 
 def smoothed_trajectory(
@@ -49,7 +63,10 @@ def smoothed_trajectory(
     if smoothing.resample_period is None:
         return retimed(trajectory, limits) if smoothing.time_optimal else trajectory
     mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
-    motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
+    if smoothing.thin:
+        motion = thinned(trajectory, limits, smoothing.resample_period, smoothing.deviation, mode)
+    else:
+        motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
     wrong = list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS))
     if wrong:
         raise ValueError('; '.join(wrong))

@@ -5,6 +5,8 @@
 The profile says it (`program.motors`, docs/controllers.md):
 
 * remote_ethernet: EPSON's commands, if there is a `remote_port`;
+* restart: that, with the program stopped first and started after: what runs a program takes
+  these commands only while it does not run;
 * motoman: Motoman's commands, on the motion port;
 * none: a person does it.
 """
@@ -17,13 +19,22 @@ from typing import Literal, Protocol
 
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.link import Link
-from epson_driver.remote_ethernet.client import RemoteError, execute
+from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
 from epson_driver.simple_message import MotionCtrl, Packet
 from epson_driver.simple_message.motoman import Command
 
 _log = logging.getLogger(__name__)
 
-MotorsKind = Literal['none', 'remote_ethernet', 'motoman']
+MotorsKind = Literal['none', 'remote_ethernet', 'restart', 'motoman']
+
+READY_PERIOD_S = 0.05
+"""How often a controller is asked whether it is Ready, s."""
+
+READY_SHARE = 0.75
+"""Of the time for an action, how much it may take until the controller is Ready."""
+
+READY_FLAG = 10
+"""Its place in the answer to GetStatus."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +70,13 @@ class MotorsError(RuntimeError):
 
 
 class Motors(Protocol):
-    """A way to the motors. `missing`: why there is none; '' if there is one."""
+    """A way to the motors. `missing`: why there is none; '' if there is one.
+
+    `restarts`: switching the motors on starts the controller's program too.
+    """
 
     missing: str
+    restarts: bool
 
     async def act(self, action: Action, timeout: float) -> None:
         """Do it within `timeout` s. Raises MotorsError."""
@@ -69,6 +84,8 @@ class Motors(Protocol):
 
 class MotorsByHand:
     """For a controller whose motors a person switches: every action fails."""
+
+    restarts = False
 
     def __init__(self, missing: str) -> None:
         self.missing = missing
@@ -82,6 +99,7 @@ class RemoteEthernetMotors:
     """Switches the motors by EPSON's Remote Ethernet."""
 
     missing = ''
+    restarts = False
 
     def __init__(self, host: str, port: int) -> None:
         self._host = host
@@ -91,7 +109,8 @@ class RemoteEthernetMotors:
         """Log in and give the command. Raises MotorsError."""
         commands = action.value
         try:
-            await execute(self._host, self._port, [commands.remote_ethernet], timeout)
+            async with logged_in(self._host, self._port, timeout) as ask:
+                await self._give(ask, action, timeout)
         except (RemoteError, OSError, TimeoutError) as error:
             why = str(error) or 'no answer'
             raise MotorsError(
@@ -99,11 +118,38 @@ class RemoteEthernetMotors:
                 unanswered=isinstance(error, TimeoutError),
             ) from error
 
+    async def _give(self, ask: Ask, action: Action, _timeout: float) -> None:
+        await ask(action.value.remote_ethernet)
+
+
+class RestartingMotors(RemoteEthernetMotors):
+    """The same where a program runs: it is stopped first, and started when the motors are on.
+
+    The controller takes most commands only while no program runs (it is Ready then). The arm, if
+    it moves, comes to rest by the Stop.
+    """
+
+    restarts = True
+
+    async def _give(self, ask: Ask, action: Action, timeout: float) -> None:
+        await ask('Stop')
+        try:
+            async with asyncio.timeout(timeout * READY_SHARE):
+                while (await ask('GetStatus'))[READY_FLAG : READY_FLAG + 1] != '1':  # noqa: ASYNC110 - it sends no events
+                    await asyncio.sleep(READY_PERIOD_S)
+        except TimeoutError as error:
+            text = 'not Ready: the arm still moves, or a task runs that Stop does not end'
+            raise ConnectionError(text) from error
+        await ask(action.value.remote_ethernet)
+        if action is Action.MOTORS_ON:
+            await ask('Start,0')
+
 
 class MotomanMotors:
     """Switches the motors by Motoman's MOTION_CTRL requests on the motion link."""
 
     missing = ''
+    restarts = False
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -145,6 +191,7 @@ class SerializedMotors:
 
     def __init__(self, way: Motors) -> None:
         self.missing = way.missing
+        self.restarts = way.restarts
         self.may_come_on = False
         """The controller has not answered that the motors be switched on: it may do so yet."""
         self._way = way
@@ -202,4 +249,6 @@ def make_motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link
         return MotorsByHand('the controller takes no such command')
     if not remote_port:
         return MotorsByHand('remote_port is 0')
+    if kind == 'restart':
+        return RestartingMotors(host, remote_port)
     return RemoteEthernetMotors(host, remote_port)

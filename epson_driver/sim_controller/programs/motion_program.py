@@ -134,6 +134,11 @@ class MotionProgram:
         self._hang_up = hang_up
 
     @property
+    def runs(self) -> bool:
+        """Never: what runs all the time is left out, Ready depends on the arm."""
+        return False
+
+    @property
     def paused(self) -> bool:
         """Whether it waits for `resume`."""
         return self._queue.paused

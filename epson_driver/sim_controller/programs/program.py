@@ -27,6 +27,13 @@ class Program(Protocol):
     def ready(self) -> bool:
         """Whether it takes points as far as it is up to the program itself."""
 
+    @property
+    def runs(self) -> bool:
+        """Whether its tasks keep the controller from being Ready: those that are not SPEL+ do not.
+
+        Tasks in the background do not count.
+        """
+
     def receive(self, frame: Frame) -> None:
         """Obey, queue or refuse one frame. May raise ProgramQuit; the arm brakes then."""
 

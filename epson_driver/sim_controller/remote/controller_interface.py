@@ -32,6 +32,10 @@ class ControllerInterface(Protocol):
         """Its condition now."""
 
     @property
+    def program_runs(self) -> bool:
+        """Whether tasks of a SPEL+ program run, besides those in the background."""
+
+    @property
     def error_number(self) -> int:
         """The error that it shows."""
 

@@ -40,6 +40,8 @@ def _no(flag: str, sentence: Callable[[ControllerInterface], str]) -> Requiremen
 
 
 def _not_ready(controller: ControllerInterface) -> str:
+    if controller.program_runs:
+        return 'the program runs: stop first'
     if not controller.condition.paused:
         return 'the arm still moves: try again when it stands'
     first = 'close the door and ' if FLAGS['Safeguard'](controller) else ''
@@ -73,6 +75,9 @@ def _no_tasks(controller: ControllerInterface) -> str:
 
 AUTO = _is('Auto', lambda _: 'the key switch is at MANUAL: turn it to AUTO first')
 READY = _is('Ready', _not_ready)
+NO_PROGRAM = Requirement(
+    'no SPEL+ program', lambda controller: not controller.program_runs, _not_ready
+)
 PAUSED = _is('Paused', _not_paused)
 NO_ESTOP = _no('EStop', _estopped)
 NO_SAFEGUARD = _no('Safeguard', lambda _: 'the safeguard door is open: close it first')

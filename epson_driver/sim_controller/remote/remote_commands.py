@@ -246,6 +246,7 @@ def _sim(dialogue: Dialogue, parameters: list[str]) -> str | None:
 _FREE: tuple[Requirement, ...] = ()
 _AUTO = (requirements.AUTO,)
 _IDLE = (requirements.AUTO, requirements.READY)
+_OFF = (requirements.AUTO, requirements.NO_PROGRAM)
 _SAFE = (requirements.AUTO, requirements.NO_ESTOP, requirements.NO_SAFEGUARD, requirements.READY)
 _SOUND = (
     requirements.AUTO,
@@ -293,7 +294,7 @@ COMMANDS: dict[str, Command] = {
     'Continue': Command('', 'go on', (*_AUTO, requirements.PAUSED), _plain, Event.CONTINUE),
     'Reset': Command('', 'clear E-stop and error', _IDLE, _plain, Event.RESET),
     'SetMotorsOn': Command('robot', 'motors on', _SAFE, _robot, Event.MOTORS_ON),
-    'SetMotorsOff': Command('robot', 'motors off', _AUTO, _robot, Event.MOTORS_OFF),
+    'SetMotorsOff': Command('robot', 'motors off', _OFF, _robot, Event.MOTORS_OFF),
     'SetCurRobot': Command('robot', 'choose the robot', _IDLE, _set_cur_robot),
     'GetCurRobot': Command('', 'the chosen robot', _FREE, _get_cur_robot),
     'Home': Command('robot', 'always refused', _SOUND, _home),

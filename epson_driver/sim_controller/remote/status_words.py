@@ -5,9 +5,10 @@
 Each word is a table from bit to predicate. (SPEL+ language reference; RC+ user's guide, Remote
 Ethernet; the eleven flags of the RC700 generation.)
 
-Two things are different from a real controller. The tasks of the driver's program run all the
+Two things are different from a real controller. The tasks of the built-in programs run all the
 time here, and would keep a real one from ever being ready; so what runs is the arm: Running means
-that it moves or has somewhere to go, Ready that it does not. And there are no warnings.
+that it moves or has somewhere to go, Ready that it does not. With a SPEL+ program it is as on a
+real one: Ready when no task runs but those in the background. And there are no warnings.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,10 +22,13 @@ Predicate = Callable[[ControllerInterface], bool]
 
 
 def running(controller: ControllerInterface) -> bool:
-    """Return whether the arm moves, has points, or goes back to where it was interrupted."""
+    """Return whether the arm moves, has points, or goes back to where it was interrupted.
+
+    With a SPEL+ program: whether its tasks run, besides those in the background.
+    """
     condition = controller.condition
     moves = controller.moving or condition.tasks is Tasks.RECOVERING
-    return moves and not condition.paused
+    return (moves or controller.program_runs) and not condition.paused
 
 
 def ready(controller: ControllerInterface) -> bool:

@@ -12,9 +12,6 @@ from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.spel import MotionRequest, SpelError
 
-SCAN_S = 0.010
-"""How often the condition of Till is looked at, s."""
-
 SHORTEST_S = 1e-6
 """So much later, s, at most, it is seen that a motion is over: rounding cannot stop the clock."""
 
@@ -29,10 +26,16 @@ class Motion:
 
 
 class RobotMotion:
-    """Gives motion statements to the arm, and ends them; `news` is called when one is over."""
+    """Gives motion statements to the arm, and ends them; `news` is called when one is over.
 
-    def __init__(self, arm: PointToPoint, clock: Clock, news: Callable[[], None]) -> None:
+    The condition of Till is looked at every `scan` s.
+    """
+
+    def __init__(
+        self, arm: PointToPoint, clock: Clock, news: Callable[[], None], scan: float
+    ) -> None:
         self._arm = arm
+        self._period = scan
         self._clock = clock
         self._news = news
         self._motion: Motion | None = None
@@ -61,7 +64,7 @@ class RobotMotion:
         self._target = target
         self.till_on = False
         if request.till is not None:
-            self._scan = self._clock.every(SCAN_S, self._look, first=SCAN_S)
+            self._scan = self._clock.every(self._period, self._look, first=self._period)
         self._look()
         self.settle()
         return motion

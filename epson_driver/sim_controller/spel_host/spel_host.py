@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a SPEL+ program asks of the world, answered by the simulated controller."""
 
-import logging
 from collections.abc import Callable, Sequence
-from typing import Final
 
 from epson_driver.sim_controller.clock import Timer
 from epson_driver.sim_controller.core import Controller
@@ -25,14 +23,9 @@ from epson_driver.spel import (
     Point,
     SpelError,
     TaskError,
+    Terminal,
     Value,
 )
-
-CANCEL: Final = 2
-"""What a MsgBox is answered with: there is nobody to ask."""
-
-MAX_LINE = 1000
-"""Characters of a line of Print; a longer one is cut."""
 
 LOOK_S = 0.010
 """How often it is looked at whether a statement without an event of its own is over, s."""
@@ -44,8 +37,6 @@ _IO = {
 }
 MOVES = frozenset({'go', 'pulse'})
 """Statements that move this arm."""
-
-_terminal = logging.getLogger('epson_driver.spel.terminal')
 
 
 class SpelHost:
@@ -60,6 +51,7 @@ class SpelHost:
         controller: Controller,
         robot: Robot,
         network: ProgramNetwork,
+        terminal: Terminal,
         news: Callable[[], None],
         failed: Callable[[TaskError], None],
         pauses: Callable[[bool], None],
@@ -68,42 +60,25 @@ class SpelHost:
         self._controller = controller
         self._robot = robot
         self._network = network
+        self._terminal = terminal
         self._news = news
         self._failed = failed
         self._pauses = pauses
         self._moves = moves
-        self._lines: dict[int, str] = {}
 
     # Terminal
 
     def write(self, caller: Caller, text: str) -> None:
-        """Show what is printed: lines with time, task and function."""
-        *lines, rest = (self._lines.pop(caller.task, '') + text).split('\n')
-        for line in lines:
-            self._show(caller, line)
-        if len(rest) > MAX_LINE:
-            self._show(caller, rest)
-        elif rest:
-            self._lines[caller.task] = rest
-
-    def _show(self, caller: Caller, line: str) -> None:
-        # The place is that in the program, so each Print has a pace of its own in the log.
-        what = '%9.3f s task %d %s: %s'
-        values = (self._controller.clock.now, caller.task, caller.function, line[:MAX_LINE])
-        record = _terminal.makeRecord(
-            _terminal.name, logging.INFO, caller.file, caller.line, what, values, None
-        )
-        if _terminal.isEnabledFor(logging.INFO):
-            _terminal.handle(record)
+        """Show what is printed."""
+        self._terminal.write(caller, text)
 
     def read_line(self) -> str | None:
-        """Return None: nobody types anything."""
-        return None
+        """Return a line that a person has typed; None while there is none."""
+        return self._terminal.read_line()
 
-    def message_box(self, caller: Caller, text: str, _buttons: int, title: str) -> int | None:
-        """Show the text and answer Cancel."""
-        self.write(caller, f'MsgBox {title}: {text} (answered with Cancel)\n')
-        return CANCEL
+    def message_box(self, caller: Caller, text: str, buttons: int, title: str) -> int | None:
+        """Return the button that was pressed; None as long as there is none."""
+        return self._terminal.message_box(caller, text, buttons, title)
 
     # Network
 

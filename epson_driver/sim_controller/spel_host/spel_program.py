@@ -16,6 +16,7 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.states import ENDED, Event, RejectedError, Tasks
 from epson_driver.sim_controller.condition.tasks import TaskRow
 from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.spel_host.log_terminal import LogTerminal
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
@@ -31,6 +32,8 @@ from epson_driver.spel import (
     TaskState,
     TaskType,
     TaskView,
+    Terminal,
+    Timing,
 )
 from epson_driver.spel.task import FIRST_BACKGROUND, LAST_BACKGROUND, Task
 
@@ -50,6 +53,9 @@ _STATES = {
     TaskState.QUICK_PAUSED: 'paused',
     TaskState.ABORTED: 'aborted',
 }
+ROUNDING_S = 1e-9
+"""Two times that are nearer are the same: the tasks' time does not begin with the clock's."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -58,7 +64,8 @@ class SpelProgram:
 
     `program` is what runs. `main` is started at boot and whenever a person starts the program,
     BgMain at boot. Global variables are cleared with a start by hand unless there is a BgMain,
-    which may share them. Raises ProgramError for a program with statements that are not simulated.
+    which may share them. Without a `terminal` what it prints is logged. Raises ProgramError for a
+    program with statements that are not simulated.
     """
 
     def __init__(
@@ -67,17 +74,21 @@ class SpelProgram:
         controller: Controller,
         arm: PointToPoint,
         network: ProgramNetwork,
+        terminal: Terminal | None = None,
     ) -> None:
         self._program = program
         self._controller = controller
         self._arm = arm
         self._network = network
-        self._motion = RobotMotion(arm, controller.clock, self._soon)
+        given = controller.profile.spel
+        self._timing = Timing(given.statement, given.wait, given.scan)
+        self._motion = RobotMotion(arm, controller.clock, self._soon, given.scan)
         robot = Robot(controller, self._motion, RobotPoints(controller.model))
         self._host = SpelHost(
             controller,
             robot,
             network,
+            terminal or LogTerminal(controller.clock),
             self._soon,
             self._task_failed,
             self._asked_to_pause,
@@ -95,7 +106,7 @@ class SpelProgram:
         self._machine, self._begun = self._new_machine()
 
     def _new_machine(self) -> tuple[Machine, float]:
-        machine = Machine(self._program, self._host)
+        machine = Machine(self._program, self._host, self._timing)
         if BACKGROUND in self._program.by_name:
             machine.start_background(self._program.by_name[BACKGROUND].name)
         self._soon()
@@ -113,7 +124,7 @@ class SpelProgram:
         """Let the tasks run until now, and then whatever follows from that."""
         self._timer = None
         self._start_main()
-        now = self._controller.clock.now - self._begun
+        now = self._now()
         self._running = True
         try:
             self._machine.idle(now)
@@ -125,8 +136,13 @@ class SpelProgram:
         self._look_at_tasks()
         due = self._machine.next_time()
         if self._timer is None and due is not None:
-            now = self._controller.clock.now - self._begun
             self._timer = self._controller.clock.after(max(due - now, 0.0), self._run)
+
+    def _now(self) -> float:
+        """Return the time of the tasks, s; what is due at it, rounding does not put off."""
+        now = self._controller.clock.now - self._begun
+        due = self._machine.next_time()
+        return due if due is not None and now < due < now + ROUNDING_S else now
 
     def _after_tasks(self, action: Callable[[], None]) -> None:
         """Do something when no task runs: now, or after the tasks' turn."""
@@ -151,13 +167,11 @@ class SpelProgram:
 
     def _look_at_tasks(self) -> None:
         """See whether all tasks are over, and whether one still moves the arm."""
-        kinds = {task.type for task in self._alive()}
         mover = self._mover
         if self._motion.busy and (mover is None or mover.frame is None):
             self._motion.abort(_aborted('its task is over'))
         condition = self._controller.condition
-        over = not self._starting and not kinds - {TaskType.BACKGROUND}
-        if over and condition.tasks is Tasks.RUNNING:
+        if not self.runs and condition.tasks is Tasks.RUNNING:
             self._finishing = True
             self._controller.apply(Event.TASKS_FINISHED)
             self._finishing = False
@@ -176,9 +190,20 @@ class SpelProgram:
         return self._controller.condition.paused
 
     @property
+    def runs(self) -> bool:
+        """Whether tasks run besides those in the background."""
+        kinds = {task.type for task in self._alive()}
+        return self._starting or bool(kinds - {TaskType.BACKGROUND})
+
+    @property
     def ready(self) -> bool:
         """Always: what it takes, its own statements decide."""
         return True
+
+    @property
+    def statements(self) -> int:
+        """How many statements its tasks have executed since the controller was booted."""
+        return self._machine.statements
 
     def receive(self, frame: Frame) -> None:
         """Raise RuntimeError: bytes come through the program's own ports."""

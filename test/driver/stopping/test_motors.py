@@ -15,6 +15,7 @@ from epson_driver.driver.stopping.motors import (
     MotomanMotors,
     MotorsByHand,
     RemoteEthernetMotors,
+    RestartingMotors,
     make_motors,
 )
 from epson_driver.node.parameters import profile_defaults
@@ -69,6 +70,8 @@ def reports(harness, **fields):
     [
         ('remote_ethernet', 5000, RemoteEthernetMotors),
         ('remote_ethernet', 0, MotorsByHand),
+        ('restart', 5000, RestartingMotors),
+        ('restart', 0, MotorsByHand),
         ('motoman', 0, MotomanMotors),
         ('motoman', 5000, MotomanMotors),
         ('none', 5000, MotorsByHand),
@@ -81,9 +84,10 @@ def test_the_profile_and_the_remote_port_decide(kind, port, way):
 
 
 def test_every_profile_says_how():
-    names = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
+    names = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman', 'spel')
     ways = {name: load_controller_profile(name).program.motors for name in names}
-    assert ways == dict.fromkeys(names, 'remote_ethernet') | {'motoman': 'motoman'}
+    expected = dict.fromkeys(names, 'remote_ethernet') | {'motoman': 'motoman', 'spel': 'restart'}
+    assert ways == expected
 
 
 def test_enable_and_disable_switch_a_motomans_servos():

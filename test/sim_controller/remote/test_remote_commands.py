@@ -168,6 +168,7 @@ NEEDS = {
         'refused',
         'there is error 4031 (motion attempted with the motors off): reset first',
     ),
+    'no SPEL+ program': ('spel', 'the program runs: stop first'),
     'tasks run': ('stop', 'the tasks are stopped: there is nothing to pause'),
     'Paused': ('nothing', 'nothing is paused'),
 }
@@ -186,12 +187,14 @@ PARAMETERS = {
     ('name', 'need'),
     [(name, need.text) for name in COMMANDS for need in COMMANDS[name].requirements],
 )
-def test_what_a_command_needs(name, need):
+def test_what_a_command_needs(name, need, monkeypatch):
     remote = Remote()
     what, sentence = NEEDS[need]
     if what == 'refused':
         remote.harness.send(point(0, FAR))
         assert remote.controller.error_number == 4031
+    elif what == 'spel':
+        monkeypatch.setattr(type(remote.controller.program), 'runs', True)
     elif what != 'nothing':
         remote.harness.do(what)
     before = remote.controller.condition
@@ -217,7 +220,7 @@ def test_while_the_arm_moves_commands_that_need_ready_are_refused(name):
 
 
 def test_the_manuals_acceptance_conditions():
-    """RC+ user's guide, Remote Ethernet; SetMotorsOff is accepted in motion as well."""
+    """RC+ user's guide, Remote Ethernet; built-in programs take SetMotorsOff in motion too."""
     needs = {
         name: ' '.join(need.text for need in COMMANDS[name].requirements) for name in COMMANDS
     }
@@ -225,7 +228,8 @@ def test_the_manuals_acceptance_conditions():
     assert needs['Start'] == needs['Home'] == needs['Execute'] == sound
     assert needs['SetMotorsOn'] == 'Auto no EStop no Safeguard Ready'
     assert needs['Reset'] == needs['SetCurRobot'] == needs['SetVariable'] == 'Auto Ready'
-    assert needs['Stop'] == needs['Abort'] == needs['SetMotorsOff'] == 'Auto'
+    assert needs['Stop'] == needs['Abort'] == 'Auto'
+    assert needs['SetMotorsOff'] == 'Auto no SPEL+ program'
     assert needs['Pause'] == 'Auto tasks run'
     assert needs['Continue'] == 'Auto Paused'
     assert needs['SetIO'] == needs['SetIOByte'] == 'Ready'

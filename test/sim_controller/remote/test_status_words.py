@@ -20,7 +20,7 @@ from epson_driver.sim_controller.condition.states import (
 from epson_driver.sim_controller.remote import status_words
 
 
-def controller(moving=False, in_motion=None, error=0, **regions):
+def controller(moving=False, in_motion=None, error=0, spel=False, **regions):
     condition = Condition(**regions)
     return SimpleNamespace(
         condition=condition,
@@ -28,6 +28,7 @@ def controller(moving=False, in_motion=None, error=0, **regions):
         moving=moving,
         in_motion=moving if in_motion is None else in_motion,
         error_number=error,
+        program_runs=spel,
     )
 
 
@@ -47,6 +48,10 @@ MANUAL = controller(mode=Mode.MANUAL)
 STOPPED = controller(tasks=Tasks.STOPPED)
 HIGH = controller(power=Power.HIGH)
 HELD_LOW = controller(power=Power.HELD_LOW)
+SPEL_RUNS = controller(spel=True)
+SPEL_SERVER_RUNS = controller(spel=True, tasks=Tasks.ABORTED)
+SPEL_PAUSED = controller(spel=True, tasks=Tasks.PAUSED)
+SPEL_LAST_MOVE = controller(moving=True, motors=Motors.ON, tasks=Tasks.STOPPED)
 BRAKING = controller(moving=True, motors=Motors.BRAKING)
 
 NEVER = ()
@@ -62,8 +67,14 @@ FLAGS = {
     'EStop': ((PRESSED, LATCHED), (IDLE, ERROR)),
     'Error': ((PRESSED, LATCHED, REFUSED, ERROR, CRITICAL), (IDLE, MOVING, DOOR_OPEN)),
     'Paused': ((PAUSED, PAUSING, DOOR_OPEN, WAIT_RECOVER), (IDLE, MOVING, RECOVERING, STOPPED)),
-    'Running': ((MOVING, RECOVERING, BRAKING), (IDLE, PAUSED, PAUSING, DOOR_OPEN, PRESSED)),
-    'Ready': ((IDLE, PRESSED, ERROR, MANUAL, STOPPED), (MOVING, PAUSED, DOOR_OPEN, RECOVERING)),
+    'Running': (
+        (MOVING, RECOVERING, BRAKING, SPEL_RUNS, SPEL_SERVER_RUNS, SPEL_LAST_MOVE),
+        (IDLE, PAUSED, PAUSING, DOOR_OPEN, PRESSED, SPEL_PAUSED),
+    ),
+    'Ready': (
+        (IDLE, PRESSED, ERROR, MANUAL, STOPPED),
+        (MOVING, PAUSED, DOOR_OPEN, RECOVERING, SPEL_RUNS, SPEL_SERVER_RUNS, SPEL_PAUSED),
+    ),
 }
 
 CTRL_INFO_1 = {

@@ -317,7 +317,10 @@ def test_the_process_serves_real_sockets(tmp_path):
             return remote.readline().decode().strip()
 
         assert ask('Login') == '#Login,0'
-        assert ask('SetMotorsOn,0') == '#SetMotorsOn,0'
+        assert ask('SetMotorsOn,0') == '!SetMotorsOn,20'
+        assert ask('Sim,why') == '#Sim,the program runs: stop first'
+        for command in ('Stop', 'SetMotorsOn,0', 'Start,0'):
+            assert ask(command) == f'#{command.partition(",")[0]},0'
         tasks = dict(each.split('=') for each in ask('Sim,tasks').partition(',')[2].split(';'))
         assert tasks['1'].startswith('main,Normal,waits main.prg:')
         assert tasks['66'].startswith('MotionServer,background,waits motion.prg:')

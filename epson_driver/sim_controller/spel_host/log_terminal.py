@@ -1,0 +1,54 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The terminal of a SPEL+ program without a person: what it prints goes to the log."""
+
+import logging
+from typing import Final
+
+from epson_driver.sim_controller.clock import Clock
+from epson_driver.spel import Caller
+
+CANCEL: Final = 2
+"""What a MsgBox is answered with: there is nobody to ask."""
+
+MAX_LINE = 1000
+"""Characters of a line of Print; a longer one is cut."""
+
+_terminal = logging.getLogger('epson_driver.spel.terminal')
+
+
+class LogTerminal:
+    """Logs what is printed, line by line, with the controller's time, task and function."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lines: dict[int, str] = {}
+
+    def write(self, caller: Caller, text: str) -> None:
+        """Show what is printed: lines with time, task and function."""
+        *lines, rest = (self._lines.pop(caller.task, '') + text).split('\n')
+        for line in lines:
+            self._show(caller, line)
+        if len(rest) > MAX_LINE:
+            self._show(caller, rest)
+        elif rest:
+            self._lines[caller.task] = rest
+
+    def _show(self, caller: Caller, line: str) -> None:
+        # The place is that in the program, so each Print has a pace of its own in the log.
+        what = '%9.3f s task %d %s: %s'
+        values = (self._clock.now, caller.task, caller.function, line[:MAX_LINE])
+        record = _terminal.makeRecord(
+            _terminal.name, logging.INFO, caller.file, caller.line, what, values, None
+        )
+        if _terminal.isEnabledFor(logging.INFO):
+            _terminal.handle(record)
+
+    def read_line(self) -> str | None:
+        """Return None: nobody types anything."""
+        return None
+
+    def message_box(self, caller: Caller, text: str, _buttons: int, title: str) -> int | None:
+        """Show the text and answer Cancel."""
+        self.write(caller, f'MsgBox {title}: {text} (answered with Cancel)\n')
+        return CANCEL

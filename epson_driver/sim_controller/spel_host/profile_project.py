@@ -1,0 +1,46 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The SPEL+ project that a controller profile names, as a person would set it up for a robot."""
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from epson_driver.inputs import InputError
+from epson_driver.profiles.profile import SpelProfile
+from epson_driver.robots import RobotModel
+from epson_driver.share import share_folder
+from epson_driver.spel import read_project, with_defines
+
+_JOINTS = re.compile(r'^#define\s+JOINT_COUNT\s+([0-9]+)', re.MULTILINE)
+_NAMES = re.compile(r'^#define\s+(\w+)\s', re.MULTILINE)
+_MS = 1000.0
+
+
+def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
+    """Return the files of a profile's project, with what it says that is changed in them.
+
+    What a person takes from the robot's manual, or measures, is the robot model's, where they have
+    lines for it: `#define J1_SPEED` and so on, degrees/s, and how long an acceleration takes:
+    T100_MS, RAMP_MS. Raises InputError, OSError.
+    """
+    files = read_project(share_folder(profile.project))
+    return with_defines(files, {**_robot_defines(files, model), **profile.config})
+
+
+def _robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]:
+    text = '\n'.join(files.values())
+    wanted = _JOINTS.search(text)
+    joints = len(model.joint_names)
+    if wanted is not None and (int(wanted[1]) != joints or 'm' in model.limits.units):
+        raise InputError(
+            f'{model.name} has {joints} joints: the project is for arms with {wanted[1]} that turn'
+        )
+    limits = model.limits
+    speeds = np.degrees(limits.velocity)
+    found = {f'J{number + 1}_SPEED': f'{speed:.6g}' for number, speed in enumerate(speeds)}
+    found['T100_MS'] = f'{max(limits.velocity / limits.acceleration) * _MS:.0f}'
+    found['RAMP_MS'] = f'{max(limits.acceleration / limits.jerk) * _MS:.0f}'
+    there = set(_NAMES.findall(text))
+    return {name: value for name, value in found.items() if name in there}

@@ -1,0 +1,108 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The same bytes to the built-in program and to the SPEL+ program: what differs, the page says.
+
+`byte_scripts.py` has the scripts. Of each it counts what is answered, whether the client is cut
+off, and where the arm rests in the end.
+"""
+
+import re
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.byte_scripts import SCRIPTS, Script
+from support.controller_harness import RC620, Harness, InlinePlanner, split
+from support.program_bench import OurProgramBench
+
+from epson_driver.simple_message import FrameError
+
+PAGE = Path(__file__).parents[2] / 'docs' / 'controller_program.md'
+SECTION = '### What differs from the built-in program'
+CODES = {0: 'INVALID', 1: 'SUCCESS', 2: 'FAILURE'}
+POINT_REPLY = 10
+QUIET_S = 4.0
+BETWEEN_S = 0.02
+
+
+def differences() -> dict[str, tuple[str, str]]:
+    """Return the rows of the page's table: script to what both programs do."""
+    section = PAGE.read_text(encoding='utf-8').split(SECTION)[1].split('\n#')[0]
+    rows = re.findall(r'^\| (.+?) \| (.+?) \| (.+?) \| .+? \|$', section, re.MULTILINE)
+    return {name: (one, other) for name, one, other in rows[1:] if set(name) != {'-'}}
+
+
+def played(script: Script, send, step, do) -> None:
+    for each in script:
+        if isinstance(each, bytes):
+            send(each)
+            step(BETWEEN_S)
+        elif isinstance(each, str):
+            do(each)
+        else:
+            step(each)
+    step(QUIET_S)
+
+
+def outcome(script: Script, data: bytes, cut: bool, position) -> tuple[str, str, str]:
+    """Return the replies, whether the client was cut off, and what became of the arm, in words."""
+    replies = []
+    for code, group in groupby(split(data), lambda each: each[2]):
+        numbers = ' '.join(_number(kind, body) for kind, _, _, body in group)
+        replies.append(f'{CODES[code]} {numbers}')
+    targets = [
+        np.frombuffer(each[20:44], '<f4')
+        for each in script
+        if type(each) is bytes and len(each) == 68
+    ]
+    rests = 'stops on its way'
+    if not np.any(position):
+        rests = 'stays'
+    elif any(np.abs(position - target).max() < 1e-6 for target in targets):
+        rests = 'arrives'
+    return ', '.join(replies) or 'no answer', 'cut off' if cut else 'stays connected', rests
+
+
+def _number(kind: int, body: bytes) -> str:
+    """Return the sequence of the reply to a point; of other replies the type."""
+    if kind != POINT_REPLY:
+        return f'type {kind}'
+    return str(int.from_bytes(body[:4], 'little', signed=True))
+
+
+def by_spel(script: Script) -> tuple[str, str, str]:
+    bench = OurProgramBench()
+    motion, peer = bench.ready()
+    played(script, motion.receive, bench.step, bench.do)
+    return outcome(script, peer.take(), peer.ended is not None, bench.position)
+
+
+def by_built_in(script: Script) -> tuple[str, str, str]:
+    harness = Harness(planner=InlinePlanner(), profile=RC620)
+    cut = []
+
+    def send(data: bytes) -> None:
+        try:
+            harness.connection.receive(data)
+        except FrameError:  # who serves the port closes the connection
+            cut.append(True)
+
+    played(script, send, harness.step, harness.do)
+    ended = bool(cut) or harness.peer.ended is not None
+    return outcome(script, harness.peer.take(), ended, harness.controller.arm.commanded)
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('name', SCRIPTS)
+def test_both_programs_do_the_same_but_for_what_the_page_says(name: str) -> None:
+    script = SCRIPTS[name]
+    one, other = by_built_in(script), by_spel(script)
+    unlike = [pair for pair in zip(one, other, strict=True) if pair[0] != pair[1]]
+    said = tuple(', '.join(each) for each in zip(*unlike, strict=True))
+    assert said == differences().get(name, ())
+
+
+def test_the_page_names_scripts_that_there_are() -> None:
+    assert differences().keys() <= SCRIPTS.keys()
+    assert differences()

@@ -1,0 +1,83 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Hostile frames on the ports of our SPEL+ program, on the simulated controller with motors on.
+
+The program never ends, nothing moves by them, and the next good client works. Hypothesis looks for
+single bad messages in test/controller_program/test_hostile_clients.py; this is for masses.
+"""
+
+import logging
+import random
+import struct
+
+import numpy as np
+import pytest
+from support.controller_harness import SUCCESS, frame, point
+from support.program_bench import OurProgramBench
+
+POINT_BYTES = 52
+NUMBERS = (float('nan'), float('inf'), -float('inf'), 1e38, -1e38, 1e-45, 9.0, -0.5, 1e9)
+WORDS = (-(2**31), 2**31 - 1, -5, -4, -3, -2, -1, 0, 1, 2, 3, 10, 11, 12, 13, 64, 1000, 65200)
+PER_CLIENT = 25
+PER_STEP = 5
+
+
+def hostile(chance):
+    """Return a frame, or bytes, that no client should send. None is a point the arm can go to."""
+    kind = chance.choice([1, 2, 10, 11, 11, 11, 13, *range(65200, 65208), chance.choice(WORDS)])
+    comm, code = chance.choice([1, 2, 2, 2, 3, 0, 9]), chance.choice([0, 0, 0, 1, 7])
+    form = chance.randrange(6)
+    if form == 0:
+        return chance.randbytes(chance.randrange(1, 60))
+    if form == 1:
+        length = chance.choice([*WORDS, chance.randrange(-100, 5000)])
+        return struct.pack('<4i', length, kind, comm, code) + chance.randbytes(20)
+    if form <= 3:
+        body = chance.randbytes(chance.choice([0, 4, 8, 12, 40, 48, 56, 400, 987]))
+    elif form == 4:
+        count = chance.choice([1, 2, 3, 4, 5, 9, 12, 14])
+        body = struct.pack(f'<{count}i', *chance.choices(WORDS, k=count))
+    else:  # joint 1 at 9 rad: the others could be those of a good point
+        joints = [9.0, *chance.choices([*NUMBERS, 0.1], k=9)]
+        velocity, duration = (
+            chance.choice([0.0, 0.5, *NUMBERS]),
+            chance.choice([0.0, 1.0, *NUMBERS]),
+        )
+        body = struct.pack('<i12f', chance.choice(WORDS), *joints, velocity, duration)
+    assert len(body) != POINT_BYTES or form == 5
+    return frame(kind, comm, code, body)
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.invariant(1)
+@pytest.mark.parametrize(
+    'count', [1_000, pytest.param(100_000, marks=pytest.mark.slow)], ids=['few', 'many']
+)
+def test_masses_of_hostile_frames_end_nothing_and_move_nothing(count, caplog):
+    caplog.set_level(logging.CRITICAL)
+    chance = random.Random(16)
+    bench = OurProgramBench(LOST_CLIENT_MOTORS_OFF='')
+    bench.step(0.5)
+    bench.do('motors on')
+    sent = 0
+    while sent < count:
+        port = chance.choice(['motion', 'motion', 'state', 'io'])
+        connection, peer = bench.client(port)
+        for number in range(PER_CLIENT):
+            connection.receive(hostile(chance))
+            sent += 1
+            if number % PER_STEP == 0:
+                bench.controller.step(0.05)
+            if peer.ended is not None:
+                break
+        connection.closed()
+        bench.controller.step(0.3)
+        assert not np.any(bench.position)
+    names = [row.name for row in bench.controller.tasks()]
+    assert names == ['main', 'BgMain', 'MotionServer', 'StateServer', 'IoServer']
+    assert bench.controller.condition.powered
+    motion, peer = bench.client('motion')
+    bench.step(0.5)
+    motion.receive(point(0, [0.1, *[0.0] * 5], 0.0, 0.5))
+    bench.until(lambda: bench.replies(peer) == [(0, SUCCESS)])
+    bench.until(lambda: abs(bench.position[0] - 0.1) < 1e-6)

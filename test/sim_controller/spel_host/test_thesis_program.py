@@ -1,0 +1,267 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The thesis' own program on the simulated controller: what the profile `thesis` says of it is so.
+
+Its text is not part of this repository: without it these tests are skipped.
+"""
+
+import logging
+import struct
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.controller_harness import MODEL, STOP, Harness, Peer, frame, point, split
+from support.program_bench import STEP_S, ProgramBench
+from support.thesis_program import SEED, call_library, listings, program_files
+
+from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
+from epson_driver.sim_controller.spel_host.spel_host import SpelHost
+from epson_driver.spel import build
+
+FOUND = listings()
+pytestmark = pytest.mark.skipif(
+    FOUND is None,
+    reason=f'the thesis is not in {SEED}: set EPSON_DRIVER_SEED to where its text is',
+)
+PROFILE = load_controller_profile('thesis')
+REPLY = struct.pack('<4i', 56, 10, 3, 1) + bytes(44)
+"""The only one that it has: SUCCESS, and zeros."""
+UNKNOWN = -1
+
+
+class ThesisBench(ProgramBench):
+    """The program with a stand-in for its DLL; motors on, both servers started."""
+
+    program = None
+
+    def __init__(self, caplog, motors=True):
+        if ThesisBench.program is None:
+            ThesisBench.program = build(program_files(FOUND, Counter()))
+        network = program_network(PROFILE)
+        self.controller = new_controller(MODEL, PROFILE, spel=SpelSource(self.program, network))
+        self.caplog = caplog
+        self.positions = [self.position]
+        if motors:
+            self.do('motors on')
+        self.step(0.2)
+
+    def send(self, motion, peer, *frames):
+        """Send points one by one, each when the one before is answered; return the replies."""
+        got = []
+        for data in frames:
+            peer.take()
+            motion.receive(data)
+            self.until(lambda: len(peer.got) >= len(REPLY), 30.0)
+            got.append(peer.take())
+        return got
+
+
+@pytest.fixture
+def bench(caplog, monkeypatch):
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(SpelHost, 'call_library', call_library)
+    return ThesisBench(caplog)
+
+
+def assert_nobody_serves(bench):
+    """All tasks have ended; ports that they left open send nothing."""
+    assert list(bench.controller.tasks()) == []
+    _, state = bench.client('state')
+    bench.step(2.0)
+    assert not state.got
+
+
+def at(*values):
+    return [*values, *[0.0] * (6 - len(values))]
+
+
+def test_the_listings_are_mended_as_their_print_needs():
+    repairs = Counter()
+    files = program_files(FOUND, repairs)
+    assert sorted(files) == [
+        'UserErrors.dat',
+        'main.prg',
+        'robotinfo.inc',
+        'simple_message.inc',
+        'state.prg',
+        'trajectory.prg',
+    ]
+    assert repairs == {
+        'lines that were wrapped': 16,
+        'comments without their mark': 4,
+        'ends of blocks at the end of a page': 3,
+    }
+
+
+def test_points_move_the_arm_and_every_reply_is_an_all_zero_success(bench):
+    """Defect 5, the good case: `reply: zero`."""
+    motion, peer = bench.client('motion')
+    assert bench.send(motion, peer, point(0, at(0.05)), point(1, at(0.1, 0.1))) == [REPLY] * 2
+    bench.until(lambda: not bench.controller.in_motion)
+    assert np.abs(bench.position - at(0.1, 0.1)).max() < 1e-5
+
+
+def test_the_state_has_joints_and_a_status_that_does_not_know_whether_it_moves(bench):
+    """Defect 10: `in_motion: false`, `motion_possible: false`; STATUS after ten positions."""
+    _, peer = bench.client('state')
+    bench.step(1.0)
+    messages = split(peer.take())
+    kinds = [kind for kind, *_ in messages]
+    first = kinds.index(13)
+    assert kinds[first - 10 : first + 11] == [*[10] * 10, 13, *[10] * 10]
+    powered, e_stopped, error, in_error, in_motion, mode, possible = struct.unpack(
+        '<7i', messages[first][3]
+    )
+    assert (powered, e_stopped, error, in_error) == (1, 0, 0, 0)
+    assert (in_motion, mode, possible) == (UNKNOWN, 2, UNKNOWN)
+    assert (PROFILE.state.in_motion, PROFILE.state.motion_possible) == (False, False)
+
+
+def test_a_lost_client_is_the_end_of_both_servers(bench):
+    """Defect 1: `reconnect: false`."""
+    for port in ('motion', 'state'):
+        connection, _ = bench.client(port)
+        bench.step(0.3)
+        connection.closed()
+        bench.step(3.0)
+        with pytest.raises(ConnectionRefusedError):
+            bench.client(port)
+    assert not PROFILE.server.reconnect
+
+
+def test_nobody_comes_for_50_s_and_the_servers_are_gone(bench):
+    """Defect 12."""
+    bench.step(49.0)
+    assert len(list(bench.controller.tasks())) == 2
+    bench.step(3.0)
+    assert_nobody_serves(bench)
+
+
+def test_a_stop_is_answered_when_the_motion_is_over_and_stops_nothing(bench):
+    """Defect 2: `stop_works: false`; `acknowledge: done`."""
+    motion, peer = bench.client('motion')
+    motion.receive(point(0, at(0.4)) + point(STOP))
+    bench.until(lambda: bench.position[0] > 0.1)
+    assert not peer.got
+    bench.until(lambda: len(peer.got) >= 2 * len(REPLY), 30.0)
+    assert peer.take() == 2 * REPLY
+    assert abs(bench.position[0] - 0.4) < 1e-5
+    assert (PROFILE.program.stop_works, PROFILE.program.acknowledge) == (False, 'done')
+
+
+@pytest.mark.parametrize('sequence', [-1, -2, -3, -4])
+def test_every_negative_sequence_is_a_stop(bench, sequence):
+    """Defect 3: `negative_is_stop: true`."""
+    motion, peer = bench.client('motion')
+    assert bench.send(motion, peer, point(sequence, at(0.2))) == [REPLY]
+    bench.step(2.0)
+    assert not np.any(bench.positions)
+    assert any('trajectory stop message' in line for line in bench.printed)
+    assert PROFILE.program.negative_is_stop
+
+
+def test_a_point_out_of_range_gets_success_and_sequences_are_not_checked(bench):
+    """Defects 5 and 6: `failure_replies`, `check_limits` and `check_sequence` are false."""
+    motion, peer = bench.client('motion')
+    points = (point(0, at(3.0)), point(7, at(0.1)), point(3, at(0.05)))
+    assert bench.send(motion, peer, *points) == [REPLY] * 3
+    bench.until(lambda: not bench.controller.in_motion)
+    assert abs(bench.position[0] - 0.05) < 1e-5
+    assert max(each[0] for each in bench.positions) < 0.11
+    program = PROFILE.program
+    checks = (program.failure_replies, program.check_limits, program.check_sequence)
+    assert not any(checks)
+
+
+def test_without_motors_it_asks_is_told_to_cancel_and_answers_success(caplog, monkeypatch):
+    """Defects 4 and 5: the error is handled, nothing moves, the reply is a SUCCESS."""
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(SpelHost, 'call_library', call_library)
+    bench = ThesisBench(caplog, motors=False)
+    motion, peer = bench.client('motion')
+    assert bench.send(motion, peer, point(0, at(0.2))) == [REPLY]
+    assert any('answered with Cancel' in line for line in bench.printed)
+    assert not np.any(bench.positions)
+
+
+def test_a_corrupt_message_ends_all_tasks(bench):
+    """Defect 5: `corrupt: quit`."""
+    motion, _ = bench.client('motion')
+    motion.receive(frame(11, 2, 0, bytes(20)))
+    bench.step(3.0)
+    assert_nobody_serves(bench)
+    assert PROFILE.program.corrupt == 'quit'
+
+
+def test_turns_of_the_wrist_are_lost(bench):
+    """Defect 6: P2 = AglToPls( ) is a place in space: joint 6 goes there the short way."""
+    motion, peer = bench.client('motion')
+    target = [0.1, -0.1, 0.2, 0.0, 0.5, 1.5 * np.pi]
+    assert bench.send(motion, peer, point(0, target)) == [REPLY]
+    bench.until(lambda: not bench.controller.in_motion)
+    assert bench.position[5] == pytest.approx(-0.5 * np.pi, abs=1e-4)
+    assert bench.position[:3] == pytest.approx(target[:3], abs=1e-4)
+
+
+def test_power_low_makes_speed_50_mean_5_percent_and_times_count_for_nothing(bench):
+    """Defects 6 and 8: `uses: nothing`, `power: low`."""
+    motion, peer = bench.client('motion')
+    bench.send(motion, peer, point(0, at(0.5), velocity=1.0, duration=0.1))
+    velocity, _ = bench.within_limits()
+    assert 0.02 < velocity < 0.0501
+    assert (PROFILE.motion.power, PROFILE.program.uses.value) == ('low', 'nothing')
+
+
+def test_cp_never_blends_the_arm_rests_at_every_point(bench):
+    """Defect 9."""
+    motion, peer = bench.client('motion')
+    begin = len(bench.positions)
+    bench.send(motion, peer, *(point(n, at(0.05 * (n + 1))) for n in range(3)))
+    bench.until(lambda: not bench.controller.in_motion)
+    moves = np.diff(np.array(bench.positions[begin:])[:, 0]) > 1e-9
+    assert np.count_nonzero(np.diff(moves.astype(int)) == 1) == 3
+    assert len(moves) * STEP_S > 2.0  # a second after each point
+
+
+def test_an_estop_ends_its_motion_and_the_state_server_goes_on(bench):
+    """Xqt … NoEmgAbort; `aborted: silent`."""
+    _, state = bench.client('state')
+    motion, peer = bench.client('motion')
+    motion.receive(point(0, at(1.0)))
+    bench.until(lambda: bench.position[0] > 0.1)
+    bench.do('E-stop press')
+    bench.step(1.0)
+    state.take()
+    peer.take()
+    bench.step(1.0)
+    assert len(split(state.take())) > 10
+    motion.receive(point(1, at(0.0)))
+    bench.step(2.0)
+    assert not peer.got
+    assert PROFILE.server.aborted == 'silent'
+
+
+def test_the_profile_answers_as_the_program_does(bench):
+    """The same points to both: the same replies, in the end the same place."""
+    points = [point(0, at(0.1)), point(5, at(3.0)), point(-2, at(0.3)), point(STOP)]
+    points += [point(1, at(0.2, 0.1)), point(2, at(0.05))]
+    motion, peer = bench.client('motion')
+    replies = bench.send(motion, peer, *points)
+    bench.until(lambda: not bench.controller.in_motion)
+    servo = replace(PROFILE.servo, lag=0.0)
+    native = Harness(profile=replace(PROFILE, servo=servo))
+    assert isinstance(native.peer, Peer)
+    answered = []
+    for data in points:
+        native.send(data)
+        for _ in range(7500):
+            if len(native.peer.got) >= len(REPLY):
+                break
+            native.step(0.004)
+        answered.append(native.peer.take())
+    native.rest()
+    assert replies == answered == [REPLY] * len(points)
+    assert np.abs(native.controller.arm.commanded - bench.position).max() < 1e-5

@@ -1,0 +1,128 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The thesis' own SPEL+ program: read from its text where that is there, mended, with a DLL.
+
+The text is not part of this repository. It is looked for in ../shared/seed beside it, or where
+EPSON_DRIVER_SEED says. What its printed form has broken is mended by rules; each counts how often
+it was needed, so that a test sees if the text, or a rule, has changed.
+"""
+
+import os
+import re
+import struct
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+SEED = Path(os.environ.get('EPSON_DRIVER_SEED', Path(__file__).parents[3] / 'shared' / 'seed'))
+HEADING = re.compile(r'^Bijlage ([A-G]): ')
+NAMES = {
+    'A': 'trajectory.prg',
+    'B': 'state.prg',
+    'C': 'main.prg',
+    'D': 'simple_message.inc',
+    'E': 'robotinfo.inc',
+}
+USER_ERRORS = 'nError1=8000\nsLabel1="CORRUPT_MSG"\n'
+"""The text names the label and the number; it does not print the file."""
+
+FENCE = '```'
+INVENTED_ENDS = {'endwhile': (), 'endfunction': ('endif', 'next i')}
+"""What SPEL+ does not have, and what stands before it: the ends of blocks that were open at the
+end of a page, put in by whoever turned the pages into text."""
+GOES_ON = re.compile(r'(\bAs|\bOr|\bAnd|[,(+*=<>-])$', re.IGNORECASE)
+CONTINUES = re.compile(r'[*+<>]')
+BARE_COMMENT = re.compile(r'(TODO:|\*+$)')
+
+
+def listings() -> dict[str, list[str]] | None:
+    """Return the lines of appendices A to E by letter; None where there is no text."""
+    texts = sorted(SEED.glob('*.txt')) if SEED.is_dir() else []
+    for path in texts:
+        lines = path.read_text(encoding='utf-8').split('\n')
+        starts = {}
+        for number, line in enumerate(lines):
+            if (match := HEADING.match(line)) is not None:
+                starts[match[1]] = number  # the last one: those before are the table of contents
+        if set('ABCDEF') <= starts.keys():
+            following = dict(zip('ABCDE', 'BCDEF', strict=True))
+            return {
+                letter: lines[starts[letter] + 1 : starts[following[letter]]]
+                for letter in following
+            }
+    return None
+
+
+def mended(lines: Sequence[str], repairs: Counter[str]) -> str:
+    """Return a listing as a program; `repairs` counts what was mended."""
+    found: list[str] = []
+    for line in lines:
+        text = line.strip()
+        if text.startswith(FENCE) or not text:
+            continue
+        if text.lower() in INVENTED_ENDS:
+            repairs['ends of blocks at the end of a page'] += 1
+            for expected in reversed(INVENTED_ENDS[text.lower()]):
+                end = found.pop()
+                assert end.lower() == expected, end
+        elif BARE_COMMENT.match(text):
+            repairs['comments without their mark'] += 1
+        elif found and _goes_on(found[-1], text):
+            repairs['lines that were wrapped'] += 1
+            found[-1] += ' ' + text
+        else:
+            found.append(text)
+    return '\n'.join(found) + '\n'
+
+
+def _goes_on(before: str, text: str) -> bool:
+    """Return whether a line is the rest of the one before it."""
+    if before.startswith(("'", '#')):
+        return False
+    code, quotes = _code(before)
+    if quotes % 2:
+        return True
+    depth = code.count('(') - code.count(')')
+    return (
+        depth > 0 or GOES_ON.search(code.rstrip()) is not None or CONTINUES.match(text) is not None
+    )
+
+
+def _code(line: str) -> tuple[str, int]:
+    """Return a line without strings and comment, and how many quotes it has."""
+    code, quotes = '', 0
+    for letter in line:
+        if letter == '"':
+            quotes += 1
+            code += letter
+        elif quotes % 2 == 0:
+            if letter == "'":
+                break
+            code += letter
+    return code, quotes
+
+
+def program_files(found: dict[str, list[str]], repairs: Counter[str]) -> dict[str, str]:
+    """Return the project's files."""
+    files = {NAMES[letter]: mended(lines, repairs) for letter, lines in found.items()}
+    return {**files, 'UserErrors.dat': USER_ERRORS}
+
+
+def call_library(_host: object, _library: str, name: str, arguments: Sequence[object]) -> int:
+    """Do what the functions of the thesis' DLL do (its appendix F).
+
+    ConvertToFloatingpoint has velocity and duration by value in C, so they stay as they are.
+    """
+    given = [getattr(each, 'd', each) for each in arguments]
+    if name.lower() == 'jointpositionsmtoints':
+        *numbers, out = given
+        data = struct.pack('<5i10f', *numbers)
+    elif name.lower() == 'robotstatussmtoints':
+        *head, body, out = given
+        data = struct.pack('<11i', *head, *body)
+    else:
+        integers, out, _, _ = given
+        out[:] = struct.unpack_from('<10f', bytes(integers))
+        return 1
+    out[: len(data)] = list(data)
+    return 1
