@@ -24,11 +24,17 @@ def demo(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def assert_judged(run: subprocess.CompletedProcess[str]) -> None:
+    """The arm did what was planned, or the simulation was not scheduled, and nobody can tell."""
+    assert run.returncode in (0, TOO_BUSY), run.stdout + run.stderr
+    verdict = 'too busy to judge' if run.returncode else 'the arm did what was planned'
+    assert verdict in ' '.join(run.stdout.split())
+
+
 def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
     picture = tmp_path / 'report.png'
     run = demo(f'--picture={picture}')
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert 'the arm did what was planned' in run.stdout
+    assert_judged(run)
     assert picture.read_bytes().startswith(b'\x89PNG')
 
 
@@ -36,7 +42,7 @@ def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
 def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: Path) -> None:
     picture = tmp_path / 'both.png'
     run = demo('--controller=spel', '--compare', f'--picture={picture}')
-    assert run.returncode in (0, TOO_BUSY), run.stdout + run.stderr
+    assert_judged(run)
     assert 'SPEL+ program' in run.stdout
     assert picture.exists()
 
@@ -94,9 +100,11 @@ def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
 def test_smooth_and_point_to_point_side_by_side(tmp_path: Path) -> None:
     picture = tmp_path / 'both.png'
     run = demo('--compare', f'--picture={picture}')
-    assert run.returncode == 0, run.stdout + run.stderr
+    assert_judged(run)
     assert '1 of 2: point to point' in run.stdout
     assert '2 of 2: smooth' in run.stdout
     (stops,) = (line for line in run.stdout.splitlines() if 'stops on the way' in line)
-    assert [int(cell) for cell in stops.split('│')[2:4]] == [9, 0]
+    at_points, smooth = (int(cell) for cell in stops.split('│')[2:4])
+    assert at_points == 9
+    assert smooth == 0 or run.returncode == TOO_BUSY
     assert picture.read_bytes().startswith(b'\x89PNG')

@@ -22,7 +22,7 @@ motion_port, state_port, remote_port = map(int, sys.argv[1:])
 
 
 def connect(port):
-    return socket.create_connection(('127.0.0.1', port), timeout=20)
+    return socket.create_connection(('127.0.0.1', port), timeout=300)
 
 
 def read(sock, count):
@@ -106,7 +106,7 @@ points = json.load(sys.stdin)  # [[joints, duration], ...]
 
 
 def connect(port):
-    return socket.create_connection(('127.0.0.1', port), timeout=60)
+    return socket.create_connection(('127.0.0.1', port), timeout=300)
 
 
 def read(sock, count):
@@ -182,7 +182,7 @@ def run_peer(
         input=text,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=500,
         check=False,
     )
     assert run.returncode == 0, run.stderr + controller.log_text()

@@ -23,8 +23,8 @@ MIN_DEVIATION_S = 0.3
 WHY = {
     FieldsUsed.NOTHING: 'this kind of controller ignores the velocities and durations of points',
     FieldsUsed.VELOCITY: 'this kind of controller ignores durations and goes by the velocities',
-    FieldsUsed.DURATION: 'the controller moved from point to point in its own time',
-    FieldsUsed.BOTH: 'the controller moved from point to point in its own time',
+    FieldsUsed.DURATION: 'the controller took another time than its points say',
+    FieldsUsed.BOTH: 'the controller took another time than its points say',
 }
 
 
