@@ -20,6 +20,7 @@ from rich.table import Table
 
 from epson_driver.cli.cell import running_controller, running_driver
 from epson_driver.cli.demo_report import Recording, measure
+from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.plan_report import Executed, draw
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.planning.plan import Plan, PlanningError, plan_task
@@ -78,7 +79,10 @@ class Outcome:
 
 
 def run(seeds: range, picture: Path, console: Console) -> int:
-    """Plan and execute the task of each seed. Returns 0 only if nothing was wrong with any."""
+    """Plan and execute the task of each seed.
+
+    Returns 0 only if nothing was wrong with any, TOO_BUSY if nobody can tell.
+    """
     model = load_robot_model(ROBOT)
     outcomes = []
     with (
@@ -90,6 +94,7 @@ def run(seeds: range, picture: Path, console: Console) -> int:
         ) as progress,
     ):
         bar = progress.add_task('', total=4 * len(seeds))
+        missed = deadlines_missed(ports.remote)
         for seed in seeds:
             outcome = _attempt(seed, model, user, progress, bar)
             outcomes.append(outcome)
@@ -99,7 +104,8 @@ def run(seeds: range, picture: Path, console: Console) -> int:
             if outcome.stranded:
                 break  # every plan begins at home
         progress.update(bar, description='done')
-    return _report(outcomes, seeds, model, picture, console)
+        missed = deadlines_missed(ports.remote) - missed
+    return _report(outcomes, seeds, model, picture, console, missed)
 
 
 def _attempt(
@@ -143,7 +149,12 @@ def _judged(plan: Plan, recordings: Sequence[Recording]) -> Executed:
 
 
 def _report(
-    outcomes: list[Outcome], seeds: range, model: RobotModel, picture: Path, console: Console
+    outcomes: list[Outcome],
+    seeds: range,
+    model: RobotModel,
+    picture: Path,
+    console: Console,
+    missed: int,
 ) -> int:
     console.print(_table(outcomes))
     executed = [outcome.executed for outcome in outcomes if outcome.executed is not None]
@@ -152,6 +163,13 @@ def _report(
         console.print(f'picture: {picture}', highlight=False)
     faults = [f'seed {each.seed}: {fault}' for each in outcomes for fault in each.faults]
     if faults or len(outcomes) < len(seeds):
+        gap = max((f.longest_gap for each in executed for f in each.figures), default=0.0)
+        planned = all(each.executed is not None or each.stranded for each in outcomes)
+        collided = any(v.collides for each in executed for v in each.verdicts)
+        code, sentence = verdict(faults, missed, gap)
+        if planned and not collided and code == TOO_BUSY:
+            console.print(f'[bold yellow]{escape(sentence)}[/]', highlight=False)
+            return TOO_BUSY
         console.print(f'[bold red]something went wrong:[/] {"; ".join(faults)}', highlight=False)
         return 1
     nearest = min(each.nearest for each in executed)

@@ -103,7 +103,8 @@ class RosUser:
     ) -> tuple[str, bool]:
         """Send the goal; return the result's text and whether it succeeded.
 
-        `on_progress` is called with the number of points passed. A new recording begins.
+        `on_progress` is called with the number of points passed. A new recording begins, which
+        shows how the arm stands in the end: the result may overtake joint states on their way.
         """
         goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
         self._states.clear()
@@ -116,8 +117,15 @@ class RosUser:
 
         handle = self._complete(self._action.send_goal_async(goal, on_feedback))
         answer = self._complete(handle.get_result_async(), timeout=None)
+        succeeded: bool = answer.status == GoalStatus.STATUS_SUCCEEDED
+        if succeeded:
+            ended = self._node.get_clock().now().nanoseconds * 1e-9
+            self._wait(
+                lambda: self._states and _stamp(self._states[-1]) >= ended,
+                'no joint_states after the goal',
+            )
         self._recording = False
-        return answer.result.error_string, answer.status == GoalStatus.STATUS_SUCCEEDED
+        return answer.result.error_string, succeeded
 
     def write_output(self, index: int, value: int) -> None:
         """Set a digital output of the controller. Raises RunError that says why it was not set."""
@@ -140,7 +148,7 @@ class RosUser:
             raise RunError('no joint states came while the goal ran')
         columns = [self._states[0].name.index(name) for name in self._joint_names]
         return Recording(
-            np.array([s.header.stamp.sec + s.header.stamp.nanosec * 1e-9 for s in self._states]),
+            np.array([_stamp(state) for state in self._states]),
             np.array([s.position for s in self._states])[:, columns],
             np.array([s.velocity for s in self._states])[:, columns],
         )
@@ -171,6 +179,12 @@ class RosUser:
             self._check()
             self._executor.spin_once(timeout_sec=0.05)
         return future.result()
+
+
+def _stamp(message: Any) -> float:
+    stamp = message.header.stamp
+    seconds: float = stamp.sec + stamp.nanosec * 1e-9
+    return seconds
 
 
 def trajectory_message(trajectory: Trajectory) -> JointTrajectory:

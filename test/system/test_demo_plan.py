@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from epson_driver.cli.demo_verdict import TOO_BUSY
+
 pytest.importorskip('ompl')  # no wheel for Python 3.14
 
 
@@ -33,13 +35,16 @@ def test_plans_are_executed_and_nothing_collides(tmp_path: Path, seeds: int) -> 
     words = ('demo', '--plan', '--seed', '4', '--seeds', str(seeds), f'--picture={picture}')
     ended = run('-m', 'epson_driver.cli', *words)
     said = ' '.join(ended.stdout.split())
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    if ended.returncode == TOO_BUSY:  # the simulation was not scheduled, and nobody can tell
+        assert 'too busy to judge' in said
+        return
     assert ended.returncode == 0, ended.stdout + ended.stderr
     for seed in range(4, 4 + seeds) if seeds > 1 else ():  # it says so of several ones
         assert f'seed {seed}: executed' in said
     assert f'{seeds} of {seeds} executed, none in collision' in said
     rows = [line for line in ended.stdout.splitlines() if 'in order' in line]
     assert len(rows) == seeds
-    assert picture.read_bytes().startswith(b'\x89PNG')
 
 
 def test_without_the_libraries_it_says_how_to_get_them() -> None:
