@@ -107,6 +107,7 @@ class RosUser:
         shows how the arm stands in the end: the result may overtake joint states on their way.
         """
         goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
+        self._wait(self._action.server_is_ready, 'no action server')
         self._states.clear()
         self._recording = True
 
