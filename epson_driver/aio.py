@@ -521,7 +521,7 @@ class Robot:
         if driver.gate.reason is None:
             await self.catch_up()
         try:
-            return driver.goal_queue.check_ready()
+            return driver.goal_queue.check_ready(asyncio.get_running_loop().time())
         except GoalRejectedError as rejection:
             raise MotionError(rejection.outcome) from rejection
 

@@ -8,7 +8,15 @@ import re
 import struct
 
 import pytest
-from support.driver_harness import LIMITS, Harness, ScriptedController, answer, frame, pose
+from support.driver_harness import (
+    LIMITS,
+    Harness,
+    ScriptedController,
+    answer,
+    cell,
+    frame,
+    pose,
+)
 from support.event_loop import now, run, stand_still, until
 
 from epson_driver.cli import processes
@@ -198,6 +206,28 @@ def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path
             await asyncio.to_thread(controller.end)
 
     run(scenario(), real_time=True)
+
+
+def test_a_process_held_up_between_two_checks_of_a_goal_judges_both_at_one_moment():
+    """A pose that was fresh when the goal came is not too old a line later."""
+
+    async def scenario():
+        async with cell() as (harness, _):
+            robot = harness.driver.robot
+            judge = robot.stale
+
+            def held_up(now):
+                stale = judge(now)
+                asyncio.get_running_loop().now += 2 * MAX_POSE_AGE_S
+                return stale
+
+            robot.stale = held_up
+            goal = harness.submit(pose(0.1))
+            robot.stale = judge
+            assert not goal.outcomes
+            assert (await goal.end()).end is End.SUCCEEDED
+
+    run(scenario())
 
 
 @pytest.mark.invariant(5)

@@ -149,7 +149,8 @@ class GoalQueue:
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
-        if self._gate.reason is None and self._robot.stale(_now()):
+        now = _now()
+        if self._gate.reason is None and self._robot.stale(now):
             if self._unread is not None:
                 self._end_unstarted(self._unread, REPLACED)
             self._unread = handle
@@ -157,7 +158,7 @@ class GoalQueue:
                 FRESH_POSE_TIMEOUT_S, self._wait_no_longer, handle, READING_TURNS
             )
         else:
-            self._submit(handle)
+            self._submit(handle, now)
 
     def _wait_no_longer(self, handle: GoalHandle, turns: int) -> None:
         """Submit a goal that still waits for a fresh pose, after so many turns of the loop."""
@@ -167,20 +168,24 @@ class GoalQueue:
             asyncio.get_running_loop().call_soon(self._wait_no_longer, handle, turns - 1)
             return
         self._unread = None
-        self._submit(handle)
+        self._submit(handle, _now())
 
-    def _submit(self, handle: GoalHandle) -> None:
+    def _submit(self, handle: GoalHandle, now: float) -> None:
+        """Start a goal, or let it wait for a stop. Whether the pose is fresh is judged at `now`.
+
+        At one moment in all checks: this process may be held up between two of them.
+        """
         try:
-            self.check_ready()
+            self.check_ready(now)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
         if self._running is None and self._stopper.over:
-            self._start(handle)
+            self._start(handle, now)
             return
         if self._running is None:
             try:
-                self._standing_sample()
+                self._standing_sample(now)
             except GoalRejectedError as rejection:
                 handle.on_end(rejection.outcome)
                 return
@@ -215,7 +220,7 @@ class GoalQueue:
         """Start the goal that waits, as a stop is over."""
         if self._running is None and self._next is not None:
             following, self._next = self._next, None
-            self._start(following)
+            self._start(following, _now())
 
     def fault(self, why: str) -> None:
         """End the running and the waiting goals at once: something forbids motion."""
@@ -246,7 +251,7 @@ class GoalQueue:
         """Tell the goals that new joints came."""
         if self._unread is not None and not self._robot.stale(now):
             fresh, self._unread = self._unread, None
-            self._submit(fresh)
+            self._submit(fresh, now)
         handle = self._running
         if handle is not None and handle.execution is not None:
             handle.execution.on_state(self._robot, now)
@@ -265,14 +270,14 @@ class GoalQueue:
         elif was_paused and not execution.paused and not execution.ended:
             _log.info('the controller goes on: so does the goal, %s', execution.where)
 
-    def check_ready(self) -> JointSample:
-        """Return where the arm is. Raises GoalRejectedError unless it may move now."""
+    def check_ready(self, now: float) -> JointSample:
+        """Return where the arm is. Raises GoalRejectedError unless it may move at `now`, s."""
         if self._gate.reason is not None:
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
                 f'the arm is not enabled ({self._gate.reason}): call ~/enable',
             )
-        if (why := self._robot.why_not_ready(_now())) is not None:
+        if (why := self._robot.why_not_ready(now)) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
         if self._robot.paused and not self._stopper.resumes:
             raise GoalRejectedError(
@@ -283,12 +288,12 @@ class GoalQueue:
         assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
         return sample
 
-    def _standing_sample(self) -> JointSample:
+    def _standing_sample(self, now: float) -> JointSample:
         """Return where the arm stands. Raises GoalRejectedError if it may not move or moves now.
 
         Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
         """
-        sample = self.check_ready()
+        sample = self.check_ready(now)
         why = self._robot.why_not_standing(self._settings.stopped_velocity)
         if why is not None:
             raise GoalRejectedError(
@@ -296,10 +301,10 @@ class GoalQueue:
             )
         return sample
 
-    def _start(self, handle: GoalHandle) -> None:
+    def _start(self, handle: GoalHandle, now: float) -> None:
         trajectory = handle.goal.trajectory
         try:
-            sample = self._sample_at_start(trajectory)
+            sample = self._sample_at_start(trajectory, now)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
@@ -320,9 +325,9 @@ class GoalQueue:
         handle.preparation.add_done_callback(self._preparations.discard)
         handle.preparation.add_done_callback(report_task_error)
 
-    def _sample_at_start(self, trajectory: Trajectory) -> JointSample:
+    def _sample_at_start(self, trajectory: Trajectory, now: float) -> JointSample:
         """Return where the arm stands. Raises GoalRejectedError unless it can begin there now."""
-        sample = self._standing_sample()
+        sample = self._standing_sample(now)
         check_start(trajectory, sample.positions, self._limits, self.start_tolerance)
         return sample
 
@@ -338,7 +343,7 @@ class GoalQueue:
         try:
             planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
             if execution.state is GoalState.PREPARING:
-                sample = self._sample_at_start(planned)
+                sample = self._sample_at_start(planned, _now())
         except SmoothingError as error:
             self.unsmoothed += 1
             rejection = GoalRejectedError(ErrorCode.INVALID_GOAL, str(error))
