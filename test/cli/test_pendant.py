@@ -362,7 +362,8 @@ class Answers:
 
     def _serve(self):
         sock, _ = self._server.accept()
-        with sock, sock.makefile('rb') as lines:
+        hangs_up = suppress(ConnectionError)  # as it may do at any time
+        with hangs_up, sock, sock.makefile('rb') as lines:
             sock.sendall(self._raw)
             for line in lines:
                 command = line.strip()

@@ -8,6 +8,7 @@ runs in the driver's loop.
 """
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -345,6 +346,7 @@ class GoalQueue:
                 planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
             finally:
                 smoother.make_ready()
+            await self._fresh_pose()
             if execution.state is GoalState.PREPARING:
                 sample = self._sample_at_start(planned, _now())
         except SmoothingError as error:
@@ -358,6 +360,17 @@ class GoalQueue:
             execution.fault(str(rejection), rejection.code)
         elif planned is not None:
             self._execute(execution, planned, sample)
+
+    async def _fresh_pose(self) -> None:
+        """Wait for a moment for a newer pose if it is too old, as in `submit`."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(FRESH_POSE_TIMEOUT_S):
+                while self._robot.stale(_now()):
+                    await self._changed.wait()
+        for _ in range(READING_TURNS):
+            if not self._robot.stale(_now()):
+                return
+            await asyncio.sleep(0)
 
     def _execute(
         self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample

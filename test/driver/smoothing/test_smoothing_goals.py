@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 from support.driver_harness import JOINTS, LIMITS, Submitted, cell, pose
-from support.event_loop import PATIENCE, until
+from support.event_loop import PATIENCE, stand_still, until
 from support.event_loop import run as run_in
 
 from epson_driver.driver.goal.goal import Goal
@@ -251,6 +251,24 @@ def test_an_arm_that_was_moved_meanwhile_refuses_the_plan(monkeypatch):
             assert outcome.code is ErrorCode.INVALID_GOAL
             assert 'the trajectory starts at 0.5 rad' in outcome.text
             assert nothing_sent(harness)
+
+    run(scenario())
+
+
+def test_a_loop_that_stood_still_while_planning_reads_a_fresh_pose_first(monkeypatch):
+    prepared = SmoothingProcess.prepared
+
+    async def held_up(process, trajectory, start):
+        motion = await prepared(process, trajectory, start)
+        stand_still(1.0)
+        return motion
+
+    monkeypatch.setattr(SmoothingProcess, 'prepared', held_up)
+
+    async def scenario():
+        async with cell(smoothing=RESAMPLE) as (harness, _):
+            outcome = await harness.submit(pose(0.2)).end()
+            assert outcome.end is End.SUCCEEDED, outcome.text
 
     run(scenario())
 
