@@ -14,6 +14,8 @@ from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.smoothing import smoothing_process
+from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
 from epson_driver.motion import Trajectory
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
@@ -21,7 +23,7 @@ from epson_driver.sim_controller.assembly import SpelSource, new_controller, pro
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel import build
-from support.event_loop import now, until
+from support.event_loop import now, real_time, until
 
 MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits
@@ -152,6 +154,18 @@ class Harness:
         before = self.at
         await asyncio.sleep(0.2)
         return np.array_equal(before, self.at)
+
+
+def plan_in_real_time(patch):
+    """Have motions prepared in real time, however long that takes, in a loop of virtual time."""
+    prepared = SmoothingProcess.prepared
+
+    async def in_real_time(process, trajectory, start):
+        with real_time():
+            return await prepared(process, trajectory, start)
+
+    patch.setattr(SmoothingProcess, 'prepared', in_real_time)
+    patch.setattr(smoothing_process, 'TIMEOUT_S', 600.0)
 
 
 def open_gate(gate):

@@ -7,14 +7,16 @@ loop's clock jumps to its next timer. What takes ten seconds takes as long as it
 machine that is busy makes a test slower, but never changes what it sees: no timer is late.
 
 What works in another process does so in real time: such tests say `run(scenario(),
-real_time=True)`. While a thread works for the loop (`run_in_executor`), time is real by itself.
+real_time=True)`, or `with real_time():` where they wait for it. While a thread works for the loop
+(`run_in_executor`), time is real by itself.
 """
 
 import asyncio
+import contextlib
 import select
 import selectors
 import time
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from functools import partial
 from typing import Any
 
@@ -138,6 +140,18 @@ async def until(condition: Callable[[], object]) -> None:
     loop = asyncio.get_running_loop()
     assert isinstance(loop, EventLoop)
     await loop.until(condition)
+
+
+@contextlib.contextmanager
+def real_time() -> Iterator[None]:
+    """Let time be real meanwhile, as another process works for the loop."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, EventLoop)
+    loop.threads += 1
+    try:
+        yield
+    finally:
+        loop.threads -= 1
 
 
 def now() -> float:

@@ -9,7 +9,14 @@ from functools import partial
 
 import numpy as np
 import pytest
-from support.driver_harness import JOINTS, LIMITS, Submitted, cell, pose
+from support.driver_harness import (
+    JOINTS,
+    LIMITS,
+    Submitted,
+    cell,
+    plan_in_real_time,
+    pose,
+)
 from support.event_loop import PATIENCE, stand_still, until
 from support.event_loop import run as run_in
 
@@ -256,6 +263,7 @@ def test_an_arm_that_was_moved_meanwhile_refuses_the_plan(monkeypatch):
 
 
 def test_a_loop_that_stood_still_while_planning_reads_a_fresh_pose_first(monkeypatch):
+    plan_in_real_time(monkeypatch)
     prepared = SmoothingProcess.prepared
 
     async def held_up(process, trajectory, start):
@@ -270,7 +278,7 @@ def test_a_loop_that_stood_still_while_planning_reads_a_fresh_pose_first(monkeyp
             outcome = await harness.submit(pose(0.2)).end()
             assert outcome.end is End.SUCCEEDED, outcome.text
 
-    run(scenario())
+    run_in(scenario(), patience=3600.0)
 
 
 def test_no_process_without_smoothing_and_none_is_left():

@@ -4,11 +4,13 @@
 
 import asyncio
 import contextlib
+from functools import partial
 
 import numpy as np
 import pytest
-from support.driver_harness import Harness, pose, simulated
-from support.event_loop import run, until
+from support.driver_harness import Harness, plan_in_real_time, pose, simulated
+from support.event_loop import run as run_in
+from support.event_loop import until
 
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.outcome import End
@@ -20,6 +22,14 @@ from epson_driver.sim_controller.condition.states import Event
 
 PROFILE = load_controller_profile('spel')
 PATIENCE = 60.0
+
+# of virtual time, which flies while the smoother's process starts and ends
+run = partial(run_in, patience=3600.0)
+
+
+@pytest.fixture(autouse=True)
+def plans(monkeypatch):
+    plan_in_real_time(monkeypatch)
 
 
 @contextlib.asynccontextmanager
