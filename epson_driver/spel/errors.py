@@ -132,6 +132,14 @@ class TaskError:
     task: int
 
     def __str__(self) -> str:
-        where = f'{printable(self.position.file)}:{self.position.line}'
         text = printable(self.text)
-        return f'{where}: error {self.number} in {self.function} (task {self.task}): {text}'
+        return f'{self._line}: error {self.number} in {self.function} (task {self.task}): {text}'
+
+    @property
+    def told(self) -> str:
+        """Return text, file, line and function, for where the number stands already."""
+        return f'{printable(self.text)}, at {self._line} in {self.function} (task {self.task})'
+
+    @property
+    def _line(self) -> str:
+        return f'{printable(self.position.file)}:{self.position.line}'

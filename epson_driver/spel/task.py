@@ -180,12 +180,15 @@ class World:
         return task
 
     def end(self, task: 'Task') -> None:
-        """End a task: its locks are free again."""
+        """End a task: its locks are free again, its ports open but nobody's."""
         task.frames.clear()
         task.frame = None
         task.waiting = None
         if self.tasks.get(task.number) is task:
             del self.tasks[task.number]
+            for number, port in self.ports.items():
+                if port.owner == task.number:
+                    self.host.orphan_net(number)
         for number in [each for each, owner in self.locks.items() if owner == task.number]:
             del self.locks[number]
 

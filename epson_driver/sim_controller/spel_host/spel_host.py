@@ -90,6 +90,10 @@ class SpelHost:
         """Close a port object."""
         self._network.close_net(port)
 
+    def orphan_net(self, port: int) -> None:
+        """Refuse new clients of a port object whose task has ended."""
+        self._network.orphan_net(port)
+
     def connected(self, port: int) -> bool:
         """Return whether a port object has a client."""
         return self._network.connected(port)

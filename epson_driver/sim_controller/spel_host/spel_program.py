@@ -284,7 +284,8 @@ class SpelProgram:
         """Put the controller in error; by a background task, until it is booted."""
         critical = FIRST_BACKGROUND <= error.task <= LAST_BACKGROUND
         _log.error('%s', error)
-        self._later.append(lambda: self._controller.raise_error(error.number, critical))
+        told = error.told
+        self._later.append(lambda: self._controller.raise_error(error.number, critical, told))
         self._soon()
 
     def _asked_to_pause(self, on: bool) -> None:
