@@ -13,6 +13,7 @@ from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import TEXTS, ErrorNumber, SpelError, TaskError
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
+from epson_driver.spel.pallets import Pallet
 from epson_driver.spel.values import TYPES, Array, Point, Value, store
 
 DEEPEST_CALL = 100
@@ -141,6 +142,7 @@ class World:
         self.locks: dict[int, int] = {}
         self.signals: dict[int, int] = {}
         self.points: dict[int, Point] = {}
+        self.pallets: dict[int, Pallet] = {}
         self.conditions: dict[str, Test] = {}
         self.timers: dict[int, float] = {}
         self.elapsed_from = 0.0
