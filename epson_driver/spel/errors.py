@@ -101,8 +101,8 @@ TEXTS: dict[int, str] = {
     ErrorNumber.READ_TIMEOUT: 'reading from the network took too long',
     ErrorNumber.POINT_UNDEFINED: 'the point is not defined',
     ErrorNumber.OVERFLOW: 'the value does not fit its type',
-    ErrorNumber.DIVISION_BY_ZERO: 'division by zero',
-    ErrorNumber.INDEX: 'an array index is out of range',
+    ErrorNumber.DIVISION_BY_ZERO: 'division by zero: look at the divisor before',
+    ErrorNumber.INDEX: 'an array index is out of range: it goes from 0 to UBound',
     ErrorNumber.ARGUMENT: 'an argument is out of range',
     ErrorNumber.STRING_LENGTH: 'a string is longer than 255 characters',
     ErrorNumber.CALL_DEPTH: 'functions call each other without end',
@@ -112,12 +112,22 @@ TEXTS: dict[int, str] = {
 }
 
 
+USER_ERRORS = range(8000, 9000)
+
+
+def meaning(number: int) -> str:
+    """Return what an error number means, without the texts of a project."""
+    if number in USER_ERRORS:
+        return "an error of the program's own: handle it (OnErr), or add it to UserErrors.dat"
+    return TEXTS.get(number, 'see the manual')
+
+
 class SpelError(Exception):
     """An error while a program runs: its number, and what it is about."""
 
     def __init__(self, number: int, text: str = '') -> None:
         self.number = int(number)
-        self.text = text or TEXTS.get(self.number, 'see the manual')
+        self.text = text or meaning(self.number)
         super().__init__(f'error {self.number}: {self.text}')
 
 

@@ -10,7 +10,7 @@ from enum import IntEnum
 
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
-from epson_driver.spel.errors import TEXTS, ErrorNumber, SpelError, TaskError
+from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, meaning
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
 from epson_driver.spel.pallets import Pallet
@@ -207,7 +207,7 @@ class World:
 
     def error_text(self, number: int) -> str:
         """Return what an error number means."""
-        return self.program.texts.get(number) or TEXTS.get(number, 'see the manual')
+        return self.program.texts.get(number) or meaning(number)
 
 
 def blank(variable: Variable) -> object:
