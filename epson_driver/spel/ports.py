@@ -29,8 +29,7 @@ _TERMINATORS = {'cr': '\r', 'lf': '\n', 'crlf': '\r\n'}
 
 def port_of(task: Task, name: str, number: float) -> Port:
     """Return a port, open or not. Raises SpelError."""
-    index = within(name, nearest(number), ONE_TASK = ': one task opens, uses and closes a port'
-FIRST_PORT, LAST_PORT)
+    index = within(name, nearest(number), FIRST_PORT, LAST_PORT)
     return task.world.ports.setdefault(index, Port())
 
 
