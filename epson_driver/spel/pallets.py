@@ -50,7 +50,9 @@ class Pallet:
         return Point('xy', (*moved, *first[3:]), self.corners[0].flags)
 
 
-def new_pallet(number: int, given: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
+def new_pallet(
+    number: int, given: tuple[Point, ...], columns: int, rows: int, out: bool
+) -> Pallet:
     """Return a pallet between corners that are places in space. Raises SpelError."""
     checked_number(number)
     for name, count in (('columns', columns), ('rows', rows)):

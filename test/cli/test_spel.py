@@ -124,8 +124,8 @@ def test_tests_run_and_are_reported(program: Path) -> None:
     assert done.returncode == 1
     assert done.stdout.splitlines() == [
         'passed TestAdds (0.000 s)',
-        "FAILED TestFails: tests.prg:8: error 8002: an error of the program's own: handle it (OnErr), or "
-        'add it to UserErrors.dat',
+        "FAILED TestFails: tests.prg:8: error 8002: an error of the program's own: handle it "
+        '(OnErr), or add it to UserErrors.dat',
         '  about to fail',
         'passed TestWaits (100.000 s)',
         'FAILED TestNeverEnds: tests.prg:15: not over after 600 s of the controller',

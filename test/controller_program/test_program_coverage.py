@@ -80,7 +80,8 @@ def test_every_statement_is_executed() -> None:
     assert sorted(missing - behind) == []
     assert {name for name in FILES if name.endswith('.prg')} == lines.keys()
     reported = {
-        file: (len(found), sum(each[0] == file for each in behind)) for file, found in lines.items()
+        file: (len(found), sum(each[0] == file for each in behind))
+        for file, found in lines.items()
     }
     page = re.findall(r'(?m)^\| `(\w+\.prg)` \| (\d+) \| (\d+) \|', PAGE.read_text('utf-8'))
     assert {file: (int(count), int(left)) for file, count, left in page} == reported

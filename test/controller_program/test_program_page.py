@@ -40,7 +40,7 @@ def test_the_page_has_every_name_of_config() -> None:
 
 def test_the_page_names_every_system_test_that_is_not_run_with_the_program() -> None:
     for path in sorted((ROOT / 'test' / 'system').glob('test_*.py')):
-        run_with_it = re.search(r"\bPROGRAMS\b|\bspel\b", path.read_text(encoding='utf-8'))
+        run_with_it = re.search(r'\bPROGRAMS\b|\bspel\b', path.read_text(encoding='utf-8'))
         assert bool(run_with_it) != (f'`{path.name}`' in PAGE), path.name
 
 

@@ -15,7 +15,7 @@ BEFORE_THE_START = {
     ),
     'missing EndIf': (
         'Function main\n  If Sw(1) = On Then\n    Print 1\nFend',
-        'main.prg:4:1: error: If of line 2 has no EndIf [syntax]',
+        'main.prg:2:3: error: If of line 2 has no EndIf [syntax]',
     ),
     'wrong type': (
         'Function main\n  Integer i\n  i = "a"\nFend',
@@ -26,7 +26,7 @@ BY_THE_LINTER = {
     'endless loop': (
         'Function main\n  Do\n    MemOn 1\n  Loop\nFend',
         'main.prg:2:3: warning: ',
-        'error 2556',
+        'the loop has no Wait: put one of 0.01 s or more into it',
     ),
     'two tasks on one port': (
         'Function main\n  Xqt a\n  OpenNet #201 As Server\nFend\n'

@@ -234,8 +234,8 @@ STATEMENTS_AT_WORK = {
     'memoff': ('MemOn 3\nMemOff 3\nPrint MemSw(3)', ['0']),
     'memout': ('MemOut 1, 3\nPrint MemSw(8), MemIn(1)', ['1 3']),
     'memoutw': ('MemOutW 1, -1\nPrint MemInW(1)', ['65535']),
-    'pallet': (f'{PALLET}\nPrint CX(Pallet(1, 5)), CY(Pallet(1, 5)), CU(Pallet(1, 12))', ['10 10 9']),
-    'palletclr': (f'{PALLET}\nPalletClr 1\nOnErr GoTo a\nP1 = Pallet(1, 1)\na:\nPrint Err', ['7007']),
+    'pallet': (f'{PALLET}\nP1 = Pallet(1, 5)\nPrint CX(P1), CY(P1), CU(P1)', ['10 10 9']),
+    'palletclr': (f'{PALLET}\nPalletClr 1\nOnErr GoTo a\nGo Pallet(1, 1)\na: Print Err', ['7007']),
     'motor': ('Motor On\nPrint Motor', ['1']),
     'power': ('Power High\nPrint Power\nPower Low, Forced\nPrint Power', ['1', '0']),
     'speed': ('Speed 50, 30, 30\nPrint Speed', ['50']),
@@ -390,9 +390,11 @@ def test_places_of_a_pallet() -> None:
     """
     assert printed(body) == ['20 4 20 7', '9 10', '6 8']
     for wrong in ('Pallet(3, 6)', 'Pallet(3, 0)', 'Pallet(3, 1, 2)', 'Pallet(16, 1)'):
-        host = run(f'Function main\nPallet 3, P1, P1, P1, 5, 1\nP1 = {wrong}\nFend'.replace(
-            'main\n', 'main\nP1 = XY(0, 0, 0, 0)\n'
-        ))
+        host = run(
+            f'Function main\nPallet 3, P1, P1, P1, 5, 1\nP1 = {wrong}\nFend'.replace(
+                'main\n', 'main\nP1 = XY(0, 0, 0, 0)\n'
+            )
+        )
         assert [failure.number for failure in host.failures] == [9993], wrong
     for wrong in ('16, P1, P1, P1, 5, 1', '1, P1, P1, P1, 0, 1', '1, P1, P1, P1, 200, 200'):
         host = run(f'Function main\nP1 = XY(0, 0, 0, 0)\nPallet {wrong}\nFend')

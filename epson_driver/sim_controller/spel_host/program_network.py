@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The TCP ports of a SPEL+ program, as its port objects 201 to 216 see them.
 
-A program that has opened a port object as a server gets the next client of that TCP port. One that
-has lost its client serves no other until the program closes and opens it: as controllers do it. What
-they do with a new client of a port whose task has ended is not documented; here it is refused, as
-nobody would ever answer it.
+A program that has opened a port object as a server gets the next client of that TCP port. One
+that has lost its client serves no other until the program closes and opens it: as controllers do
+it. What they do with a new client of a port whose task has ended is not documented; here it is
+refused, as nobody would ever answer it.
 """
 
 import logging

@@ -19,8 +19,8 @@ from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel import Point, SpelError
 
 UNREACHABLE = 4007
-STEP_M = 0.01
-STEP_RAD = 0.05
+STEP_M = 0.02
+STEP_RAD = 0.1
 """How densely a straight way is looked at; between, a spline is near it by some micrometres."""
 
 MIN_SAMPLES, MAX_STEPS = 10, 500

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a motion statement asks of the arm: Go and Pulse, Jump of a SCARA, straight lines of Move."""
+"""What a motion statement asks of the arm: Go, Pulse, Jump of a SCARA, the lines of Move."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from epson_driver.motion import Array, JointLimits, LineMotion, go
 from epson_driver.motion.cartesian import PosePath
 from epson_driver.motion.path_motion import Curve, PathMotion, PathSpeed, go_along
 from epson_driver.robots.scara import SCARA
-from epson_driver.sim_controller.arm.executor import Point, Way
+from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.spel_host.robot_points import UNREACHABLE
 from epson_driver.sim_controller.spel_host.robot_values import Robot
 from epson_driver.spel import ErrorNumber, MotionRequest, SpelError

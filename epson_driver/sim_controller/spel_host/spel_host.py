@@ -37,6 +37,7 @@ _IO = {
     Memory.MEMORY: IoType.FLAG,
 }
 
+
 class SpelHost:
     """The host of a program's interpreter.
 

@@ -255,7 +255,7 @@ def test_the_port_of_a_task_that_has_ended_takes_no_client_until_it_is_opened_ag
     made = ProgramBench(source, caplog)
     made.step(0.1)
     first, peer = made.client('2001')
-    made.step(0.5)
+    made.step(1.0)
     assert made.tasks == []
     assert peer.ended is None  # it was let in, and is not thrown out
     first.closed()

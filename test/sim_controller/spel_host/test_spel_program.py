@@ -133,6 +133,30 @@ def test_no_program_switches_the_motors_on_during_an_estop_nor_resets_it(caplog)
     assert [each.split()[0] for each in bench.tasks] == ['BgMain']
 
 
+def test_a_wait_takes_its_time_after_a_late_start_and_after_a_pause(caplog):
+    """Times count from when a task begins or goes on, not from when the last one ran."""
+    source = """
+    Function main
+      Print "begins"
+      Wait 0.5
+      Print "waited"
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.step(3.0)
+    assert bench.printed == ['begins', 'waited']
+    bench.do('start')
+    bench.step(0.4)
+    assert bench.printed == ['begins', 'waited', 'begins']
+    bench.do('pause')
+    bench.step(3.0)
+    bench.do('continue')
+    bench.step(0.4)
+    assert bench.printed[2:] == ['begins']
+    bench.step(0.2)
+    assert bench.printed[2:] == ['begins', 'waited']
+
+
 def test_pause_and_door_hold_task_and_arm_and_the_motion_goes_on(caplog):
     bench = ProgramBench(MOVE, caplog)
     bench.until(lambda: 'goes' in bench.printed)
@@ -428,7 +452,10 @@ def test_an_error_is_told_with_text_file_and_line_wherever_it_is_asked_for(caplo
     assert answer(bench.controller, 'Start,0') == '!Start,20'
     assert 'there is error 9992 (an array index' in caplog.text
     bench.do('reset')
-    assert answer(bench.controller, 'GetErrMsg,9992,0') == '#GetErrMsg,an array index is out of range (simulated controller)'
+    assert (
+        answer(bench.controller, 'GetErrMsg,9992,0')
+        == '#GetErrMsg,an array index is out of range (simulated controller)'
+    )
     assert 'see the manual' not in caplog.text
 
 
