@@ -43,7 +43,8 @@ def test_invariant_4_no_enable_on_its_way_arms_after_disable(
         assert 'disabled by ~/disable' in text or 'not enabled' in text
     assert peer.assert_still().tolist() == here
     peer.enable()
-    assert peer.goal(trajectory((0.0, here), (1.0, there))).result()[0] == 'succeeded'
+    ended, _, text = peer.goal(trajectory((0.0, here), (1.0, there))).result()
+    assert ended == 'succeeded', text
 
 
 @pytest.mark.invariant(3)
