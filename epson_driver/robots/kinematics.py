@@ -10,7 +10,7 @@ for six-axis arms with a spherical wrist.
 from collections.abc import Callable
 from functools import cached_property
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -41,6 +41,13 @@ GIMBAL_LOCK_RAD = 1e-9
 """V closer than this to ±π/2 counts as ±π/2."""
 
 INSTALL = "pip install 'epson_driver[planning]'"
+
+
+class Branches(Protocol):
+    """The closed form of one kind of arm."""
+
+    def branches(self, pose: Array, near: Array) -> list[Array]:
+        """Return those solutions that exist, regardless of the joint limits and of full turns."""
 
 
 class Kinematics:
@@ -109,7 +116,7 @@ class Kinematics:
         return pose[:3, 3], uvw(pose[:3, :3])
 
     @cached_property
-    def _solver(self) -> '_Solver':
+    def _solver(self) -> 'Branches':
         return _Solver(self.model, self.forward)
 
     def _turns(self, branch: Array) -> list[Array]:

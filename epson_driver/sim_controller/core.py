@@ -158,6 +158,7 @@ class Controller:
         self.reply: Send | None = None  # where replies of the motion program go
         self.program = parts.program(self, self.arm.executor)
         self._error: int = ErrorNumber.NONE  # of the controller itself, until it is reset
+        self._error_text = ''  # what its program says of it; empty: only what the number means
         self._begun = 0  # points that the faults know of
         self._slowing = False  # whether it brakes to go on at low power
         self._unattended = False  # whether the arm keeps its points for the next motion client
@@ -177,7 +178,7 @@ class Controller:
             _log.info('%s: %s', event.value, _difference(before, self.condition))
         if event is Event.RESET:
             self.errors.clear()
-            self._error = ErrorNumber.NONE
+            self._forget_error()
             self.io.reset()
         elif event is Event.MOTORS_ON:
             self.errors.clear(ErrorNumber.MOTORS_OFF)
@@ -187,7 +188,7 @@ class Controller:
         elif event is Event.BOOT:
             self.io.boot()
             self.errors.clear()
-            self._error = ErrorNumber.NONE
+            self._forget_error()
             self.program.boot()
         if event in DEFAULTS_AFTER:
             self.forget_settings()
@@ -232,12 +233,19 @@ class Controller:
             self._unattended = True
             self.arm.executor.hold()
 
-    def raise_error(self, number: int, critical: bool = False) -> None:
-        """Put the controller in error: no power, tasks aborted, until a reset (or a boot)."""
+    def raise_error(self, number: int, critical: bool = False, text: str = '') -> None:
+        """Put the controller in error: no power, tasks aborted, until a reset (or a boot).
+
+        `text`: what its program says of it, and where; it has logged that itself.
+        """
         if self.condition.fault is not Fault.CRITICAL:
-            self._error = number
-        _log.error('error %d: %s', number, TEXTS.get(number, 'see the manual'))
+            self._error, self._error_text = number, text
+        if not text:
+            _log.error('error %d: %s', number, self.error_text(number))
         self.apply(Event.CRITICAL_ERROR if critical else Event.ERROR)
+
+    def _forget_error(self) -> None:
+        self._error, self._error_text = ErrorNumber.NONE, ''
 
     def reboot(self, seconds: float) -> None:
         """Switch off and on again; it takes `seconds`. Buttons, door and key stay as they are."""
@@ -360,6 +368,11 @@ class Controller:
         if self.condition.estopped:
             return ErrorNumber.TASK_ABORTED
         return self._error or self.errors.number
+
+    def error_text(self, number: int) -> str:
+        """Return what an error number means; of the one shown now, what its program says of it."""
+        told = self._error_text if number == self.error_number == self._error else ''
+        return told or TEXTS.get(number, 'see the manual')
 
     def joint_position(self) -> JointPosition:
         """Return where the encoders say that the joints are."""

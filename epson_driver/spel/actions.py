@@ -9,6 +9,7 @@ from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.host import Memory
 from epson_driver.spel.library import parse_string, text_of, value_of
+from epson_driver.spel.pallets import checked_number, new_pallet
 from epson_driver.spel.task import (
     Linked,
     Reference,
@@ -374,6 +375,21 @@ def set_point(task: Task, number: int, point: Point) -> None:
     world.points[within('P', number, 0, 9999)] = world.host.stored_point(point)
 
 
+def define_pallet(
+    task: Task, number: int, *given: Point | int, words: tuple[str, ...] = ()
+) -> None:
+    """Pallet n, P1, P2, P3[, P4], columns, rows."""
+    world = task.world
+    corners = tuple(world.host.stored_point(each) for each in given if isinstance(each, Point))
+    columns, rows = (each for each in given if not isinstance(each, Point))
+    world.pallets[number] = new_pallet(number, corners, columns, rows, 'outside' in words)
+
+
+def clear_pallet(task: Task, number: float) -> None:
+    """PalletClr n."""
+    task.world.pallets.pop(checked_number(nearest(number)), None)
+
+
 STATEMENTS: dict[str, Callable[..., None]] = {
     'wait': wait,
     'waitcondition': wait_condition,
@@ -404,6 +420,8 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'memout': _bits('MemOut', Memory.MEMORY, 8, None),
     'memoutw': _bits('MemOutW', Memory.MEMORY, 16, None),
     'msgbox': message_box,
+    'pallet': define_pallet,
+    'palletclr': clear_pallet,
     'redim': redim,
     'parsestr': parse_into,
 }

@@ -66,6 +66,9 @@ class BareHost:
     def close_net(self, _port: int) -> None:
         """Close."""
 
+    def orphan_net(self, _port: int) -> None:
+        """Take note of nothing."""
+
     def connected(self, _port: int) -> bool:
         """Return that nobody is there."""
         return False

@@ -8,6 +8,7 @@ from typing import Any
 
 from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError
 from epson_driver.spel.host import Memory
+from epson_driver.spel.pallets import checked_number
 from epson_driver.spel.ports import check_net, lines_waiting, port_of
 from epson_driver.spel.task import Task, TaskState
 from epson_driver.spel.values import Point
@@ -39,6 +40,13 @@ def point(task: Task, number: int) -> Point:
     if found is None:
         raise SpelError(ErrorNumber.POINT_UNDEFINED, f'P{number} is not defined')
     return found
+
+
+def _place(task: Task, number: int, position: int, row: int | None = None) -> Point:
+    found = task.world.pallets.get(checked_number(number))
+    if found is None:
+        raise SpelError(ErrorNumber.POINT_UNDEFINED, f'Pallet {number} is not defined')
+    return found.place(number, position, row)
 
 
 def task_state(task: Task, which: int | str) -> int:
@@ -100,6 +108,7 @@ def _done(task: Task, which: int | str) -> int:
 TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'rnd': lambda task, most: task.world.random.uniform(0.0, most),
     'p': point,
+    'pallet': _place,
     'pdef': lambda task, number: -1 if number in task.world.points else 0,
     'tmr': timer,
     'elapsedtime': lambda task: round(task.world.time - task.world.elapsed_from, 3),

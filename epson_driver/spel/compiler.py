@@ -411,6 +411,8 @@ class Compiler:
         kinds = {'MsgBox': 'snsv', 'ParseStr': 'sas'}.get(rule.name, '')
         if rule.name == 'SetNet':
             kinds = 'isin'
+        elif rule.name == 'Pallet':
+            kinds = 'i' + 'p' * (len(statement.arguments) - 3) + 'ii'
         given = []
         for number, argument in enumerate(statement.arguments):
             kind = kinds[number] if kinds else _form_kind(rule.form, number)

@@ -101,8 +101,8 @@ TEXTS: dict[int, str] = {
     ErrorNumber.READ_TIMEOUT: 'reading from the network took too long',
     ErrorNumber.POINT_UNDEFINED: 'the point is not defined',
     ErrorNumber.OVERFLOW: 'the value does not fit its type',
-    ErrorNumber.DIVISION_BY_ZERO: 'division by zero',
-    ErrorNumber.INDEX: 'an array index is out of range',
+    ErrorNumber.DIVISION_BY_ZERO: 'division by zero: look at the divisor before',
+    ErrorNumber.INDEX: 'an array index is out of range: it goes from 0 to UBound',
     ErrorNumber.ARGUMENT: 'an argument is out of range',
     ErrorNumber.STRING_LENGTH: 'a string is longer than 255 characters',
     ErrorNumber.CALL_DEPTH: 'functions call each other without end',
@@ -112,12 +112,22 @@ TEXTS: dict[int, str] = {
 }
 
 
+USER_ERRORS = range(8000, 9000)
+
+
+def meaning(number: int) -> str:
+    """Return what an error number means, without the texts of a project."""
+    if number in USER_ERRORS:
+        return "an error of the program's own: handle it (OnErr), or add it to UserErrors.dat"
+    return TEXTS.get(number, 'see the manual')
+
+
 class SpelError(Exception):
     """An error while a program runs: its number, and what it is about."""
 
     def __init__(self, number: int, text: str = '') -> None:
         self.number = int(number)
-        self.text = text or TEXTS.get(self.number, 'see the manual')
+        self.text = text or meaning(self.number)
         super().__init__(f'error {self.number}: {self.text}')
 
 
@@ -132,6 +142,14 @@ class TaskError:
     task: int
 
     def __str__(self) -> str:
-        where = f'{printable(self.position.file)}:{self.position.line}'
         text = printable(self.text)
-        return f'{where}: error {self.number} in {self.function} (task {self.task}): {text}'
+        return f'{self._line}: error {self.number} in {self.function} (task {self.task}): {text}'
+
+    @property
+    def told(self) -> str:
+        """Return text, file, line and function, for where the number stands already."""
+        return f'{printable(self.text)}, at {self._line} in {self.function} (task {self.task})'
+
+    @property
+    def _line(self) -> str:
+        return f'{printable(self.position.file)}:{self.position.line}'

@@ -37,7 +37,9 @@ _LEVELS: tuple[tuple[str, ...], ...] = (
     ('**',),
 )
 _SAME = {'=<': '<=', '=>': '>='}
-_POINT_FUNCTIONS = frozenset({'p', 'xy', 'ja', 'agltopls', 'pulse', 'here', 'curpos', 'realpos'})
+_POINT_FUNCTIONS = frozenset(
+    {'p', 'xy', 'ja', 'agltopls', 'pulse', 'pallet', 'here', 'curpos', 'realpos'}
+)
 
 
 def is_point_literal(name: str) -> bool:

@@ -88,6 +88,7 @@ FUNCTIONS: dict[str, FunctionRule] = {
         FunctionRule('Pulse', 'i,i,i,i,i?,i?,i?', 'p'),
         _task('P', 'i', 'p'),
         _task('PDef', 'i', 'i'),
+        _task('Pallet', 'i,i,i?', 'p'),
         # Time
         _task('Tmr', 'i', 'n'),
         FunctionRule('ElapsedTime', '', 'n', 'task', since=7),
@@ -197,7 +198,7 @@ NOT_SIMULATED = frozenset(
         'align', 'avgspeed', 'box', 'brake', 'calib', 'chkcom', 'cnv_quelen', 'ctr', 'curdir$',
         'dist', 'ecp', 'errb', 'fbusio_in', 'fileexists', 'find', 'fine', 'force_getforce',
         'getcurrentuser$', 'hand', 'inbcd', 'inertia', 'inreal', 'insidebox', 'insideplane',
-        'j1flag', 'j4flag', 'j6flag', 'joint', 'limz', 'pallet', 'peakspeed', 'plabel$',
+        'j1flag', 'j4flag', 'j6flag', 'joint', 'limz', 'peakspeed', 'plabel$',
         'pnumber', 'ptcltrq', 'ptrq', 'realtorque', 'recovery', 'robot', 'robotmodel$',
         'robotname$', 'tcspeed', 'tlset', 'tool', 'ver', 'weight', 'windowsstatus', 'xy_lim',
     }

@@ -104,6 +104,9 @@ class Network(Protocol):
     def close_net(self, port: int) -> None:
         """Close a port; nothing happens if it is not open."""
 
+    def orphan_net(self, port: int) -> None:
+        """Be told that the task which opened a port has ended: nobody answers a new peer."""
+
     def connected(self, port: int) -> bool:
         """Return whether an open port has a peer."""
 

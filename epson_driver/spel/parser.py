@@ -8,6 +8,7 @@ one run shows them all.
 
 from collections.abc import Iterable, Iterator
 
+from epson_driver.inputs import near_name
 from epson_driver.spel.commands import (
     COMMANDS,
     NOT_SIMULATED,
@@ -56,6 +57,8 @@ _ENDS = {
     'next': 'For',
 }
 _CLOSING = {'If': 'EndIf', 'Select': 'Send', 'Do': 'Loop', 'For': 'Next'}
+
+_NAMES = [rule.name for rule in COMMANDS.values()]
 
 
 def function_names(lines: Iterable[Line]) -> set[str]:
@@ -464,7 +467,9 @@ def _unknown(first: Token, reader: Reader) -> tuple[str, str]:
     if word in NOT_SIMULATED:
         return f'not simulated: {first.text}', 'not-simulated'
     what = 'variable or function' if reader.look(1).text in ('=', '(') else 'statement or function'
-    return f'unknown {what} {first.text[:40]}', 'unknown'
+    near = near_name(first.text[:40], _NAMES)
+    meant = f': did you mean {near}?' if near else ''
+    return f'unknown {what} {first.text[:40]}{meant}', 'unknown'
 
 
 def _check_name(name: Token, what: str) -> None:

@@ -20,6 +20,7 @@ from epson_driver.spel.host import NetSettings
 from epson_driver.spel.task import Port, Reference, Task
 from epson_driver.spel.values import TYPES, Array, Point, Value, nearest, store
 
+ONE_TASK = ': one task opens, uses and closes a port'
 FIRST_PORT, LAST_PORT = 201, 216
 _MOST_BYTES = 1_023
 _LONGEST_LINE = 1_024
@@ -42,7 +43,7 @@ def _opened(task: Task, name: str, number: int) -> Port:
     if port.owner == 0:
         raise SpelError(ErrorNumber.PORT_NOT_OPEN, f'{name}: port {number} is not open')
     if _taken(task, port):
-        text = f'{name}: port {number} was opened by task {port.owner}'
+        text = f'{name}: port {number} was opened by task {port.owner}{ONE_TASK}'
         raise SpelError(ErrorNumber.PORT_IN_USE, text)
     return port
 
@@ -67,7 +68,7 @@ def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
     """OpenNet #n As Server|Client."""
     port = port_of(task, 'OpenNet', number)
     if _taken(task, port):
-        text = f'OpenNet: port {nearest(number)} was opened by task {port.owner}'
+        text = f'OpenNet: port {nearest(number)} was opened by task {port.owner}{ONE_TASK}'
         raise SpelError(ErrorNumber.PORT_IN_USE, text)
     host = task.world.host
     if port.owner:
@@ -84,7 +85,7 @@ def close_net(task: Task, number: float | None) -> None:
         if _taken(task, port):
             if number is None:
                 continue
-            text = f'CloseNet: port {each} was opened by task {port.owner}'
+            text = f'CloseNet: port {each} was opened by task {port.owner}{ONE_TASK}'
             raise SpelError(ErrorNumber.PORT_IN_USE, text)
         if port.owner:
             task.world.host.close_net(each)

@@ -294,6 +294,20 @@ class Statements:
         """Read Till, Sense, Find with a condition."""
         return Store(first.text, reader.expression(), first.position)
 
+    def read_pallet(self, reader: Reader, first: Token) -> Command:
+        """Read Pallet [Outside,] n, P1, P2, P3[, P4], columns, rows."""
+        outside = reader.takes('outside')
+        if outside:
+            reader.takes(',')
+        given = [reader.expression()]
+        while reader.takes(','):
+            given.append(reader.expression())
+        if len(given) not in (6, 7):
+            text = f'{first.text} takes a number, three or four points, columns and rows'
+            raise SyntaxProblem(first.position, text, 'arguments')
+        words = ('outside',) if outside else ()
+        return Command(first.text, tuple(given), first.position, words)
+
     def read_abort_motion(self, reader: Reader, first: Token) -> Command:
         """Read AbortMotion n|All."""
         if reader.takes('all'):

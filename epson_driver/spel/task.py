@@ -10,9 +10,10 @@ from enum import IntEnum
 
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
-from epson_driver.spel.errors import TEXTS, ErrorNumber, SpelError, TaskError
+from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, meaning
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
+from epson_driver.spel.pallets import Pallet
 from epson_driver.spel.values import TYPES, Array, Point, Value, store
 
 DEEPEST_CALL = 100
@@ -141,6 +142,7 @@ class World:
         self.locks: dict[int, int] = {}
         self.signals: dict[int, int] = {}
         self.points: dict[int, Point] = {}
+        self.pallets: dict[int, Pallet] = {}
         self.conditions: dict[str, Test] = {}
         self.timers: dict[int, float] = {}
         self.elapsed_from = 0.0
@@ -180,12 +182,15 @@ class World:
         return task
 
     def end(self, task: 'Task') -> None:
-        """End a task: its locks are free again."""
+        """End a task: its locks are free again, its ports open but nobody's."""
         task.frames.clear()
         task.frame = None
         task.waiting = None
         if self.tasks.get(task.number) is task:
             del self.tasks[task.number]
+            for number, port in self.ports.items():
+                if port.owner == task.number:
+                    self.host.orphan_net(number)
         for number in [each for each, owner in self.locks.items() if owner == task.number]:
             del self.locks[number]
 
@@ -202,7 +207,7 @@ class World:
 
     def error_text(self, number: int) -> str:
         """Return what an error number means."""
-        return self.program.texts.get(number) or TEXTS.get(number, 'see the manual')
+        return self.program.texts.get(number) or meaning(number)
 
 
 def blank(variable: Variable) -> object:

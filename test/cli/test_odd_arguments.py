@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 PLAN = str(Path(__file__).parents[2] / 'config' / 'trajectories' / 'around_pillar_11_points.yaml')
+PROGRAM = str(Path(__file__).parents[2] / 'controller_program')
 DIGITS = '9' * 400
 TOO_LONG = '9' * 5000  # more than Python reads
 
@@ -56,6 +57,12 @@ TABLE = (
     ('spel', FILES, 'check', '{}'),
     ('spel', FILES, 'test', '{}'),
     ('spel', NUMBERS, 'check', PLAN, '--version={}'),
+    ('spel', FILES, 'run', '{}'),
+    ('spel', FILES, 'run', '--fast', PROGRAM, '--robot={}'),
+    ('spel', FILES, 'run', '--fast', PROGRAM, '--controller={}'),
+    ('spel', NUMBERS, 'run', '--fast', PROGRAM, '--seconds={}'),
+    ('spel', NUMBERS, 'run', PROGRAM, '--remote-port={}'),
+    ('spel', (*NUMBERS, '=1', 'NOWHERE=1'), 'run', '--fast', PROGRAM, '--define={}'),
     ('demo', FILES, '--trajectory={}'),
     ('demo', (*NUMBERS, '0'), '--seed={}'),
     ('demo', (*NUMBERS, '0'), '--seeds={}'),

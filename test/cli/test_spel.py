@@ -69,7 +69,7 @@ def test_check_says_file_line_and_column_and_ends_with_1_for_errors(tmp_path: Pa
     done = run('check', path)
     assert done.returncode == 1
     assert done.stdout.splitlines() == [
-        'main.prg:2:3: error: unknown statement or function Prin [unknown]',
+        'main.prg:2:3: error: unknown statement or function Prin: did you mean Print? [unknown]',
         '1 errors, 0 warnings (version 8)',
     ]
     path.write_text(GOOD)
@@ -124,7 +124,8 @@ def test_tests_run_and_are_reported(program: Path) -> None:
     assert done.returncode == 1
     assert done.stdout.splitlines() == [
         'passed TestAdds (0.000 s)',
-        'FAILED TestFails: tests.prg:8: error 8002: see the manual',
+        "FAILED TestFails: tests.prg:8: error 8002: an error of the program's own: handle it "
+        '(OnErr), or add it to UserErrors.dat',
         '  about to fail',
         'passed TestWaits (100.000 s)',
         'FAILED TestNeverEnds: tests.prg:15: not over after 600 s of the controller',

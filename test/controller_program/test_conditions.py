@@ -232,7 +232,7 @@ def test_the_stop_bit_of_somebody_else_stops_and_is_an_error() -> None:
     world.host.write_bits(next(m for m in bench.robot.bits if m.value == 'memory'), 500, 1, 1)
     bench.run(0.5)
     assert bench.robot.move_now is None
-    assert bench.shared('g_main_error') == 8001
+    assert bench.shared('g_main_error') == 8003
     assert_still(bench)
     assert_works(bench, client)
 

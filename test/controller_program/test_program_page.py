@@ -15,7 +15,8 @@ from support.robot_program import FILES
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel.lint import check
 
-PAGE = (Path(__file__).parents[2] / 'docs' / 'controller_program.md').read_text(encoding='utf-8')
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / 'docs' / 'controller_program.md').read_text(encoding='utf-8')
 PROGRAMS = [textwrap.dedent(each) for each in re.findall(r'(?s)```spel\n(.*?)```', PAGE)]
 ONE_LINE_OF_LOOP = 'endless-loop'
 """What question 9 asks for."""
@@ -35,6 +36,12 @@ def test_the_page_has_every_name_of_config() -> None:
     for name in names:
         covered = any(name.startswith(p) or name.endswith(p) for p in patterns)
         assert name in written or covered or re.fullmatch(r'J\d_SPEED', name), name
+
+
+def test_the_page_names_every_system_test_that_is_not_run_with_the_program() -> None:
+    for path in sorted((ROOT / 'test' / 'system').glob('test_*.py')):
+        run_with_it = re.search(r'\bPROGRAMS\b|\bspel\b', path.read_text(encoding='utf-8'))
+        assert bool(run_with_it) != (f'`{path.name}`' in PAGE), path.name
 
 
 def test_the_page_has_every_error_number_of_the_program() -> None:

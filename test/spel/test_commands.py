@@ -130,7 +130,7 @@ VALUES = {
 }
 """An expression for each function, and what Print shows; input 3 is on."""
 
-WITH_VARIABLES = {'parsestr', 'ubound', 'p', 'pdef'}
+WITH_VARIABLES = {'parsestr', 'ubound', 'p', 'pdef', 'pallet'}
 """Those that need more than one line: below, or in test_types.py."""
 
 
@@ -177,6 +177,7 @@ def test_points_are_stored_and_parts_of_strings_counted() -> None:
     assert [failure.number for failure in host.failures] == [7007]
 
 
+PALLET = 'Pallet 1, XY(0, 0, 5, 9), XY(20, 0, 5, 0), XY(0, 30, 5, 0), 3, 4'
 STATEMENTS_AT_WORK = {
     'if': ('If True Then Print 1', ['1']),
     'select': ('Select 1\nCase 1\nPrint 1\nSend', ['1']),
@@ -233,6 +234,8 @@ STATEMENTS_AT_WORK = {
     'memoff': ('MemOn 3\nMemOff 3\nPrint MemSw(3)', ['0']),
     'memout': ('MemOut 1, 3\nPrint MemSw(8), MemIn(1)', ['1 3']),
     'memoutw': ('MemOutW 1, -1\nPrint MemInW(1)', ['65535']),
+    'pallet': (f'{PALLET}\nP1 = Pallet(1, 5)\nPrint CX(P1), CY(P1), CU(P1)', ['10 10 9']),
+    'palletclr': (f'{PALLET}\nPalletClr 1\nOnErr GoTo a\nGo Pallet(1, 1)\na: Print Err', ['7007']),
     'motor': ('Motor On\nPrint Motor', ['1']),
     'power': ('Power High\nPrint Power\nPower Low, Forced\nPrint Power', ['1', '0']),
     'speed': ('Speed 50, 30, 30\nPrint Speed', ['50']),
@@ -373,6 +376,31 @@ def test_a_wait_condition_takes_what_a_controller_can_see() -> None:
     first, *rest = host.text.splitlines()
     assert first.startswith('3 0 0.2')
     assert rest == ['-1', '-1']
+
+
+def test_places_of_a_pallet() -> None:
+    """Between four corners, outside of them, by column and row; and those that there are not."""
+    body = """
+    P1 = XY(0, 0, 0, 7)
+    Pallet Outside, 2, P1, XY(10, 0, 0, 0), XY(0, 10, 0, 0), XY(20, 20, 4, 0), 2, 2
+    Print CX(Pallet(2, 4)), CZ(Pallet(2, 2, 2)), CX(Pallet(2, 3, 1)), CU(Pallet(2, 2, 2))
+    Print CX(Pallet(2, 2) -X(1)), CY(Pallet(2, 1, 2))
+    Pallet 3, P1, XY(8, 0, 0, 0), P1, 5, 1
+    Print CX(Pallet(3, 4)), CX(Pallet(3, 5, 1))
+    """
+    assert printed(body) == ['20 4 20 7', '9 10', '6 8']
+    for wrong in ('Pallet(3, 6)', 'Pallet(3, 0)', 'Pallet(3, 1, 2)', 'Pallet(16, 1)'):
+        host = run(
+            f'Function main\nPallet 3, P1, P1, P1, 5, 1\nP1 = {wrong}\nFend'.replace(
+                'main\n', 'main\nP1 = XY(0, 0, 0, 0)\n'
+            )
+        )
+        assert [failure.number for failure in host.failures] == [9993], wrong
+    for wrong in ('16, P1, P1, P1, 5, 1', '1, P1, P1, P1, 0, 1', '1, P1, P1, P1, 200, 200'):
+        host = run(f'Function main\nP1 = XY(0, 0, 0, 0)\nPallet {wrong}\nFend')
+        assert [failure.number for failure in host.failures] == [9993], wrong
+    with pytest.raises(ProgramError, match='a number, three or four points, columns and rows'):
+        run('Function main\nPallet 1, P1, P2, 3, 4\nFend')
 
 
 def test_text_in_the_terminal_is_printed_with_who_printed_it() -> None:

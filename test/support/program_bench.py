@@ -17,17 +17,16 @@ from support.controller_harness import MODEL, PROFILE, SUCCESS, Peer, point, spl
 
 SPEL_PROFILE = load_controller_profile('spel')
 STEP_S = 0.002
-LIMITS = MODEL.limits
 
 
 class ProgramBench:
     """A controller that runs `source`; the highest velocity and acceleration are kept."""
 
-    def __init__(self, source, caplog=None, profile=PROFILE, **files):
+    def __init__(self, source, caplog=None, profile=PROFILE, model=MODEL, start=None, **files):
         files = {f'{name}.prg': dedent(text) for name, text in files.items()}
         program = build({'main.prg': dedent(source), **files})
         spel = SpelSource(program, program_network(profile))
-        self.controller = new_controller(MODEL, profile, spel=spel)
+        self.controller = new_controller(model, profile, start, spel=spel)
         self.caplog = caplog
         self.positions = [self.position]
 
@@ -76,12 +75,13 @@ class ProgramBench:
 
     def within_limits(self):
         """Return the largest share of velocity and acceleration limits that was used."""
+        limits = self.controller.model.limits
         positions = np.array(self.positions)
         velocity = np.diff(positions, axis=0) / STEP_S
         acceleration = np.diff(velocity, axis=0) / STEP_S
         return (
-            float(np.max(np.abs(velocity) / LIMITS.velocity)),
-            float(np.max(np.abs(acceleration) / LIMITS.acceleration)),
+            float(np.max(np.abs(velocity) / limits.velocity)),
+            float(np.max(np.abs(acceleration) / limits.acceleration)),
         )
 
 

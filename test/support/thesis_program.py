@@ -36,7 +36,7 @@ BARE_COMMENT = re.compile(r'(TODO:|\*+$)')
 
 
 def listings() -> dict[str, list[str]] | None:
-    """Return the lines of appendices A to E by letter; None where there is no text."""
+    """Return the lines of appendices A to F by letter; None where there is no text."""
     texts = sorted(SEED.glob('*.txt')) if SEED.is_dir() else []
     for path in texts:
         lines = path.read_text(encoding='utf-8').split('\n')
@@ -44,8 +44,8 @@ def listings() -> dict[str, list[str]] | None:
         for number, line in enumerate(lines):
             if (match := HEADING.match(line)) is not None:
                 starts[match[1]] = number  # the last one: those before are the table of contents
-        if set('ABCDEF') <= starts.keys():
-            following = dict(zip('ABCDE', 'BCDEF', strict=True))
+        if set('ABCDEFG') <= starts.keys():
+            following = dict(zip('ABCDEF', 'BCDEFG', strict=True))
             return {
                 letter: lines[starts[letter] + 1 : starts[following[letter]]]
                 for letter in following
@@ -104,7 +104,7 @@ def _code(line: str) -> tuple[str, int]:
 
 def program_files(found: dict[str, list[str]], repairs: Counter[str]) -> dict[str, str]:
     """Return the project's files."""
-    files = {NAMES[letter]: mended(lines, repairs) for letter, lines in found.items()}
+    files = {name: mended(found[letter], repairs) for letter, name in NAMES.items()}
     return {**files, 'UserErrors.dat': USER_ERRORS}
 
 

@@ -15,9 +15,14 @@ RACES = 20
 
 
 @pytest.mark.invariant(4)
-@pytest.mark.parametrize('remote', [True, False], ids=['remote port', 'no remote port'])
-def test_invariant_4_no_enable_on_its_way_arms_after_disable(make_cell: Any, remote: bool) -> None:
-    cell: Cell = make_cell(**({} if remote else {'remote_port': 0})).ready()
+@pytest.mark.parametrize(
+    ('program', 'remote'),
+    [('built-in', True), ('built-in', False), pytest.param('spel', True, marks=pytest.mark.slow)],
+)
+def test_invariant_4_no_enable_on_its_way_arms_after_disable(
+    make_cell: Any, program: str, remote: bool
+) -> None:
+    cell: Cell = make_cell(program=program, **({} if remote else {'remote_port': 0})).ready()
     peer = cell.peer
     if not remote:
         cell.pendant('motors', 'on')
@@ -38,7 +43,8 @@ def test_invariant_4_no_enable_on_its_way_arms_after_disable(make_cell: Any, rem
         assert 'disabled by ~/disable' in text or 'not enabled' in text
     assert peer.assert_still().tolist() == here
     peer.enable()
-    assert peer.goal(trajectory((0.0, here), (1.0, there))).result()[0] == 'succeeded'
+    ended, _, text = peer.goal(trajectory((0.0, here), (1.0, there))).result()
+    assert ended == 'succeeded', text
 
 
 @pytest.mark.invariant(3)

@@ -6,10 +6,18 @@ There are two executors. `PointToPoint` goes from point to point, as SPEL+'s `Go
 takes points ahead of the arm and goes through them smoothly.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from epson_driver.motion import Array, JointLimits
+from epson_driver.motion import Array, JointLimits, LineMotion
+from epson_driver.motion.path_motion import PathMotion
+
+Way = Callable[[Array, bool], LineMotion | PathMotion]
+"""Returns the motion from where the arm rests, shape (n,), rad, to a target; at low power or not.
+
+It keeps to the arm's limits, and must not raise.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,7 +26,8 @@ class Point:
 
     `target` has shape (n,), rad, within the limits; `velocity` is a fraction (0, 1] of the
     joints' speed, `duration` the time from the point before, s; 0 means that none is given. `cp`:
-    whether the motion may blend into the next one; None: as the executor does it with all.
+    whether the motion may blend into the next one; None: as the executor does it with all. `way`:
+    how it goes there, if that is not straight in joint space; then it never blends.
     """
 
     sequence: int
@@ -26,6 +35,7 @@ class Point:
     velocity: float
     duration: float
     cp: bool | None = None
+    way: Way | None = None
 
 
 class Executor(Protocol):

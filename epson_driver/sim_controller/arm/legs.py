@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 from epson_driver.motion import Array, LineMotion
 from epson_driver.motion.joint_stop import JointStop
+from epson_driver.motion.path_motion import PathMotion
+from epson_driver.sim_controller.arm.executor import Way
 
-Stop = LineMotion | JointStop
+Stop = LineMotion | PathMotion | JointStop
 
 
 @dataclass(slots=True, eq=False)
@@ -16,7 +18,7 @@ class Statement:
 
     duration: how long it takes at least, s; 0: no matter. executed: whether the program goes on
     after it, though the arm may still decelerate. begun: whether the arm has begun it. cp: whether
-    it is executed as soon as the arm decelerates.
+    it is executed as soon as the arm decelerates. way: how it goes there, if not straight.
     """
 
     target: Array
@@ -27,6 +29,7 @@ class Statement:
     executed: bool = False
     begun: bool = False
     cp: bool = False
+    way: Way | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -37,7 +40,7 @@ class Leg:
     """
 
     statement: Statement
-    motion: LineMotion
+    motion: LineMotion | PathMotion
     begin: float
     speed: float
     low_power: bool

@@ -10,6 +10,7 @@ A point taken is a `Go` statement. The rules:
   deceleration begins: if the next one is known then, their motions overlap, where that exceeds no
   limit; if not, the arm comes to rest first. `late_blend`: they also overlap if the next one comes
   while the arm decelerates, as it does from a program that goes on then.
+* A statement with a `way` of its own goes along it, from rest to rest: it never overlaps.
 * Points are acknowledged when they are executed ('done'; the next is taken only then), or when
   they are taken ('taken'; so many as `look_ahead_points` are taken ahead of the one executed).
 """
@@ -20,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from epson_driver.motion import Array, JointLimits, go
+from epson_driver.motion import Array, JointLimits, LineMotion, go
 from epson_driver.motion.blend import blend_start
 from epson_driver.motion.joint_stop import stop_joints
 from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
@@ -128,6 +129,15 @@ class PointToPoint:
         return self._due() - self._now
 
     @property
+    def destination(self) -> Array:
+        """Where the arm rests when it has done all that it knows of, shape (n,), rad."""
+        if self._queue:
+            return self._queue[-1].target.copy()
+        if self._brake is not None:
+            return self._brake.motion.end.copy()
+        return self._legs[-1].motion.end.copy() if self._legs else self._rest.copy()
+
+    @property
     def position(self) -> Array:
         """The commanded joint angles now, shape (n,), rad."""
         # The last digit of a position on a line that ends at a limit may lie beyond it.
@@ -157,7 +167,9 @@ class PointToPoint:
         ready = self._now + self._overhead
         cp = self._cp if point.cp is None else point.cp
         target = point.target.copy()
-        self._queue.append(Statement(target, speed, self._accel, ready, duration, cp=cp))
+        self._queue.append(
+            Statement(target, speed, self._accel, ready, duration, cp=cp, way=point.way)
+        )
         if not self._legs and not self._brake and not self._held:
             self._skip(self._rest)
         elif self._legs and self._legs[-1].decelerates:
@@ -288,6 +300,9 @@ class PointToPoint:
 
         It ends the statement's duration after the move before, which it overlaps by `overlap` s.
         """
+        if statement.way is not None:
+            along = statement.way(start, self.low_power)
+            return Leg(statement, along, self._now, statement.speed, self.low_power)
         speed, accel, most = statement.speed, statement.accel, 1.0
         if self.low_power and self._caps is not None:
             speed = min(speed, self._caps.speed(self.limits, statement.target - start))
@@ -307,6 +322,8 @@ class PointToPoint:
         if not self._queue or self.low_power is not last.low_power:
             return
         statement = self._queue[0]
+        if statement.way is not None or last.statement.way is not None:
+            return
         # Only two moves may overlap.
         others_end = self._legs[-2].end if len(self._legs) > 1 else 0.0
         begin, overlap = max(self._now, statement.ready, others_end), 0.0
@@ -325,6 +342,8 @@ class PointToPoint:
     def _overlap_begin(self, last: Leg, leg: Leg, earliest: float) -> float:
         """Return when a leg may begin, `earliest` or later, s; the end of the last: no overlap."""
         caps = self._caps if self.low_power else None
+        if not isinstance(last.motion, LineMotion) or not isinstance(leg.motion, LineMotion):
+            return last.end
         return last.begin + blend_start(
             last.motion,
             leg.motion,

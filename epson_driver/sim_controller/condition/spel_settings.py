@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What SPEL+ statements set, as a table of ranges (SPEL+ language reference), and what is set now.
 
-Speed, SpeedFactor and Accel act on point-to-point motion. The others are kept and can be printed:
-there is no motion here that they would act on.
+Speed, SpeedFactor and Accel act on point-to-point motion; SpeedS, AccelS, SpeedR, AccelR and
+SpeedFactor on the straight lines of a SPEL+ program. The others are kept and can be printed: there
+is no motion here that they would act on.
 """
 
 from typing import NamedTuple

@@ -39,6 +39,9 @@ class ControllerInterface(Protocol):
     def error_number(self) -> int:
         """The error that it shows."""
 
+    def error_text(self, number: int) -> str:
+        """Return what an error number means; of the one shown now, with file and line."""
+
     @property
     def moving(self) -> bool:
         """Whether the arm moves or has somewhere to go, be it after a pause."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.condition.errors import TEXTS
 from epson_driver.sim_controller.condition.states import EStop, Event, RejectedError, Tasks, after
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
@@ -56,7 +55,7 @@ def _not_paused(controller: ControllerInterface) -> str:
 def _in_error(controller: ControllerInterface) -> str:
     number = controller.error_number
     way = 'boot the controller again' if FLAGS['SError'](controller) else 'reset first'
-    return f'there is error {number:04d} ({TEXTS.get(number, "see the manual")}): {way}'
+    return f'there is error {number:04d} ({controller.error_text(number)}): {way}'
 
 
 def _estopped(controller: ControllerInterface) -> str:

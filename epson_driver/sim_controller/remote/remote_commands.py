@@ -27,7 +27,6 @@ from epson_driver.sim_controller.remote.remote_parameters import (
     wrong,
 )
 from epson_driver.sim_controller.remote.sim_commands import simulate
-from epson_driver.sim_controller.remote.spel_functions import error_text
 from epson_driver.sim_controller.remote.spel_statements import NO_MOTION, execute
 from epson_driver.sim_controller.remote.status_words import flags
 from epson_driver.simple_message import IoType
@@ -210,12 +209,12 @@ def _get_robot_serial(_dialogue: Dialogue, parameters: list[str]) -> str:
     return f'1,{_SIMULATED}'
 
 
-def _get_err_msg(_dialogue: Dialogue, parameters: list[str]) -> str:
+def _get_err_msg(dialogue: Dialogue, parameters: list[str]) -> str:
     expect(parameters, 1, 2)
     number = whole('error', parameters[0], 0, 9999)
     if len(parameters) > 1:
         whole('language', parameters[1], 0, 5)
-    return error_text(number)
+    return dialogue.controller.error_text(number)
 
 
 def _get_err_func(_dialogue: Dialogue, parameters: list[str]) -> str:

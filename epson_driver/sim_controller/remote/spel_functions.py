@@ -12,7 +12,7 @@ from functools import partial
 from typing import NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.condition.errors import TEXTS, ErrorNumber
+from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.spel_settings import SETTINGS
 from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
 from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
@@ -105,13 +105,8 @@ def _err(controller: ControllerInterface, arguments: Sequence[str]) -> str:
     return str(int(ErrorNumber.TASK_ABORTED)) if aborted else '0'
 
 
-def _err_msg(_controller: ControllerInterface, arguments: Sequence[str]) -> str:
-    return error_text(whole('error', arguments[0], 0, 9999))
-
-
-def error_text(number: int) -> str:
-    """Return what an error number means."""
-    return TEXTS.get(number, 'see the manual')
+def _err_msg(controller: ControllerInterface, arguments: Sequence[str]) -> str:
+    return controller.error_text(whole('error', arguments[0], 0, 9999))
 
 
 def _degrees(controller: ControllerInterface, arguments: Sequence[str]) -> str:

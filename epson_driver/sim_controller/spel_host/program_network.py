@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The TCP ports of a SPEL+ program, as its port objects 201 to 216 see them.
 
-A program that has opened a port object as a server gets the next client of that TCP port. One that
-has lost its client serves no other until the program closes and opens it: as controllers do it.
+A program that has opened a port object as a server gets the next client of that TCP port. One
+that has lost its client serves no other until the program closes and opens it: as controllers do
+it. What they do with a new client of a port whose task has ended is not documented; here it is
+refused, as nobody would ever answer it.
 """
 
 import logging
@@ -30,6 +32,8 @@ class PortObject(Session):
         self.connected = False
         self.taken = False
         """Whether it has, or had, a client."""
+        self.orphaned = False
+        """Whether the task that opened it has ended."""
         self.unread = bytearray()
         self._news = news
         self._send: Send | None = None
@@ -99,6 +103,8 @@ class ProgramNetwork:
         found = self._open(port)
         if found is None:
             return f'the program has not opened the {port} port'
+        if found.orphaned:
+            return f'the task that opened the {port} port has ended'
         if found.connected:
             return f'the {port} port has a client already'
         if found.taken:
@@ -143,6 +149,15 @@ class ProgramNetwork:
         found = self._objects.pop(port, None)
         if found is not None:
             found.end()
+
+    def orphan_net(self, port: int) -> None:
+        """Refuse new clients: the task that opened a port object has ended.
+
+        One that is connected stays so, and is not answered, until a task closes or opens it.
+        """
+        found = self._objects.get(port)
+        if found is not None:
+            found.orphaned = True
 
     def close_all(self) -> None:
         """Close all of them."""

@@ -16,8 +16,11 @@ Arguments = Sequence[Value | Point | None]
 Words = tuple[str, ...]
 Run = Callable[[Robot, Arguments, Words], Completion | None]
 
-WITHOUT_EFFECT = ('fine', 'limz', 'arch', 'ptpboost', 'qp')
+WITHOUT_EFFECT = ('fine', 'arch', 'ptpboost', 'qp')
 """Taken, and nothing follows: there is nothing here that they would change."""
+
+
+MM = 1000.0
 
 
 class Until:
@@ -91,6 +94,7 @@ def _reset(robot: Robot, _: Arguments, _words: Words) -> None:
 def _quit_all(robot: Robot, _: Arguments, _words: Words) -> None:
     robot.motion.abort(SpelError(ErrorNumber.MOTION_ABORTED))
     robot.controller.forget_settings()
+    robot.motion.lim_z = 0.0
     apply(robot.controller, Event.PROGRAM_POWER_LOW)
 
 
@@ -116,6 +120,11 @@ def _cp(robot: Robot, _: Arguments, words: Words) -> None:
     robot.motion.cp = 'on' in words
 
 
+def _lim_z(robot: Robot, arguments: Arguments, _words: Words) -> None:
+    (height,) = (float(each) for each in arguments if isinstance(each, int | float))
+    robot.motion.lim_z = height / MM
+
+
 def _zero_only(name: str) -> Run:
     def run(_robot: Robot, arguments: Arguments, _words: Words) -> None:
         if arguments and arguments[0] != 0:
@@ -134,6 +143,7 @@ COMMANDS: dict[str, Run] = {
     'abortmotion': _abort_motion,
     'waitpos': _wait_position,
     'cp': _cp,
+    'limz': _lim_z,
     'tool': _zero_only('Tool'),
 }
 """By name in lower case, besides the settings and those without effect."""

@@ -3,7 +3,9 @@
 """Motions of a SPEL+ program: one statement at a time moves the arm, from rest or blended in."""
 
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from epson_driver.motion import Array
 from epson_driver.sim_controller.arm.executor import Point
@@ -39,29 +41,38 @@ class RobotMotion:
         self._clock = clock
         self._news = news
         self._motion: Motion | None = None
-        self._target: Array | None = None  # of a statement that waits for the arm to stand
+        self._points: deque[Point] = deque()  # of the statement, that the arm has not taken yet
         self._scan: Timer | None = None
         self._due: Timer | None = None
         self.till_on = False
         """Whether Till ended the last motion."""
         self.cp = False
         """CP On: every motion may blend into the next one."""
+        self.lim_z = 0.0
+        """LimZ: how high joint 3 goes for Jump, m."""
 
     @property
     def busy(self) -> bool:
         """Whether a statement is under way."""
         return self._motion is not None
 
-    def begin(self, request: MotionRequest, target: Array) -> Motion:
-        """Begin a motion to joint angles, shape (n,), rad. Raises SpelError if one is under way.
+    @property
+    def start(self) -> Array:
+        """Where the arm rests when the motions before are over, shape (n,), rad."""
+        return self._arm.destination
 
+    def begin(self, request: MotionRequest, points: Sequence[Point]) -> Motion:
+        """Begin a motion to points, one after the other. Raises SpelError if one is under way.
+
+        The last one blends into the next motion if that is asked for; between them the arm rests.
         An arm that brakes comes to a stand first.
         """
         if self._motion is not None:
             text = 'a motion of another task is under way'
             raise SpelError(ErrorNumber.MOTION_ABORTED, f'{request.name}: {text}')
         self._motion = motion = Motion(request)
-        self._target = target
+        *before, last = points
+        self._points = deque([*before, replace(last, cp=self.cp or request.cp)])
         self.till_on = False
         if request.till is not None:
             self._scan = self._clock.every(self._period, self._look, first=self._period)
@@ -71,10 +82,9 @@ class RobotMotion:
 
     def settle(self) -> None:
         """See what has become of the statement; keep a timer for when that changes next."""
-        if self._target is not None and self._motion is not None and self._arm.has_room:
-            target, self._target = self._target, None
-            self._arm.take(Point(0, target, 0.0, 0.0, self.cp or self._motion.request.cp))
-        if self._motion is not None and self._target is None and self._arm.done:
+        while self._points and self._arm.has_room:
+            self._arm.take(self._points.popleft())
+        if self._motion is not None and not self._points and self._arm.done:
             self._end(None)
         if self._due is not None:
             self._due.cancel()
@@ -92,7 +102,7 @@ class RobotMotion:
 
     def _end(self, error: SpelError | None) -> bool:
         motion, self._motion = self._motion, None
-        self._target = None
+        self._points.clear()
         if self._scan is not None:
             self._scan.cancel()
             self._scan = None
@@ -114,6 +124,6 @@ class RobotMotion:
             return
         if holds:
             self.till_on = True
-            self._target = None
+            self._points.clear()
             self._arm.stop()
             self.settle()

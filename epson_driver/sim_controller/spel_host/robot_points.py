@@ -2,20 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points of a SPEL+ program as joint angles of the arm, and the way back."""
 
+import math
 from typing import Any
 
 import numpy as np
 
 from epson_driver.motion import Array
+from epson_driver.motion.cartesian import PosePath, line
 from epson_driver.robots import RobotModel
-from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.robots.kinematics import rotation_of_uvw
 from epson_driver.robots.opw import KinematicsError
+from epson_driver.robots.scara import kinematics_of
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel import Point, SpelError
 
 UNREACHABLE = 4007
+STEP_M = 0.02
+STEP_RAD = 0.1
+"""How densely a straight way is looked at; between, a spline is near it by some micrometres."""
+
+MIN_SAMPLES, MAX_STEPS = 10, 500
+MAX_JOINT_STEP = 0.3
+"""A joint that changes by more from one look to the next, rad or m, jumps."""
+
 _AXES = 6
 _MM = 1000.0
 _IGNORED_FLAGS = frozenset({'0'})
@@ -27,7 +38,7 @@ class RobotPoints:
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
-        self._kinematics = Kinematics(model)
+        self._kinematics = kinematics_of(model)
 
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.
@@ -79,7 +90,47 @@ class RobotPoints:
             raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
         return np.asarray(np.array(point.values[:count]) / per_unit)
 
+    def straight(self, point: Point, start: Array) -> tuple[Array, PosePath]:
+        """Return joints along the straight way of Tool 0 from joints, shape (n,), rad, to a point.
+
+        Shape (k, n), at even shares of the way. Raises SpelError: 4001, or 4007 for a way that
+        leaves the reach or a joint's range, or on which a joint would have to jump.
+        """
+        here = self._kinematics.forward(start)
+        if point.kind == 'xy':
+            there = self._pose(point)
+        else:
+            there = self._kinematics.forward(self.joints(point, start))
+        try:
+            path = line(here, there)
+        except ValueError as error:
+            raise SpelError(UNREACHABLE, f'{point}: {error}') from error
+        longest = max(path.length / STEP_M, path.angle / STEP_RAD)
+        count = min(max(math.ceil(longest), MIN_SAMPLES), MAX_STEPS) + 1
+        samples = [start]
+        for share in np.linspace(0.0, 1.0, count)[1:].tolist():
+            found = self._solutions(point, path.pose(share), samples[-1])
+            if not len(found) or np.max(np.abs(found[0] - samples[-1])) > MAX_JOINT_STEP:
+                why = 'a joint would have to jump' if len(found) else 'it is out of reach'
+                text = f'{point}: {why} at {share * 100.0:.0f} % of the way'
+                raise SpelError(UNREACHABLE, text)
+            samples.append(found[0])
+        return np.array(samples), path
+
     def _reaching(self, point: Point, near: Array) -> Array:
+        found = self._solutions(point, self._pose(point), near)
+        if not len(found):
+            raise SpelError(UNREACHABLE, f'{point} is out of reach')
+        return np.asarray(found[0])
+
+    def _solutions(self, point: Point, pose: Array, near: Array) -> Array:
+        try:
+            return self._kinematics.inverse(pose, near)
+        except (KinematicsError, ModuleNotFoundError) as error:
+            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {error}') from error
+
+    def _pose(self, point: Point) -> Array:
+        """Return where Tool 0 is at a place in space, in base_link."""
         wanted = [flag for flag in point.flags if flag not in _IGNORED_FLAGS]
         if wanted:
             text = f'/{wanted[0].upper()} is not simulated: the nearest posture is taken'
@@ -89,10 +140,4 @@ class RobotPoints:
         pose: Any = np.eye(4)
         pose[:3, 3] = np.array(point.values[:3]) / _MM
         pose[:3, :3] = rotation_of_uvw(np.radians(point.values[3:]))
-        try:
-            found = self._kinematics.inverse(self._kinematics.from_base(pose), near)
-        except (KinematicsError, ModuleNotFoundError) as error:
-            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {error}') from error
-        if not len(found):
-            raise SpelError(UNREACHABLE, f'{point} is out of reach')
-        return np.asarray(found[0])
+        return self._kinematics.from_base(pose)

@@ -11,6 +11,7 @@ from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_commands import command
 from epson_driver.sim_controller.spel_host.robot_motion import Motion
 from epson_driver.sim_controller.spel_host.robot_values import Robot, value
+from epson_driver.sim_controller.spel_host.robot_ways import MOVES, points_of
 from epson_driver.simple_message import IoType
 from epson_driver.spel import (
     Array,
@@ -35,8 +36,6 @@ _IO = {
     Memory.OUTPUT: IoType.DIGITAL_OUTPUT,
     Memory.MEMORY: IoType.FLAG,
 }
-MOVES = frozenset({'go', 'pulse'})
-"""Statements that move this arm."""
 
 
 class SpelHost:
@@ -89,6 +88,10 @@ class SpelHost:
     def close_net(self, port: int) -> None:
         """Close a port object."""
         self._network.close_net(port)
+
+    def orphan_net(self, port: int) -> None:
+        """Refuse new clients of a port object whose task has ended."""
+        self._network.orphan_net(port)
 
     def connected(self, port: int) -> bool:
         """Return whether a port object has a client."""
@@ -155,9 +158,7 @@ class SpelHost:
         rejection = self._controller.motion_rejection()
         if rejection is not None:
             raise SpelError(rejection.number, rejection.sentence)
-        near = self._robot.here
-        target = self._robot.points.joints(request.points[-1], near)
-        motion = self._robot.motion.begin(request, target)
+        motion = self._robot.motion.begin(request, points_of(self._robot, request))
         self._moves()
         return motion
 

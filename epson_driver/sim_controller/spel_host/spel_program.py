@@ -123,11 +123,10 @@ class SpelProgram:
     def _run(self) -> None:
         """Let the tasks run until now, and then whatever follows from that."""
         self._timer = None
+        now = self._pass_time()
         self._start_main()
-        now = self._now()
         self._running = True
         try:
-            self._machine.idle(now)
             self._machine.advance(now)
         finally:
             self._running = False
@@ -144,11 +143,21 @@ class SpelProgram:
         due = self._machine.next_time()
         return due if due is not None and now < due < now + ROUNDING_S else now
 
+    def _pass_time(self) -> float:
+        """Let the time pass in which no task ran; return what it is now, s.
+
+        Before anything begins a task or lets one go on: its times count from now.
+        """
+        now = self._now()
+        self._machine.idle(now)
+        return now
+
     def _after_tasks(self, action: Callable[[], None]) -> None:
         """Do something when no task runs: now, or after the tasks' turn."""
         if self._running:
             self._later.append(action)
         else:
+            self._pass_time()
             action()
             self._soon()
 
@@ -284,7 +293,8 @@ class SpelProgram:
         """Put the controller in error; by a background task, until it is booted."""
         critical = FIRST_BACKGROUND <= error.task <= LAST_BACKGROUND
         _log.error('%s', error)
-        self._later.append(lambda: self._controller.raise_error(error.number, critical))
+        told = error.told
+        self._later.append(lambda: self._controller.raise_error(error.number, critical, told))
         self._soon()
 
     def _asked_to_pause(self, on: bool) -> None:

@@ -10,7 +10,7 @@ from epson_driver.sim_controller.spel_host.robot_commands import (
     SETTING_WORDS,
     WITHOUT_EFFECT,
 )
-from epson_driver.sim_controller.spel_host.spel_host import MOVES
+from epson_driver.sim_controller.spel_host.robot_ways import MOVES
 from epson_driver.spel import Problem, Program, ProgramError
 from epson_driver.spel.commands import COMMANDS as STATEMENTS
 from epson_driver.spel.syntax import Command, Motion

@@ -243,6 +243,29 @@ def test_a_port_that_the_program_has_not_opened_refuses_and_one_client_is_all(ca
         made.client('motion')
 
 
+def test_the_port_of_a_task_that_has_ended_takes_no_client_until_it_is_opened_again(caplog):
+    """Invariant: nobody is let in whom nothing will ever answer."""
+    source = """
+    Function main
+      SetNet #201, "127.0.0.1", 2001, CRLF, NONE, 0
+      OpenNet #201 As Server
+      WaitNet #201, 0.5
+    Fend
+    """
+    made = ProgramBench(source, caplog)
+    made.step(0.1)
+    first, peer = made.client('2001')
+    made.step(1.0)
+    assert made.tasks == []
+    assert peer.ended is None  # it was let in, and is not thrown out
+    first.closed()
+    with pytest.raises(ConnectionRefusedError, match='the task that opened the 2001 port has end'):
+        made.client('2001')
+    made.do('start')
+    made.step(0.1)
+    made.client('2001')
+
+
 @pytest.mark.invariant(7)
 def test_a_client_that_is_not_read_is_cut_off_and_memory_stays_bounded(caplog):
     source = """

@@ -6,10 +6,13 @@ import logging
 
 import numpy as np
 import pytest
+from support.controller_harness import MODEL, PROFILE, Peer
 from support.program_bench import ProgramBench
 
+from epson_driver.error_texts import load_error_texts
+from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.condition.states import RejectedError, Tasks
-from epson_driver.spel import ProgramError
+from epson_driver.spel import ErrorNumber, ProgramError, build
 
 AWAY = np.radians([30.0, -10.0, 10.0, 0.0, 20.0, 0.0])
 MOVE = """
@@ -128,6 +131,30 @@ def test_no_program_switches_the_motors_on_during_an_estop_nor_resets_it(caplog)
     assert bench.controller.condition.estopped
     assert set(bench.printed) == {'refused 2261'}
     assert [each.split()[0] for each in bench.tasks] == ['BgMain']
+
+
+def test_a_wait_takes_its_time_after_a_late_start_and_after_a_pause(caplog):
+    """Times count from when a task begins or goes on, not from when the last one ran."""
+    source = """
+    Function main
+      Print "begins"
+      Wait 0.5
+      Print "waited"
+    Fend
+    """
+    bench = ProgramBench(source, caplog)
+    bench.step(3.0)
+    assert bench.printed == ['begins', 'waited']
+    bench.do('start')
+    bench.step(0.4)
+    assert bench.printed == ['begins', 'waited', 'begins']
+    bench.do('pause')
+    bench.step(3.0)
+    bench.do('continue')
+    bench.step(0.4)
+    assert bench.printed[2:] == ['begins']
+    bench.step(0.2)
+    assert bench.printed[2:] == ['begins', 'waited']
 
 
 def test_pause_and_door_hold_task_and_arm_and_the_motion_goes_on(caplog):
@@ -251,7 +278,7 @@ def test_out_of_range_is_4001_before_the_arm_moves(caplog):
     assert not np.any(np.diff(bench.positions, axis=0))
 
 
-@pytest.mark.parametrize('line', ['Move P1', 'Jump P1', 'SFree 1', 'Go P1 Sense'])
+@pytest.mark.parametrize('line', ['Arc P1, P2', 'TGo P1', 'SFree 1', 'Go P1 Sense'])
 def test_what_is_not_simulated_is_refused_before_the_start(line):
     source = f'Function main\n  If Motor = On Then\n    {line}\n  EndIf\nFend\n'
     with pytest.raises(ProgramError, match=rf'main.prg:3:\d+: .*{line.split()[0]} is not sim'):
@@ -400,6 +427,53 @@ def test_an_error_without_handler_ends_the_tasks_and_takes_the_power(caplog):
     bench.step(0.1)
     assert bench.tasks == []
     assert bench.controller.error_number == 0
+
+
+def answer(controller, command):
+    """Return what the remote port answers to one command."""
+    peer = Peer()
+    remote = controller.connect('remote', peer)
+    remote.receive(f'$Login\r\n${command}\r\n'.encode())
+    remote.closed()
+    return peer.take().decode().splitlines()[-1]
+
+
+def test_an_error_is_told_with_text_file_and_line_wherever_it_is_asked_for(caplog):
+    """Invariant: no "see the manual" for a number whose text the program, or its language, has."""
+    source = '\nFunction main\n  Integer a(3), i\n  i = 7\n  a(i) = 1\nFend\n'
+    bench = ProgramBench(source, caplog)
+    bench.step(0.1)
+    errors = [each.getMessage() for each in caplog.records if each.levelno >= logging.ERROR]
+    said = 'an array index is out of range: it goes from 0 to UBound'
+    assert errors == [f'main.prg:5: error 9992 in main (task 1): {said}']
+    told = f'{said}, at main.prg:5 in main (task 1)'
+    assert answer(bench.controller, 'GetErrMsg,9992,0') == f'#GetErrMsg,{told}'
+    assert answer(bench.controller, 'Sim,print,ErrMsg$(9992)') == f'#Sim,{told}'
+    assert answer(bench.controller, 'Start,0') == '!Start,20'
+    assert 'there is error 9992 (an array index' in caplog.text
+    bench.do('reset')
+    assert (
+        answer(bench.controller, 'GetErrMsg,9992,0')
+        == '#GetErrMsg,an array index is out of range (simulated controller)'
+    )
+    assert 'see the manual' not in caplog.text
+
+
+def test_an_error_of_the_user_is_told_in_the_words_of_the_project(caplog):
+    files = {
+        'main.prg': 'Function main\n  Error BAD_PART\nFend\n',
+        'UserErrors.dat': 'nError1=8100\nsLabel1="BAD_PART"\nsMessage1="The part is bad"\n',
+    }
+    controller = new_controller(
+        MODEL, PROFILE, spel=SpelSource(build(files), program_network(PROFILE))
+    )
+    controller.step(0.1)
+    assert controller.error_text(8100) == 'The part is bad, at main.prg:2 in main (task 1)'
+    assert 'The part is bad' in caplog.text
+
+
+def test_every_number_of_the_language_has_a_text_for_the_driver_and_the_pendant():
+    assert set(ErrorNumber) <= set(load_error_texts('epson'))
 
 
 def test_boot_begins_anew_and_preserved_variables_stay(caplog):

@@ -18,8 +18,9 @@ from support.thesis_program import SEED, call_library, listings, program_files
 
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
+from epson_driver.sim_controller.spel_host.log_terminal import LogTerminal
 from epson_driver.sim_controller.spel_host.spel_host import SpelHost
-from epson_driver.spel import build
+from epson_driver.spel import ErrorNumber, SpelError, build
 
 FOUND = listings()
 pytestmark = pytest.mark.skipif(
@@ -27,6 +28,7 @@ pytestmark = pytest.mark.skipif(
     reason=f'the thesis is not in {SEED}: set EPSON_DRIVER_SEED to where its text is',
 )
 PROFILE = load_controller_profile('thesis')
+RETRY = 4
 REPLY = struct.pack('<4i', 56, 10, 3, 1) + bytes(44)
 """The only one that it has: SUCCESS, and zeros."""
 UNKNOWN = -1
@@ -67,11 +69,11 @@ def bench(caplog, monkeypatch):
 
 
 def assert_nobody_serves(bench):
-    """All tasks have ended; ports that they left open send nothing."""
+    """All tasks have ended, and with them their ports."""
     assert list(bench.controller.tasks()) == []
-    _, state = bench.client('state')
-    bench.step(2.0)
-    assert not state.got
+    for port in ('motion', 'state'):
+        with pytest.raises(ConnectionRefusedError):
+            bench.client(port)
 
 
 def at(*values):
@@ -185,6 +187,63 @@ def test_without_motors_it_asks_is_told_to_cancel_and_answers_success(caplog, mo
     assert bench.send(motion, peer, point(0, at(0.2))) == [REPLY]
     assert any('answered with Cancel' in line for line in bench.printed)
     assert not np.any(bench.positions)
+
+
+def test_an_error_that_was_handled_is_handled_again_after_each_good_point(caplog, monkeypatch):
+    """Defect 4: no Exit before the label, so the handler runs after every point. The arm moves
+    all the same, the replies are the same: no key of the profile."""
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(SpelHost, 'call_library', call_library)
+    bench = ThesisBench(caplog, motors=False)
+    motion, peer = bench.client('motion')
+    assert bench.send(motion, peer, point(0, at(0.2))) == [REPLY]
+    assert bench.printed.count('in ErrorHandler') == 1
+    bench.do('motors on')
+    assert bench.send(motion, peer, point(1, at(0.05)), point(2, at(0.1))) == [REPLY] * 2
+    bench.until(lambda: not bench.controller.in_motion)
+    assert abs(bench.position[0] - 0.1) < 1e-5
+    assert bench.printed.count('in ErrorHandler') == 3
+
+
+def test_any_error_of_the_state_server_ends_all_tasks(bench, monkeypatch):
+    """Defect 4: Quit All behind its label; here the PC with the DLL is gone. The profile's
+    controller has no PC that could go."""
+    _, peer = bench.client('state')
+    bench.step(0.5)
+    assert peer.take()
+
+    def gone(_host, _library, name, _arguments):
+        raise SpelError(ErrorNumber.NO_LIBRARY, name)
+
+    monkeypatch.setattr(SpelHost, 'call_library', gone)
+    bench.step(0.5)
+    assert_nobody_serves(bench)
+
+
+def test_motors_on_by_retry_forgets_speed_and_accel(caplog, monkeypatch):
+    """Defect 7: Motor On sets defaults. At the profile's `power: low` they are the same 5 %."""
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(SpelHost, 'call_library', call_library)
+    monkeypatch.setattr(LogTerminal, 'message_box', lambda *_: RETRY)
+    bench = ThesisBench(caplog, motors=False)
+    spel = bench.controller.spel
+    assert (spel.values('Speed'), spel.values('Accel')) == ((50.0,), (50.0, 50.0))
+    motion, peer = bench.client('motion')
+    assert bench.send(motion, peer, point(0, at(0.1))) == [REPLY]
+    bench.until(lambda: not bench.controller.in_motion)
+    assert abs(bench.position[0] - 0.1) < 1e-5
+    assert spel.values('Speed') == pytest.approx((5.0,))
+    assert spel.values('Accel') == pytest.approx((5.0, 5.0))
+    assert PROFILE.motion.power == 'low'
+
+
+def test_the_dll_takes_velocity_and_duration_by_value_where_the_program_hands_references():
+    """Defect 11: they stay 0; `uses: nothing`."""
+    (declared,) = [line for line in FOUND['C'] if 'Declare convertToFloatingpoint' in line]
+    assert 'ByRef output_velocity As Real, ByRef output_duration As Real' in declared
+    (defined,) = [line for line in FOUND['F'] if 'short convertToFloatingpoint(' in line]
+    assert defined.rstrip().endswith('float* joint_data,float velocity,float duration)')
+    assert PROFILE.program.uses.value == 'nothing'
 
 
 def test_a_corrupt_message_ends_all_tasks(bench):

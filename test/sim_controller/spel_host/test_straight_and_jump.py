@@ -1,0 +1,205 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Move, Jump, Pallet and places in space, by the kinematics of six-axis arms and SCARAs."""
+
+import logging
+
+import numpy as np
+import pytest
+from support.program_bench import STEP_S, ProgramBench
+
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.scara import kinematics_of
+
+BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
+SCARA = load_robot_model('gx4_c251s')
+MOVE = """
+Function main
+  Motor On
+  Power High
+  SpeedS 200; AccelS 1000
+  P1 = Here
+  P2 = P1 +X(120) -Z(60)
+  Print "goes"
+  Move P2{more}
+  Print "there", Int(CX(Here) - CX(P1) + 0.5), Int(CZ(Here) - CZ(P1) + 0.5)
+Fend
+"""
+
+
+@pytest.fixture(autouse=True)
+def _all_is_logged(caplog):
+    caplog.set_level(logging.INFO)
+
+
+def six_axis(caplog, source, **options):
+    return ProgramBench(source, caplog, start=BENT, **options)
+
+
+def tool_places(bench):
+    """Return where Tool 0 was in each motion cycle, shape (k, 3), m."""
+    arm = kinematics_of(bench.controller.model)
+    return np.array([arm.forward(joints)[:3, 3] for joints in bench.positions])
+
+
+def assert_limits_kept(bench):
+    velocity, acceleration = bench.within_limits()
+    assert velocity <= 1.001
+    assert acceleration <= 1.01
+
+
+def assert_straight(bench):
+    """Tool 0 has left the line from P1 to P2 nowhere, and has gone some way."""
+    places = tool_places(bench)
+    way = np.array([0.12, 0.0, -0.06]) / np.hypot(0.12, 0.06)
+    gone = (places - places[0]) @ kinematics_of(bench.controller.model).from_base(np.eye(4))[
+        :3, :3
+    ]
+    assert np.abs(gone - (gone @ way)[:, None] * way).max() < 2e-5
+    assert 0.005 < gone[-1] @ way < 0.135
+
+
+@pytest.mark.invariant(2)
+def test_inv2_move_leads_tool_0_along_a_straight_line_as_fast_as_speeds_says(caplog):
+    bench = six_axis(caplog, MOVE.format(more=''))
+    bench.until(lambda: len(bench.printed) == 2)
+    assert bench.printed[-1] == 'there 120 -60'
+    assert_straight(bench)
+    speeds = np.linalg.norm(np.diff(tool_places(bench), axis=0), axis=1) / STEP_S
+    assert speeds.max() == pytest.approx(0.2, rel=0.01)
+    assert_limits_kept(bench)
+
+
+def test_a_line_goes_on_after_a_pause_and_stays_straight(caplog):
+    bench = six_axis(caplog, MOVE.format(more=''))
+    bench.until(lambda: 'goes' in bench.printed)
+    bench.step(0.3)
+    bench.do('pause')
+    bench.step(1.0)
+    held = bench.position
+    assert not np.array_equal(held, BENT)
+    bench.step(0.5)
+    assert np.array_equal(bench.position, held)
+    bench.do('continue')
+    bench.until(lambda: 'there 120 -60' in bench.printed)
+    assert_straight(bench)
+    assert_limits_kept(bench)
+
+
+@pytest.mark.invariant(3)
+def test_inv3_till_stops_a_line_on_its_way(caplog):
+    source = MOVE.format(more=' Till MemSw(7) = On').replace('  Print "goes"', '  Xqt 2, stopper')
+    bench = six_axis(caplog, source + 'Function stopper\n  Wait 0.4\n  MemOn 7\nFend\n')
+    bench.until(lambda: len(bench.printed) == 1)
+    assert bench.printed != ['there 120 -60']
+    bench.step(0.5)
+    assert not np.any(bench.velocity)
+    assert_straight(bench)
+    assert_limits_kept(bench)
+
+
+@pytest.mark.invariant(3)
+def test_inv3_an_estop_stops_a_line_within_the_limits(caplog):
+    bench = six_axis(caplog, MOVE.format(more=''))
+    bench.until(lambda: 'goes' in bench.printed)
+    bench.step(0.4)
+    bench.do('E-stop press')
+    bench.step(1.0)
+    assert not np.any(bench.velocity)
+    assert bench.tasks == []
+    assert_straight(bench)
+    assert_limits_kept(bench)
+
+
+def test_at_low_power_a_line_is_no_faster_than_50_mm_a_second(caplog):
+    bench = six_axis(caplog, MOVE.format(more='').replace('Power High', 'Power Low'))
+    bench.until(lambda: len(bench.printed) == 2)
+    speeds = np.linalg.norm(np.diff(tool_places(bench), axis=0), axis=1) / STEP_S
+    assert 0.02 < speeds.max() <= 0.0501
+    assert bench.within_limits()[0] <= 0.0501
+
+
+@pytest.mark.parametrize(
+    ('statement', 'number', 'said'),
+    [
+        ('Move P1 +Z(900)', 4007, 'it is out of reach at '),
+        ('Move P1 +U(20)', 9993, 'only the orientation changes'),
+        ('Jump P1', 9993, 'only a SCARA can'),
+        ('Move AglToPls(500, 0, 0, 0, 0, 0)', 4001, 'joint_1'),
+    ],
+)
+def test_a_way_that_there_is_not_is_refused_before_the_arm_moves(caplog, statement, number, said):
+    source = f'\nFunction main\n  Motor On\n  P1 = Here\n  {statement}\nFend\n'
+    bench = six_axis(caplog, source)
+    bench.step(0.5)
+    assert bench.controller.error_number == number
+    assert f'main.prg:5: error {number} in main' in caplog.text
+    assert said in caplog.text
+    assert not np.any(np.diff(bench.positions, axis=0))
+
+
+def test_only_the_orientation_turns_with_rot(caplog):
+    source = """
+    Function main
+      Motor On
+      Power High
+      P1 = Here
+      Move P1 +U(20) ROT
+      Print "there", Int(CU(Here) - CU(P1) + 0.5)
+    Fend
+    """
+    bench = six_axis(caplog, source)
+    bench.until(lambda: bench.printed == ['there 20'])
+    places = tool_places(bench)
+    assert np.abs(places - places[0]).max() < 2e-5
+    assert_limits_kept(bench)
+
+
+JUMP = """
+Function main
+  Integer i
+  Motor On
+  Power High
+  Speed 50; Accel 50, 50
+  Go XY(100, 180, {deep}, 0)
+  LimZ {high}
+  Print "stands"
+  Pallet 1, XY(100, 180, {deep}, 0), XY(160, 180, {deep}, 0), XY(100, 140, {deep}, 0), 2, 2
+  For i = 2 To 4
+    Jump Pallet(1, i) C0
+    Print Int(CX(Here) + 0.5), Int(CY(Here) + 0.5), Int(Agl(3) + 0.5)
+  Next
+Fend
+"""
+
+
+def test_a_scara_jumps_over_a_pallet_up_across_and_down(caplog):
+    bench = ProgramBench(JUMP.format(deep=44, high=-20), caplog, model=SCARA)
+    bench.until(lambda: bench.printed == ['stands'])
+    begin = len(bench.positions)
+    bench.until(lambda: len(bench.printed) == 4)
+    assert bench.printed[1:] == ['160 180 -80', '100 140 -80', '160 140 -80']
+    positions = np.array(bench.positions[begin:])
+    heights = positions[:, 2] * 1000.0
+    sideways = np.abs(np.diff(positions[:, :2], axis=0)).max(axis=1) > 1e-9
+    assert np.count_nonzero(sideways) > 30
+    assert np.all(heights[:-1][sideways] > -20.001)
+    assert heights.max() < -19.999
+    assert_limits_kept(bench)
+
+
+@pytest.mark.invariant(3)
+def test_inv3_till_ends_a_jump_and_what_is_left_of_it(caplog):
+    source = (
+        JUMP.format(deep=40, high=0)
+        .replace('C0', 'Till MemSw(1) = On')
+        .replace('  For i', '  Xqt 2, stopper\n  For i')
+    )
+    source = source.replace('To 4', 'To 2') + 'Function stopper\n  Wait 0.05\n  MemOn 1\nFend\n'
+    bench = ProgramBench(source, caplog, model=SCARA)
+    bench.until(lambda: len(bench.printed) == 2)
+    stands = bench.position
+    assert bench.printed[1] != '160 180 -84'
+    bench.step(1.0)
+    assert np.array_equal(bench.position, stands)
+    assert_limits_kept(bench)
