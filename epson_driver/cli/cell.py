@@ -55,6 +55,7 @@ def running_driver(
             f'sim_controller: {_identity(ports.remote)} (remote), :{ports.motion} (motion), '
             f':{ports.state} (state); client in ROS domain {domain}',
             highlight=False,
+            soft_wrap=True,
         )
         os.environ.update(processes.ros_environment(domain))  # for the node in this process
         user = RosUser(tuple(joint_names), client.check_alive)
