@@ -144,8 +144,14 @@ class GoalAction:
 
 def log_outcome(logger: RcutilsLogger, outcome: Outcome) -> None:
     """Log how a goal ended."""
-    text = f'goal {outcome.end.value}: {outcome.text}'
+    text = outcome_line(outcome)
     if outcome.end is End.SUCCEEDED:  # a line each: rclpy allows a line one severity
         logger.info(text)
     else:
         logger.warning(text)
+
+
+def outcome_line(outcome: Outcome) -> str:
+    """Return how a goal ended as a line, which does not say twice that it was canceled."""
+    end, text = outcome.end.value, outcome.text
+    return f'goal {text}' if text.startswith(end) else f'goal {end}: {text}'
