@@ -22,7 +22,8 @@ pytest.importorskip('py_opw_kinematics')
 
 ARM = Kinematics(load_robot_model('c3_a601s'))
 READY = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
-ASIDE = [0.4, 0.2, 0.2, 0.0, -1.9, 0.0]
+FAR = [2.5, 0.2, 0.2, 0.0, -1.9, 0.0]
+SLOW = 2.5 / LASTS  # rad/s
 ACCURACY_M = 3e-4
 INVALID_GOAL = ExecuteMotionPrimitiveSequence.Result.INVALID_GOAL
 
@@ -148,12 +149,13 @@ def test_a_joint_move_a_line_and_an_arc_are_executed_with_feedback(cell: Cell) -
     assert max(distance_from(place, line) for place in places[begin : end + 1]) < ACCURACY_M
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_refused_as_a_whole_and_nothing_moves(cell: Cell) -> None:
     to_ready(cell)
-    blended = joint_move(ASIDE)
+    blended = joint_move(FAR)
     blended.blend_radius = 0.01
     for bad, words in (
-        ([joint_move(ASIDE), tool_move((2.0, 0.0, 0.0))], 'motions[1], LINEAR_CARTESIAN: '),
+        ([joint_move(FAR), tool_move((2.0, 0.0, 0.0))], 'motions[1], LINEAR_CARTESIAN: '),
         ([blended], 'blend_radius = 0.01 m: must be 0'),
         ([joint_move([45.0, -30.0, 20.0, 0.0, 10.0, 0.0])], 'look like degrees'),
         ([], 'trajectory has 0 motions'),
@@ -164,22 +166,24 @@ def test_what_cannot_be_is_refused_as_a_whole_and_nothing_moves(cell: Cell) -> N
     assert np.abs(cell.peer.assert_still() - READY).max() < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(3)
 def test_cancel_brings_the_arm_to_rest_in_the_middle_of_a_sequence(cell: Cell) -> None:
     to_ready(cell)
-    sequence = Sequence(cell.peer, [joint_move(ASIDE, move_time=LASTS), joint_move(READY)])
+    sequence = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW), joint_move(READY)])
     cell.peer.wait_for_motion()
     sequence.cancel()
     ended, code, text = sequence.result()
     assert (ended, code) == ('canceled', 0), text
-    assert not np.allclose(cell.peer.assert_still(), ASIDE, atol=1e-2)
+    assert not np.allclose(cell.peer.assert_still(), FAR, atol=1e-2)
 
 
+@pytest.mark.slow
 def test_a_sequence_while_a_goal_runs_is_refused_and_a_trajectory_replaces_a_sequence(
     cell: Cell,
 ) -> None:
     to_ready(cell)
-    running = Sequence(cell.peer, [joint_move(ASIDE, move_time=LASTS)])
+    running = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW)])
     cell.peer.wait_for_motion()
     ended, code, text = Sequence(cell.peer, [joint_move(READY)]).result()
     assert (ended, code) == ('aborted', INVALID_GOAL)
@@ -191,10 +195,11 @@ def test_a_sequence_while_a_goal_runs_is_refused_and_a_trajectory_replaces_a_seq
     assert 'replaced by a new goal' in text
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(4)
 def test_inv4_an_estop_ends_a_sequence_and_the_gate_stays_closed(cell: Cell) -> None:
     to_ready(cell)
-    sequence = Sequence(cell.peer, [joint_move(ASIDE, move_time=LASTS), joint_move(READY)])
+    sequence = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW), joint_move(READY)])
     cell.peer.wait_for_motion()
     cell.pendant('estop', 'press')
     ended, code, text = sequence.result()
