@@ -75,9 +75,7 @@ class GoalRequests:
             may_end_moving=values['allow_nonzero_velocity_at_trajectory_end'],
         )
 
-    def _tolerances(
-        self, given: Sequence[JointTolerance], field: str, default: str
-    ) -> Tolerances:
+    def _tolerances(self, given: Sequence[JointTolerance], field: str, default: str) -> Tolerances:
         """Return a field's tolerances over the parameters `constraints.<joint>.<default>`."""
         names = self._limits.names
         defaults = [self._parameters[f'constraints.{name}.{default}'] for name in names]

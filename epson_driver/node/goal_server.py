@@ -85,7 +85,7 @@ class GoalServer:
 
     @property
     def action_server(self) -> ActionServer:
-        """rclpy's server of the action."""
+        """The server of the action in rclpy."""
         return self._action.server
 
     @property
@@ -131,7 +131,7 @@ class GoalServer:
             ros_handle.publish_feedback(messages.feedback(execution, sample, stamp))
 
     def publish_state(self, execution: GoalExecution, sample: JointSample) -> Time | None:
-        """Publish `~/controller_state` at `action_monitor_rate`; return its stamp, if it is due."""
+        """Publish `~/controller_state` at `action_monitor_rate`; return its stamp, if due."""
         if not self._feedback_throttle.passes(
             sample.time, self._parameters['action_monitor_rate']
         ):

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion primitives, read from ROS messages. Errors name the motion, the field and what it must be.
+"""Motion primitives, read from ROS messages. Errors name the motion, the field and the rule.
 
-Two poses of a circle are its end and a place on it, in this order, as motion_primitives_controllers
-has them; the orientation of the second does not count. Stamps of poses do not count either: the
-frame in which they are does not move.
+The two poses of a circle are its end and a place on it, in the order of ros2_control's
+motion_primitives_controllers; the orientation of the second does not count. Stamps of poses do not
+count either: the frame in which they are does not move.
 """
 
 from collections.abc import Callable, Sequence

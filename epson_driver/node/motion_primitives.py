@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The action `~/execute_motion_primitive_sequence`: joint moves, lines and arcs, one after another.
+"""The action `~/execute_motion_primitive_sequence`: joint moves, lines and arcs in a row.
 
 The whole sequence is planned from where the arm stands, then executed as one goal of the driver's
 queue: it is checked, stopped and reported as a trajectory is.

@@ -182,8 +182,10 @@ def _tool_motion(kinematics: Kinematics, start: Array, primitive: Primitive) -> 
 
 
 def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
-    """Return limits with which the tool takes about so long: a third of it each to speed up, at
-    full speed and to slow down."""
+    """Return limits with which the tool takes about so long.
+
+    A third of it each to speed up, at full speed and to slow down.
+    """
     speed, turn = 1.5 * path.length / time, 1.5 * path.angle / time
     tiny = 1e-9  # where it does not move, or does not turn
     return ToolLimits(

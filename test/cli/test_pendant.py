@@ -114,9 +114,7 @@ def test_motors_estop_and_reset(ask, done):
 def test_status_of_a_controller_that_just_booted(done):
     text = re.sub(r'late: .*', 'late:', done('status'))
     address, *rows = text.splitlines()
-    assert re.fullmatch(
-        r'at:     rc620 \(simulated\), c3_a601s, 127\.0\.0\.1:\d+', address
-    )
+    assert re.fullmatch(r'at:     rc620 \(simulated\), c3_a601s, 127\.0\.0\.1:\d+', address)
     assert rows == [
         'motors: off',
         'power:  low',

@@ -90,7 +90,10 @@ WRONG = {
     'too many': ((motion(0, joints=JOINTS),) * 257, 'trajectory has 257 motions'),
     'type': ((motion(-1),), r'motions\[0\]: type = -1: must be one of LINEAR_JOINT \(0\)'),
     'unknown type': ((motion(52, poses=[pose()]),), 'type = 52: must be one of'),
-    'the second one': ((motion(0, joints=JOINTS), motion(0)), r'motions\[1\]: joint_positions has'),
+    'the second one': (
+        (motion(0, joints=JOINTS), motion(0)),
+        r'motions\[1\]: joint_positions has',
+    ),
     'joints': ((motion(0, joints=JOINTS[:5]),), 'has 5 values: must have 6, for joint_1'),
     'degrees': ((motion(0, joints=DEGREES),), 'look like degrees'),
     'outside': ((motion(0, joints=[3.0, *JOINTS[1:]]),), 'joint_1: position 3 rad is outside'),

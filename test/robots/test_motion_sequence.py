@@ -13,7 +13,7 @@ from epson_driver.robots.motion_sequence import Kind, Primitive, SequenceError, 
 ARM = Kinematics(load_robot_model('c3_a601s'))
 LIMITS = ARM.model.limits
 READY = np.array([0.0, 0.2, 0.2, 0.0, -1.9, 0.0])
-ASIDE = READY + [0.3, 0.1, 0.0, 0.0, 0.0, 0.5]
+ASIDE = READY + np.array([0.3, 0.1, 0.0, 0.0, 0.0, 0.5])
 
 
 def to_joints(target=ASIDE, **more):
@@ -27,6 +27,10 @@ def to_pose(xyz=(0.0, 0.05, 0.0), via=None, begin=READY, **more):
     pose[:3, 3] += xyz
     kind = Kind.LINEAR_CARTESIAN if via is None else Kind.CIRCULAR_CARTESIAN
     return Primitive(kind, pose, place, **more)
+
+
+def to_arc(**more):
+    return to_pose(via=(0.03, 0.03, 0.0), **more)
 
 
 @pytest.fixture
@@ -90,8 +94,10 @@ def test_a_line_is_as_fast_as_asked_for():
 
 
 @pytest.mark.usefixtures('opw')
-@pytest.mark.parametrize('seconds', [0.4, 1.0, 3.0])
-@pytest.mark.parametrize('make', [to_joints, to_pose, lambda **more: to_pose(via=(0.03, 0.03, 0.0), **more)])
+@pytest.mark.parametrize(
+    ('make', 'seconds'),
+    [(to_joints, 0.4), (to_joints, 3.0), (to_pose, 0.4), (to_pose, 3.0), (to_arc, 1.0)],
+)
 def test_a_move_time_is_kept_whatever_velocity_says(make, seconds):
     planned = plan_sequence(ARM, READY, [make(move_time=seconds, velocity=1e-3)])
     assert planned.ends == pytest.approx([seconds])
@@ -100,12 +106,15 @@ def test_a_move_time_is_kept_whatever_velocity_says(make, seconds):
 
 REFUSED = {
     'blending': (to_joints(blend_radius=0.01), 'blend_radius = 0.01 m: must be 0'),
-    'too short': (to_joints(move_time=0.01), r'move_time = 0.01 s: the joint limits allow no less'),
+    'too short': (
+        to_joints(move_time=0.01),
+        r'move_time = 0.01 s: the joint limits allow no less',
+    ),
     'tool, too short': (to_pose(move_time=0.02), r'LINEAR_CARTESIAN: '),
     'out of reach': (to_pose((2.0, 0.0, 0.0)), 'out of reach'),
     'there already': (to_pose((0.0, 0.0, 0.0)), 'the tool is there already'),
     'no arc': (to_pose((0.0, 0.1, 0.0), via=(0.0, 0.05, 0.0)), 'no arc leads'),
-    'outside': (to_joints(READY + [9.0, 0, 0, 0, 0, 0]), 'joint_1: target 9 is outside'),
+    'outside': (to_joints(READY + np.eye(6)[0] * 9.0), 'joint_1: target 9 is outside'),
 }
 
 
@@ -124,9 +133,9 @@ def test_a_scara_has_motions_in_joint_space_only():
     start = np.zeros(4)
     target = np.array([0.2, 0.3, -0.05, 0.1])
     assert len(plan_sequence(scara, start, [to_joints(target)]).ends) == 1
+    pose = scara.forward(start)
+    pose[0, 3] -= 0.05
     with pytest.raises(SequenceError, match='joint_3 is prismatic'):
-        pose = scara.forward(start)
-        pose[0, 3] -= 0.05
         plan_sequence(scara, start, [Primitive(Kind.LINEAR_CARTESIAN, pose)])
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`~/execute_motion_primitive_sequence` from a ROS client: joint moves, lines and arcs, executed."""
+"""`~/execute_motion_primitive_sequence` from a ROS client: joint moves, lines and arcs."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -93,7 +93,9 @@ def tool_move(*offsets: tuple[float, float, float], **arguments: float) -> Motio
     pose = ARM.forward(np.array(READY))
     message = joint_move([], **arguments)
     message.type = (
-        MotionPrimitive.CIRCULAR_CARTESIAN if len(offsets) > 1 else MotionPrimitive.LINEAR_CARTESIAN
+        MotionPrimitive.CIRCULAR_CARTESIAN
+        if len(offsets) > 1
+        else MotionPrimitive.LINEAR_CARTESIAN
     )
     for offset in offsets:
         stamped = PoseStamped()
@@ -144,7 +146,7 @@ def test_a_joint_move_a_line_and_an_arc_are_executed_with_feedback(cell: Cell) -
     home = ARM.forward(np.array(READY))[:3, 3]
     begin = int(np.argmin(np.linalg.norm(places - home, axis=1)[: len(places) // 2]))
     end = begin + int(np.argmax(places[begin:, 1]))
-    line = np.array([home, home + [0.0, 0.08, 0.0]])
+    line = np.array([home, home + np.array([0.0, 0.08, 0.0])])
     assert places[end] == pytest.approx(line[1], abs=1e-3)
     assert max(distance_from(place, line) for place in places[begin : end + 1]) < ACCURACY_M
 
