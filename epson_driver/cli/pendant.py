@@ -77,7 +77,7 @@ async def _do(asked: Request | None, args: argparse.Namespace) -> str:
                 return await status(ask, who)
             value = await _first_known(ask, asked.commands)
             done = asked.done if isinstance(asked.done, str) else asked.done(value)
-        except _RejectedError as error:
+        except (RemoteError, _RejectedError) as error:
             raise _RejectedError(f'{error} [{who}]') from error
         except (ValueError, KeyError) as error:
             raise ConnectionError(f'{who}: an answer makes no sense: {error}') from error
