@@ -168,8 +168,11 @@ def _tool_motion(kinematics: Kinematics, start: Array, primitive: Primitive) -> 
     else:
         path = arc(first, primitive.via, primitive.target)
     if not primitive.move_time:
-        given = {'speed': primitive.velocity, 'acceleration': primitive.acceleration}
-        tool = ToolLimits(**{name: value for name, value in given.items() if value is not None})
+        tool = ToolLimits()
+        if primitive.velocity is not None:
+            tool = replace(tool, speed=primitive.velocity)
+        if primitive.acceleration is not None:
+            tool = replace(tool, acceleration=primitive.acceleration)
         return cartesian_trajectory(kinematics, start, path, tool)
     for share in MOVE_SHARES:
         tool = _tool_limits_of_time(path, share * primitive.move_time)
