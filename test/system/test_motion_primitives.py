@@ -144,8 +144,8 @@ def test_a_joint_move_a_line_and_an_arc_are_executed_with_feedback(cell: Cell) -
     states = peer.joint_states[first:]
     places = np.array([ARM.forward(np.array(state.position))[:3, 3] for state in states])
     home = ARM.forward(np.array(READY))[:3, 3]
-    begin = int(np.argmin(np.linalg.norm(places - home, axis=1)[: len(places) // 2]))
-    end = begin + int(np.argmax(places[begin:, 1]))
+    end = int(np.argmax(places[:, 1]))  # of the line, where the arc begins
+    begin = int(np.argmin(np.linalg.norm(places[:end] - home, axis=1)))
     line = np.array([home, home + np.array([0.0, 0.08, 0.0])])
     assert places[end] == pytest.approx(line[1], abs=1e-3)
     assert max(distance_from(place, line) for place in places[begin : end + 1]) < ACCURACY_M
