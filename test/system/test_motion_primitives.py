@@ -68,6 +68,19 @@ class Sequence:
     def cancel(self) -> None:
         self._peer.complete(self._peer.in_executor(self.handle.cancel_goal_async))
 
+    def wait_for_motion(self) -> None:
+        """Wait until the joints move; a sequence that has ended instead says why."""
+        peer = self._peer
+        start = peer.position()
+        peer.wait_for(
+            lambda: (
+                self._result.done()
+                or np.abs(np.array(peer.joint_states[-1].position) - start).max() > 0.01
+            ),
+            'motion',
+        )
+        assert not self._result.done(), self.result()
+
     def result(self) -> tuple[str, int, str]:
         answer = self._peer.complete(self._result)
         return (
@@ -173,7 +186,7 @@ def test_what_cannot_be_is_refused_as_a_whole_and_nothing_moves(cell: Cell) -> N
 def test_cancel_brings_the_arm_to_rest_in_the_middle_of_a_sequence(cell: Cell) -> None:
     to_ready(cell)
     sequence = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW), joint_move(READY)])
-    cell.peer.wait_for_motion()
+    sequence.wait_for_motion()
     sequence.cancel()
     ended, code, text = sequence.result()
     assert (ended, code) == ('canceled', 0), text
@@ -186,7 +199,7 @@ def test_a_sequence_while_a_goal_runs_is_refused_and_a_trajectory_replaces_a_seq
 ) -> None:
     to_ready(cell)
     running = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW)])
-    cell.peer.wait_for_motion()
+    running.wait_for_motion()
     ended, code, text = Sequence(cell.peer, [joint_move(READY)]).result()
     assert (ended, code) == ('aborted', INVALID_GOAL)
     assert 'another goal runs' in text
@@ -202,7 +215,7 @@ def test_a_sequence_while_a_goal_runs_is_refused_and_a_trajectory_replaces_a_seq
 def test_inv4_an_estop_ends_a_sequence_and_the_gate_stays_closed(cell: Cell) -> None:
     to_ready(cell)
     sequence = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW), joint_move(READY)])
-    cell.peer.wait_for_motion()
+    sequence.wait_for_motion()
     cell.pendant('estop', 'press')
     ended, code, text = sequence.result()
     assert (ended, code) == ('aborted', INVALID_GOAL)
