@@ -152,6 +152,7 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             motors=profile.program.motors,
             state_period=profile.state.period,
             smoothing=usual_smoothing(profile.program),
+            configured_as=f'{profile.name}, {model.name}',
         ),
         GoalSettings(
             stopped_velocity=more.stopped_velocity_tolerance,

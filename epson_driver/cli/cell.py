@@ -5,6 +5,7 @@
 Controller and driver are processes of their own, as in a real cell.
 """
 
+import asyncio
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,10 @@ from rich.console import Console
 from epson_driver.cli import processes
 from epson_driver.cli.processes import Ports
 from epson_driver.cli.ros_user import RosUser
+from epson_driver.remote_ethernet.client import logged_in
+from epson_driver.remote_ethernet.identity import identity
+
+TIMEOUT_S = 5.0
 
 
 @contextmanager
@@ -47,9 +52,10 @@ def running_driver(
     client = processes.client(folder / 'client.log', ports, domain, **parameters)
     with processes.ended_at_exit(client):
         console.print(
-            f'sim_controller on 127.0.0.1:{ports.motion} (motion) and :{ports.state} (state), '
-            f'client in ROS domain {domain}',
+            f'sim_controller: {_identity(ports.remote)} (remote), :{ports.motion} (motion), '
+            f':{ports.state} (state); client in ROS domain {domain}',
             highlight=False,
+            soft_wrap=True,
         )
         os.environ.update(processes.ros_environment(domain))  # for the node in this process
         user = RosUser(tuple(joint_names), client.check_alive)
@@ -58,3 +64,13 @@ def running_driver(
             yield user
         finally:
             user.close()
+
+
+def _identity(remote_port: int) -> str:
+    """Return who answers on a remote port of this machine. Raises as `logged_in` does."""
+
+    async def asked() -> str:
+        async with logged_in('127.0.0.1', remote_port, TIMEOUT_S) as ask:
+            return await identity(ask, f'127.0.0.1:{remote_port}')
+
+    return asyncio.run(asked())

@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`pendant`: what a person does at the controller, over its remote port."""
+"""`pendant`: what a person does at the controller, over its remote port.
+
+Every answer says which controller gave it.
+"""
 
 import argparse
 import asyncio
@@ -19,6 +22,7 @@ from epson_driver.cli.pendant_words import (
 from epson_driver.inputs import number
 from epson_driver.remote_ethernet.client import MAX_LOGINS, Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.identity import identity
 from epson_driver.sim_controller.faults.fault_text import describe
 
 ANSWER_TIMEOUT_S = 5.0
@@ -46,8 +50,11 @@ def main() -> int:
         parser.error(str(error))
     try:
         said = asyncio.run(_do(asked, args))
-    except (RemoteError, _RejectedError) as error:
-        print(f'refused: {error} ({args.host}:{args.port})', file=sys.stderr)
+    except _RejectedError as error:
+        print(f'refused: {error}', file=sys.stderr)
+        return 1
+    except RemoteError as error:
+        print(f'refused: {error} [{args.host}:{args.port}]', file=sys.stderr)
         return 1
     except TimeoutError:
         print(f'no answer from {args.host}:{args.port} in {args.timeout:g} s', file=sys.stderr)
@@ -55,21 +62,27 @@ def main() -> int:
     except ConnectionError as error:
         print(f'no controller: {error}', file=sys.stderr)
         return 1
-    print(said if asked is None else f'{said} ({args.host}:{args.port})')
+    print(said)
     return 0
 
 
 async def _do(asked: Request | None, args: argparse.Namespace) -> str:
+    """Return what was done or found out, and by whom. None asks for the state."""
     host, port = args.host, args.port
     logins = max(MAX_LOGINS, round(args.timeout))
     async with logged_in(host, port, args.timeout, args.password, logins) as ask:
+        who = await identity(ask, f'{host}:{port}')
         try:
             if asked is None:
-                return await status(ask, f'{host}:{port}')
+                return await status(ask, who)
             value = await _first_known(ask, asked.commands)
-            return asked.done if isinstance(asked.done, str) else asked.done(value)
+            done = asked.done if isinstance(asked.done, str) else asked.done(value)
+        except (RemoteError, _RejectedError) as error:
+            raise _RejectedError(f'{error} [{who}]') from error
         except (ValueError, KeyError) as error:
-            raise ConnectionError(f'{host}:{port}: an answer makes no sense: {error}') from error
+            raise ConnectionError(f'{who}: an answer makes no sense: {error}') from error
+        between = '\n' if '\n' in done else ' '
+        return f'{done}{between}[{who}]'
 
 
 async def _first_known(ask: Ask, commands: Sequence[str]) -> str:

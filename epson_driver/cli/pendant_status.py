@@ -25,17 +25,17 @@ SCARA_JOINTS = 4
 _INDENT = '\n' + ' ' * 8
 
 
-async def status(ask: Ask, address: str) -> str:
+async def status(ask: Ask, who: str) -> str:
     """Query all that a controller, real or simulated, reports; return it as rows of text.
 
-    `address`: whose it is.
+    `who`: whose state it is.
     """
     flags, number = await ask_flags(ask)
-    simulated = await _if_known(ask, 'Sim,condition')
-    condition = dict(part.split('=', 1) for part in (simulated or '').split(';') if part)
+    regions = await _if_known(ask, 'Sim,condition') or ''
+    condition = dict(part.split('=', 1) for part in regions.split(';') if part)
     motor = (await _if_known(ask, 'GetMotor,0') or '').split(',')
     rows = {
-        'at': address if simulated is None else f'{address} (simulated)',
+        'at': who,
         'motors': condition.get('motors') or _on(motor[1:2], 'on', 'off'),
         'power': condition.get('power') or _on(motor[2:3], 'high', 'low'),
         'E-stop': _estop(flags, condition),

@@ -21,6 +21,9 @@ from epson_driver.robots.opw import KinematicsError, opw_parameters
 
 COLOURS = {'high': 'green', 'medium': 'yellow', 'low': 'red'}
 
+LEVELS = {'high': 'confirmed', 'medium': 'one source', 'low': 'estimated'}
+"""What a confidence means for the quantities that have it."""
+
 
 @dataclass(frozen=True)
 class Sheet:
@@ -52,9 +55,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver robots',
         description='List the robot models; with NAME, all numbers of one and their sources.',
-        epilog="confidence: high (two independent sources, or EPSON's own for this model), medium "
-        '(one source, or a sister model), low (a proxy or a guess). Check everything that is not '
-        'high against the manipulator manual.',
+        epilog="confirmed: by two independent sources, or EPSON's own for this model (high); one "
+        'source: or inferred from a sister model (medium); estimated: a proxy, from memory, or a '
+        'guess (low). Check everything that is not confirmed against the manipulator manual.',
     )
     parser.add_argument(
         'name',
@@ -86,20 +89,22 @@ def _print(sheets: Iterable[Sheet], console: Console, plain: bool) -> None:
 
 def _listed() -> list[Sheet]:
     models = [load_robot_model(name) for name in robot_models()]
-    head = ('name', 'kind', 'axes', 'reach [mm]', 'payload [kg]', 'confidence', 'low')
+    head = ('name', 'kind', 'axes', 'reach [mm]', 'payload [kg]', *LEVELS.values())
     return [Sheet('', head, tuple(_line(model) for model in models))]
 
 
 def _line(model: RobotModel) -> tuple[str, ...]:
-    low = [name for name, origin in model.provenance.items() if origin.worst == 'low']
+    by_level = {
+        level: [name for name, origin in model.provenance.items() if origin.worst == level]
+        for level in LEVELS
+    }
     return (
         model.name,
         model.kind,
         str(len(model.joint_names)),
         f'{model.reach[0] * 1e3:.0f}',
         '' if model.payload is None else f'{model.payload:g}',
-        model.confidence,
-        ', '.join(low),
+        *(', '.join(names) for names in by_level.values()),
     )
 
 

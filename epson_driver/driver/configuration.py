@@ -25,7 +25,8 @@ class Configuration:
     trajectories reach it, `mapping` how it counts joints; None: as ROS does. Where the
     byte order is not given, `usual_byte_order` holds until its messages show it. `motors`: how
     they are switched, and errors reset. `state_period`: s between two messages of its state, to
-    begin with. `margins`: how far beyond `limits` its joints may be.
+    begin with. `margins`: how far beyond `limits` its joints may be. `configured_as`: what kind of
+    controller and robot that is, for people.
     """
 
     host: str
@@ -45,3 +46,4 @@ class Configuration:
     motors: MotorsKind = 'remote_ethernet'
     state_period: float = 0.005
     margins: Margins = DEFAULT_MARGINS
+    configured_as: str = ''

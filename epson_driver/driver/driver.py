@@ -160,7 +160,8 @@ class Driver:
         self.stop_due = False
         """STOP is to be sent on this motion connection before anything else."""
         links = (self.state_link, self.motion_link)
-        self._reports = {link.name: LinkReports(link) for link in links}
+        kind = configuration.configured_as
+        self._reports = {link.name: LinkReports(link, kind) for link in links}
 
     async def run(self) -> None:
         """Keep the links alive until cancelled. On the way out the arm is stopped.

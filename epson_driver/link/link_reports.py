@@ -21,10 +21,14 @@ _log = logging.getLogger(__name__)
 
 
 class LinkReports:
-    """Reports of one link. `tell` is called on each change of its state, in the event loop."""
+    """Reports of one link. `tell` is called on each change of its state, in the event loop.
 
-    def __init__(self, link: Link) -> None:
+    `configured_as`: what the peer is taken for, as the protocol has no message that tells it.
+    """
+
+    def __init__(self, link: Link, configured_as: str = '') -> None:
         self._link = link
+        self._peer = f', configured as {configured_as}' if configured_as else ''
         self._missed = False
         self._short = 0
         self._connected_at: float | None = None
@@ -53,7 +57,7 @@ class LinkReports:
 
     def _connected(self, why: str) -> None:
         self._missed = False
-        _log.info('%s link connected: %s', self._link.name, why)
+        _log.info('%s link connected: %s%s', self._link.name, why, self._peer)
 
     def _lost(self, why: str, now: float) -> None:
         connected, self._connected_at = self._connected_at, None

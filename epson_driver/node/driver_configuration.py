@@ -54,6 +54,7 @@ def driver_configuration(
         motors=profile.program.motors,
         state_period=profile.state.period,
         margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
+        configured_as=f'{profile.name}, {model.name}',
         smoothing=Smoothing(
             None if values['smoothing'] == 'none' else values['resample_period'],
             time_optimal=values['timing'] == 'time_optimal',

@@ -2,19 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the request of a goal, as it comes from ROS, to a goal for the driver's queue."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
 from rclpy.clock import Clock
 
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_checks import untimed
 from epson_driver.driver.goal.tolerances import Tolerances
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
-from epson_driver.motion import JointLimits
+from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.node.trajectory_messages import (
     duration_in_s,
     tolerances_from_messages,
@@ -47,9 +48,23 @@ class GoalRequests:
         if values['timing'] == 'time_optimal':
             trajectory = untimed(trajectory, self._limits)
         self._check_stamp(request.trajectory.header.stamp, trajectory.duration)
-        path = self._tolerances(request, 'path_tolerance', 'trajectory')
-        goal = self._tolerances(request, 'goal_tolerance', 'goal')
         goal_time = duration_in_s(request.goal_time_tolerance)
+        return self._goal(trajectory, request.path_tolerance, request.goal_tolerance, goal_time)
+
+    def planned_goal(self, trajectory: Trajectory) -> Goal:
+        """Return the goal of a trajectory that was planned here: the parameters' tolerances."""
+        return self._goal(trajectory, (), (), 0.0)
+
+    def _goal(
+        self,
+        trajectory: Trajectory,
+        path_tolerance: Sequence[JointTolerance],
+        goal_tolerance: Sequence[JointTolerance],
+        goal_time: float,
+    ) -> Goal:
+        values = self._parameters
+        path = self._tolerances(path_tolerance, 'path_tolerance', 'trajectory')
+        goal = self._tolerances(goal_tolerance, 'goal_tolerance', 'goal')
         return Goal(
             trajectory,
             goal.position,
@@ -60,13 +75,11 @@ class GoalRequests:
             may_end_moving=values['allow_nonzero_velocity_at_trajectory_end'],
         )
 
-    def _tolerances(
-        self, request: FollowJointTrajectory.Goal, field: str, default: str
-    ) -> Tolerances:
+    def _tolerances(self, given: Sequence[JointTolerance], field: str, default: str) -> Tolerances:
         """Return a field's tolerances over the parameters `constraints.<joint>.<default>`."""
         names = self._limits.names
         defaults = [self._parameters[f'constraints.{name}.{default}'] for name in names]
-        return tolerances_from_messages(getattr(request, field), field, names, np.array(defaults))
+        return tolerances_from_messages(given, field, names, np.array(defaults))
 
     def _check_stamp(self, stamp: Time, duration: float) -> None:
         """Raise GoalRejectedError for a trajectory that has ended, or begins much later."""

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -24,12 +24,13 @@ from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalHandle
-from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.outcome import GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.node import messages
+from epson_driver.node.goal_action import ActionType, GoalAction, Prepared, log_outcome
 from epson_driver.node.goal_requests import GoalRequests
-from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, LoopBridge
+from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.point_streams import PointStreams
 from epson_driver.node.throttle import Throttle
 
@@ -63,7 +64,6 @@ class GoalServer:
         self._bridge = bridge
         self._parameters = parameters
         self.requests = GoalRequests(driver.configuration.limits, parameters, self._clock)
-        self._handles: dict[bytes, GoalHandle] = {}
         self._feedback_throttle = Throttle()
         self._point_streams = PointStreams()
         self._controller_state = node.create_publisher(
@@ -73,74 +73,31 @@ class GoalServer:
             node.create_subscription(
                 JointTrajectory, topic, self._on_trajectory, 10, callback_group=callback_group
             )
-        self.action_server = ActionServer(
-            node,
+        action = ActionType(
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
-            self._execute,
-            goal_callback=lambda goal: GoalResponse.ACCEPT,  # a rejected one needs a result
-            cancel_callback=self._cancel,
-            callback_group=callback_group,
-            goal_service_qos_profile=REQUEST_QOS,
-            result_service_qos_profile=REQUEST_QOS,
-            cancel_service_qos_profile=REQUEST_QOS,
-            result_timeout=RESULT_TIMEOUT_S,
+            self._prepare,
+            self._queue.submit,
+            messages.result,
+            RESULT_TIMEOUT_S,
         )
+        self._action = GoalAction(node, action, self._queue, bridge, callback_group)
+
+    @property
+    def action_server(self) -> ActionServer:
+        """The server of the action in rclpy."""
+        return self._action.server
 
     @property
     def busy(self) -> bool:
         """True while a goal of the action has not got its result."""
-        return bool(self._handles)
+        return self._action.busy
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
 
-    async def _execute(self, ros_handle: ServerGoalHandle) -> FollowJointTrajectory.Result:
-        """Hand a goal to the driver and wait for its outcome."""
-        key = bytes(ros_handle.goal_id.uuid)
-        try:
-            outcome = await self._outcome(key, ros_handle)
-        except GoalRejectedError as rejection:
-            outcome = rejection.outcome
-        except DriverEndedError as error:
-            outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, str(error))
-        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
-            text = self._bridge.failed('~/follow_joint_trajectory', error)
-            outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text)
-        self._log_outcome(outcome)
-        if outcome.end is End.SUCCEEDED:
-            ros_handle.succeed()
-        elif outcome.end is End.CANCELED and ros_handle.status == GoalStatus.STATUS_CANCELING:
-            ros_handle.canceled()
-        else:
-            ros_handle.abort()
-        self._handles.pop(key, None)
-        return messages.result(outcome)
-
-    async def _outcome(self, key: bytes, ros_handle: ServerGoalHandle) -> Outcome:
-        """Return how a goal ended. Raises GoalRejectedError, DriverEndedError."""
+    async def _prepare(self, ros_handle: ServerGoalHandle) -> Prepared:
         goal = self.requests.checked_goal(ros_handle.request)
-        done = self._bridge.create_future()
-        handle = GoalHandle(
-            goal, partial(self._bridge.resolve, done), partial(self._on_feedback, ros_handle)
-        )
-        self._handles[key] = handle
-        self._bridge.to_loop(self._queue.submit, handle)
-        if ros_handle.is_cancel_requested:
-            self._bridge.to_loop(self._queue.cancel, handle)
-        outcome: Outcome = await self._bridge.wait_for(done)
-        return outcome
-
-    def _cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
-        try:
-            handle = self._handles.get(bytes(ros_handle.goal_id.uuid))
-            if handle is not None:
-                self._bridge.to_loop(self._queue.cancel, handle)
-        except DriverEndedError:
-            return CancelResponse.REJECT
-        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
-            self._bridge.failed('canceling a goal', error)
-            return CancelResponse.REJECT
-        return CancelResponse.ACCEPT
+        return Prepared(goal, partial(self._on_feedback, ros_handle))
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         """Execute a trajectory without an action client; one without points stops the arm."""
@@ -169,15 +126,19 @@ class GoalServer:
     def _on_feedback(
         self, ros_handle: ServerGoalHandle | None, execution: GoalExecution, sample: JointSample
     ) -> None:
-        """Publish action feedback and `~/controller_state` at `action_monitor_rate`."""
+        stamp = self.publish_state(execution, sample)
+        if stamp is not None and ros_handle is not None:
+            ros_handle.publish_feedback(messages.feedback(execution, sample, stamp))
+
+    def publish_state(self, execution: GoalExecution, sample: JointSample) -> Time | None:
+        """Publish `~/controller_state` at `action_monitor_rate`; return its stamp, if due."""
         if not self._feedback_throttle.passes(
             sample.time, self._parameters['action_monitor_rate']
         ):
-            return
+            return None
         stamp = self._clock.now().to_msg()
         self._controller_state.publish(messages.controller_state(execution, sample, stamp))
-        if ros_handle is not None:
-            ros_handle.publish_feedback(messages.feedback(execution, sample, stamp))
+        return stamp
 
     def _begin_stop(self) -> None:
         task = self._loop.create_task(self._stop_for_topic())
@@ -190,8 +151,4 @@ class GoalServer:
             self._logger.error(f'empty trajectory: {error}')
 
     def _log_outcome(self, outcome: Outcome) -> None:
-        text = f'goal {outcome.end.value}: {outcome.text}'
-        if outcome.end is End.SUCCEEDED:  # a line each: rclpy allows a line one severity
-            self._logger.info(text)
-        else:
-            self._logger.warning(text)
+        log_outcome(self._logger, outcome)

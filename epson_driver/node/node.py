@@ -32,6 +32,7 @@ from epson_driver.node.driver_configuration import driver_configuration, goal_se
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.io_interface import IoInterface
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
+from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.ros_log import context_of
 from epson_driver.node.ros_time import RosTimeStamps
 from epson_driver.node.speed_scaling import SpeedScalingInterface
@@ -90,6 +91,9 @@ class ClientNode:
         self.goal_server = GoalServer(
             node, self.driver, self.commands, self._bridge, self._parameters, group
         )
+        self._primitives = MotionPrimitives(
+            node, self.driver, self.goal_server, self._bridge, self._parameters, group
+        )
         node.add_on_set_parameters_callback(self._on_set_parameters)
         self.on_link_state(self.driver.state_link.state.value, 'starting')
 
@@ -104,18 +108,22 @@ class ClientNode:
 
         Raises TimeoutError if that takes longer than RESULTS_TIMEOUT_S.
         """
-        busy = self.goal_server.busy
+        busy = self._busy
         await self._loop.create_task(self.driver.shut_down(), context=self._context)
         executor = self._node.executor
         async with asyncio.timeout(RESULTS_TIMEOUT_S):
             waiting = busy
             while waiting:  # and once more: the last result leaves right after its handle
-                waiting = self.goal_server.busy
+                waiting = self._busy
                 passed = asyncio.Event()
                 executor.create_task(self._loop.call_soon_threadsafe, passed.set)
                 await passed.wait()
         if busy:
             await asyncio.sleep(RESULTS_LINGER_S)
+
+    @property
+    def _busy(self) -> bool:
+        return self.goal_server.busy or self._primitives.busy
 
     def end(self) -> None:
         """Have every request answered that still waits: the loop has ended. In any thread."""

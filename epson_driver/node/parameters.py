@@ -350,8 +350,17 @@ def declare(node: Node) -> dict[str, Any]:
 
 
 def undeclared(node: Node) -> Iterator[str]:
-    """Yield a sentence for each parameter that was given to a node and that it does not have."""
-    for name in node._parameter_overrides:
+    """Yield a sentence for each parameter that was given to a node and that it does not have.
+
+    rclpy has no public list of what was given. Its automatically_declare_parameters_from_overrides
+    would make one, but for an empty array it raises an error that names no parameter, before
+    `declare` can say what is wrong. Should the private one be gone some day, that is said.
+    """
+    given = getattr(node, '_parameter_overrides', None)
+    if given is None:
+        yield 'this rclpy does not say which parameters were given: misspelled ones are ignored'
+        return
+    for name in given:
         if not node.has_parameter(name):
             near = near_name(name, node.get_parameters_by_prefix(''))
             yield f'parameter {name} is ignored: there is none of that name' + (

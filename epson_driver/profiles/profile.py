@@ -187,12 +187,16 @@ class ServerProfile:
     `lost_client` is what the arm does when the motion client is gone: 'brake', and its motors go
     off; 'finish' the points it has, motors on; 'keep' them: it stands, motors on, and goes on when
     the next client connects.
+
+    `full` is what happens to a motion or state client too many: 'refuse' it, or let it 'replace'
+    the one that came first, unless the arm has somewhere to go.
     """
 
     reconnect: bool
     byte_by_byte: bool
     aborted: Literal['refuse', 'silent', 'close']
     lost_client: Literal['brake', 'finish', 'keep']
+    full: Literal['refuse', 'replace']
     state_clients: int
     io_clients: int
 

@@ -120,6 +120,7 @@ RULES: dict[str, Rule] = {
     'server.byte_by_byte': _YES_OR_NO,
     'server.aborted': choice('refuse', 'silent', 'close'),
     'server.lost_client': choice('brake', 'finish', 'keep'),
+    'server.full': choice('refuse', 'replace'),
     'server.state_clients': _CLIENTS,
     'server.io_clients': _CLIENTS,
     'spel.project': _TEXT,

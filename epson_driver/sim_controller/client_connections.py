@@ -214,6 +214,13 @@ class ClientConnections:
         for connection in [held for held in self._connections if held.port == port]:
             connection.dismiss()
 
+    def make_room(self, port: str) -> None:
+        """Close the connection of the port's oldest client, unless the arm has somewhere to go."""
+        held = [connection for connection in self._connections if connection.port == port]
+        if held and not self._controller.moving:
+            _log.warning('the oldest %s client makes room for another one', port)
+            held[0].hang_up()
+
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the least claim to it, if any."""
         connection = min(self._remote, key=lambda connection: connection.claim, default=None)

@@ -86,6 +86,9 @@ class Clients(Protocol):
     def dismiss(self, port: str) -> None:
         """Close the connections of all clients of the port once they have got what was sent."""
 
+    def make_room(self, port: str) -> None:
+        """Close the connection of the port's oldest client, unless the arm has somewhere to go."""
+
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the least claim to it, if any."""
 

@@ -66,7 +66,7 @@ def said(monkeypatch, capsys):
         code = pendant.main()
         output = capsys.readouterr()
         text = output.out + output.err
-        return code, text.replace(f' (127.0.0.1:{port})', '')
+        return code, re.sub(rf'\s\[[^\]]*\b127\.0\.0\.1:{port}\]', '', text)
 
     return say
 
@@ -114,7 +114,7 @@ def test_motors_estop_and_reset(ask, done):
 def test_status_of_a_controller_that_just_booted(done):
     text = re.sub(r'late: .*', 'late:', done('status'))
     address, *rows = text.splitlines()
-    assert re.fullmatch(r'at:     127\.0\.0\.1:\d+ \(simulated\)', address)
+    assert re.fullmatch(r'at:     rc620 \(simulated\), c3_a601s, 127\.0\.0\.1:\d+', address)
     assert rows == [
         'motors: off',
         'power:  low',
@@ -404,12 +404,14 @@ def test_status_of_a_real_controller(said):
         **{f'Execute,"Print Agl({joint})"': '#Execute," 0.000"' for joint in range(1, 5)},
         'Execute,"Print Agl(5)"': '!Execute,20',
         'Execute,"Print Agl(1),Agl(2),Agl(3),Agl(4)"': '#Execute," 1.500  0.000 0.000 90.000"',
+        'GetContType': '#GetContType,RC700-A',
+        'GetRobotInfo': '#GetRobotInfo,1,4,GX4-C251S',
     }
     with Answers(answers) as real:
         code, text = said(real.port, 'status')
     assert code == 0
     assert text.splitlines() == [
-        f'at:     127.0.0.1:{real.port}',
+        f'at:     RC700-A, GX4-C251S, 127.0.0.1:{real.port}',
         'motors: on',
         'power:  high',
         'E-stop: not active',
@@ -534,7 +536,23 @@ def test_whoever_is_told_something_is_named(port, monkeypatch, capsys):
         code = pendant.main()
         text = getattr(capsys.readouterr(), place)
         assert (code == 0) == (place == 'out')
-        assert text.endswith(f' (127.0.0.1:{port})\n'), text
+        assert text.endswith(f' [rc620 (simulated), c3_a601s, 127.0.0.1:{port}]\n'), text
+
+
+@pytest.mark.parametrize('words', ['motors on', 'power high', 'estop press'])
+def test_of_a_real_controller_what_it_tells_is_said(words, monkeypatch, capsys):
+    answers = {
+        'GetContType': '#GetContType,RC90-B',
+        'GetRobotInfo': '#GetRobotInfo,=;,;==,7',
+        'SetMotorsOn,1': '#SetMotorsOn,0',
+        'Execute,"Power High"': '!Execute,20',
+    }
+    with Answers(answers) as real:
+        words = ['pendant', '--port', str(real.port), *words.split()]
+        monkeypatch.setattr(sys, 'argv', words)
+        pendant.main()
+    output = capsys.readouterr()
+    assert (output.out + output.err).endswith(f' [RC90-B, 127.0.0.1:{real.port}]\n')
 
 
 def test_a_reader_that_has_read_enough_is_no_error(port):

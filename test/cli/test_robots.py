@@ -41,18 +41,21 @@ def test_into_a_pipe_it_lists_every_model_with_tabs() -> None:
     done = run()
     assert (done.returncode, done.stderr) == (0, '')
     head, *lines = done.stdout.splitlines()
-    assert head == 'name\tkind\taxes\treach [mm]\tpayload [kg]\tconfidence\tlow'
+    assert head == ('name\tkind\taxes\treach [mm]\tpayload [kg]\tconfirmed\tone source\testimated')
     rows = [line.split('\t') for line in lines]
     assert [row[0] for row in rows] == list(robot_models())
-    for name, kind, axes, reach, payload, confidence, low in rows:
+    for name, kind, axes, reach, payload, *confidences in rows:
         model = load_robot_model(name)
         assert (kind, axes) == (model.kind, str(len(model.joint_names)))
         assert float(reach) == pytest.approx(model.reach[0] * 1e3, abs=0.5)
         assert float(payload) == model.payload
-        assert confidence == model.confidence
-        assert low.split(', ') == [
-            quantity for quantity, origin in model.provenance.items() if origin.worst == 'low'
-        ]
+        for level, listed in zip(('high', 'medium', 'low'), confidences, strict=True):
+            assert [*filter(None, listed.split(', '))] == [
+                quantity for quantity, origin in model.provenance.items() if origin.worst == level
+            ]
+    confirmed, _one_source, estimated = next(row[5:] for row in rows if row[0] == 'c3_a601s')
+    assert 'position' in confirmed.split(', ')
+    assert {'acceleration', 'jerk', 'payload'} <= set(estimated.split(', '))
 
 
 def test_one_model_is_shown_in_degrees_and_in_si(c3: dict[str, dict[str, list[str]]]) -> None:

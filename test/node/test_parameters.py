@@ -248,6 +248,19 @@ def test_a_parameter_that_nobody_declares_is_named_with_the_nearest(node):
     }
 
 
+def test_rclpy_still_has_the_private_list_of_parameters_that_were_given(node):
+    """If this fails, `undeclared` needs another way to what was given."""
+    assert set(node(qqq=1)._parameter_overrides) == {'qqq'}
+
+
+def test_without_that_list_it_says_that_misspelled_parameters_are_ignored(node):
+    made = node(qqq=1)
+    declare(made)
+    del made._parameter_overrides
+    (sentence,) = undeclared(made)
+    assert 'misspelled ones are ignored' in sentence
+
+
 def test_every_parameter_of_the_table_is_declared(node):
     made = node(robot_ip='127.0.0.1', smoothing='none', constraints__goal_time=1.0)
     declare(made)

@@ -126,7 +126,7 @@ def test_the_others_differ_where_it_is_known():
     assert (motoman.program.kind, motoman.state.message) == ('motoman', 'joint_feedback')
     assert dataclasses.astuple(motoman.ports)[:3] == (50240, 50241, 50242)
     server = motoman.server
-    assert (server.state_clients, server.io_clients) == (4, 1)
+    assert (server.full, server.state_clients, server.io_clients) == ('replace', 4, 1)
     assert (motoman.motion.look_ahead, motoman.motion.pending_limit) == (200 * 0.004, 1)
     assert (motoman.state.period, motoman.state.errors) == (0.025, 'alarms')
 
@@ -171,6 +171,7 @@ WRONG = [
     ('state.speed', 1, 'is not a key'),
     ('state', 7, 'state is not a key'),
     ('server.aborted', 'dance', 'must be refuse or silent or close'),
+    ('server.full', 'queue', 'must be refuse or replace'),
     ('io', [], 'must be a mapping'),
     ('io.digital_inputs', -1, 'must be a whole number'),
     ('io.lamps', 1, 'is not a key'),

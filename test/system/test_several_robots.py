@@ -218,7 +218,10 @@ def test_speed_scaling_is_apart(fleet: Fleet) -> None:
 def test_the_log_says_which_robot(fleet: Fleet) -> None:
     for name in NAMES:
         port = fleet.ports[name].motion
-        said = f'[{name}.epson_driver]: motion link connected: 127.0.0.1:{port}'
+        said = (
+            f'[{name}.epson_driver]: motion link connected: 127.0.0.1:{port}, '
+            'configured as rc620, c3_a601s'
+        )
         assert said in fleet.log_text()
 
 

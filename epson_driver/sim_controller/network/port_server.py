@@ -53,7 +53,8 @@ class PortRules(NamedTuple):
     unread is disconnected; `send_buffer` is what the system may hold beside that, None for its
     default. Where `half_closed`, a client that has shut its own side is still sent to. `chunk`
     bytes are taken at once; all clients together use at most the part `share` of the processor's
-    time, after what each has saved up; None: as much as they like.
+    time, after what each has saved up; None: as much as they like. Where `replace`, the oldest
+    client makes room for one more.
     """
 
     name: str
@@ -63,13 +64,17 @@ class PortRules(NamedTuple):
     half_closed: bool = False
     chunk: int = 1024
     share: float | None = 0.2
+    replace: bool = False
 
 
 def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
     """Return the rules of all ports, in the order of `servers.Ports`."""
+    replace = server.full == 'replace'
     return (
-        PortRules('motion', 1, chunk=4096, share=None),  # nothing may hold up its STOP
-        PortRules('state', server.state_clients, 4096, 16_384, half_closed=True),  # a third of a s
+        PortRules('motion', 1, chunk=4096, share=None, replace=replace),  # its STOP is not held up
+        PortRules(  # its bytes are those of a third of a second
+            'state', server.state_clients, 4096, 16_384, half_closed=True, replace=replace
+        ),
         PortRules('io', server.io_clients, 16_384),
         PortRules('remote', None, 16_384, chunk=128),  # a command may have two characters
     )
@@ -78,7 +83,8 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
 class PortServer:
     """Accepts clients of one port and serves each in a task of its own.
 
-    One client more than there may be is closed at once, and the others do not notice it. With the
+    One client more than there may be is closed at once, and the others do not notice it, unless
+    the rules let it replace one of them. With the
     same `turn` for all ports, one client is listened to in a turn of the loop, and then the next:
     what comes between two looks at the clock is bounded, however many clients never pause.
     """
@@ -203,8 +209,12 @@ class PortServer:
         await self._attend(connection)
 
     async def _attend(self, connection: TcpConnection) -> None:
+        rules = self._rules
         try:
             if self._places is not None:
+                if rules.replace and self._places.locked():
+                    with self._pacer.present() as controller:
+                        controller.clients.make_room(rules.name)
                 async with asyncio.timeout(HANDOVER_S):
                     await self._places.acquire()
             try:

@@ -70,6 +70,11 @@ def _condition(controller: ControllerInterface, parameters: list[str]) -> str:
     return ';'.join(f'{name}={getattr(controller.condition, name).value}' for name in REGIONS)
 
 
+def _identity(controller: ControllerInterface, parameters: list[str]) -> str:
+    expect(parameters, 0)
+    return f'controller={controller.profile.name};robot={controller.model.name}'
+
+
 def _io(controller: ControllerInterface, parameters: list[str]) -> str | None:
     expect(parameters, 0, 3)
     if not parameters:
@@ -184,6 +189,7 @@ SIM_COMMANDS: dict[str, SimCommand] = {
         _fault,
     ),
     'reboot': SimCommand('reboot[,seconds]', 'the fault reboot: off and on again', _reboot),
+    'identity': SimCommand('identity', 'its profile and its robot model', _identity),
     'condition': SimCommand('condition', 'what the controller is in, by region', _condition),
     'tasks': SimCommand('tasks', 'number=name,type,state of each task', _tasks),
     'timing': SimCommand(

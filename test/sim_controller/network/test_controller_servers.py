@@ -127,6 +127,39 @@ async def test_a_second_motion_client_is_refused_and_the_first_goes_on(served):
     assert served.controller.condition.motors is Motors.ON
 
 
+@pytest.mark.parametrize('port', ['motion', 'state'])
+def test_one_client_too_many_replaces_the_oldest_unless_the_arm_moves(port):
+    """As MotoROS does, where the profile says so (`server.full`)."""
+    server = replace(PROFILE.server, full='replace', lost_client='keep', state_clients=1)
+
+    async def test():
+        async with serving(replace(PROFILE, server=server)) as served:
+            served.controller.apply(Event.MOTORS_ON)
+            commands = (await served.connect('motion'))[1]
+            oldest = (await served.connect(port))[0] if port == 'state' else None
+            commands.write(point(0, FAR, SLOW))
+            await until(lambda: served.controller.in_motion)
+            refused, _ = await served.connect(port)
+            assert await rejected(refused)
+            commands.write(point(STOP))
+            await until(lambda: not served.controller.moving)
+            newest, newest_writer = await served.connect(port)
+            newest_writer.write(frame(1, 2, 0))
+            assert (await read_until(newest, 1))[1:] == (3, SUCCESS, b'')
+            if oldest is not None:
+                await read_to_the_end(oldest)
+            assert served.controller.condition.motors is Motors.ON
+
+    run(test())
+
+
+async def read_until(reader, msg_type):
+    while True:
+        received = await read_frame(reader)
+        if received[0] == msg_type:
+            return received
+
+
 async def rejected(reader):
     try:
         return await reader.read() == b''

@@ -393,6 +393,11 @@ def test_what_came_too_late_can_be_asked_for(remote):
     assert remote('Sim,timing') == '#Sim,7,2,1,3'
 
 
+def test_it_says_what_it_is(remote):
+    assert remote('Sim,identity') == '#Sim,controller=rc620;robot=c3_a601s'
+    assert remote('Sim,identity,1') == '!Sim,12'
+
+
 def test_faults_begin_are_listed_and_cleared(remote):
     assert remote('Sim,fault') == '#Sim,'
     assert remote('Sim,fault,delay,seconds=0.2,port=state') == '#Sim,0'

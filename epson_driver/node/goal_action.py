@@ -1,0 +1,157 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""An action whose goals the driver's queue executes. Every request is accepted and ends once.
+
+What differs from action to action, how a request becomes a goal and what feedback and result look
+like, is given to it.
+"""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import CallbackGroup
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
+
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_queue import GoalHandle, GoalQueue
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, LoopBridge
+
+CANCELED = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled before it could start')
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What a request asks for. `on_feedback` is called in the loop, with each sample."""
+
+    goal: Goal
+    on_feedback: Callable[[GoalExecution, JointSample], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ActionType:
+    """What is particular to an action.
+
+    kind: its ROS type, name: such as `~/follow_joint_trajectory`. prepare: reads and checks a
+    request, in the executor; it may raise GoalRejectedError. submit: hands a goal to the queue, in
+    the loop. result: makes the action's result of an outcome. result_timeout: how long that is
+    kept for who asks late, s.
+    """
+
+    kind: Any
+    name: str
+    prepare: Callable[[ServerGoalHandle], Awaitable[Prepared]]
+    submit: Callable[[GoalHandle], None]
+    result: Callable[[Outcome], Any]
+    result_timeout: int
+
+
+class GoalAction:
+    """Serves an action over the driver's queue of goals."""
+
+    def __init__(
+        self,
+        node: Node,
+        action: ActionType,
+        queue: GoalQueue,
+        bridge: LoopBridge,
+        callback_group: CallbackGroup,
+    ) -> None:
+        self._logger = node.get_logger()
+        self._action = action
+        self._queue = queue
+        self._bridge = bridge
+        self._handles: dict[bytes, GoalHandle | None] = {}
+        """The goals without a result; None while one is being prepared."""
+        self.server = ActionServer(
+            node,
+            action.kind,
+            action.name,
+            self._execute,
+            goal_callback=lambda goal: GoalResponse.ACCEPT,  # a rejected one needs a result
+            cancel_callback=self._cancel,
+            callback_group=callback_group,
+            goal_service_qos_profile=REQUEST_QOS,
+            result_service_qos_profile=REQUEST_QOS,
+            cancel_service_qos_profile=REQUEST_QOS,
+            result_timeout=action.result_timeout,
+        )
+
+    @property
+    def busy(self) -> bool:
+        """True while a goal has not got its result."""
+        return bool(self._handles)
+
+    async def _execute(self, ros_handle: ServerGoalHandle) -> Any:
+        """Hand a goal to the driver and wait for its outcome."""
+        key = bytes(ros_handle.goal_id.uuid)
+        self._handles[key] = None
+        try:
+            outcome = await self._outcome(key, ros_handle)
+        except GoalRejectedError as rejection:
+            outcome = CANCELED if ros_handle.is_cancel_requested else rejection.outcome
+        except DriverEndedError as error:
+            outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, str(error))
+        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
+            text = self._bridge.failed(self._action.name, error)
+            outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text)
+        log_outcome(self._logger, outcome)
+        if outcome.end is End.SUCCEEDED:
+            ros_handle.succeed()
+        elif outcome.end is End.CANCELED and ros_handle.status == GoalStatus.STATUS_CANCELING:
+            ros_handle.canceled()
+        else:
+            ros_handle.abort()
+        self._handles.pop(key, None)
+        return self._action.result(outcome)
+
+    async def _outcome(self, key: bytes, ros_handle: ServerGoalHandle) -> Outcome:
+        """Return how a goal ended. Raises GoalRejectedError, DriverEndedError."""
+        prepared = await self._action.prepare(ros_handle)
+        if ros_handle.is_cancel_requested:
+            return CANCELED
+        done = self._bridge.create_future()
+        handle = GoalHandle(
+            prepared.goal, partial(self._bridge.resolve, done), prepared.on_feedback
+        )
+        self._handles[key] = handle
+        self._bridge.to_loop(self._action.submit, handle)
+        if ros_handle.is_cancel_requested:
+            self._bridge.to_loop(self._queue.cancel, handle)
+        outcome: Outcome = await self._bridge.wait_for(done)
+        return outcome
+
+    def _cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
+        try:
+            handle = self._handles.get(bytes(ros_handle.goal_id.uuid))
+            if handle is not None:
+                self._bridge.to_loop(self._queue.cancel, handle)
+        except DriverEndedError:
+            return CancelResponse.REJECT
+        except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm
+            self._bridge.failed('canceling a goal', error)
+            return CancelResponse.REJECT
+        return CancelResponse.ACCEPT
+
+
+def log_outcome(logger: RcutilsLogger, outcome: Outcome) -> None:
+    """Log how a goal ended."""
+    text = outcome_line(outcome)
+    if outcome.end is End.SUCCEEDED:  # a line each: rclpy allows a line one severity
+        logger.info(text)
+    else:
+        logger.warning(text)
+
+
+def outcome_line(outcome: Outcome) -> str:
+    """Return how a goal ended as a line, which does not say twice that it was canceled."""
+    end, text = outcome.end.value, outcome.text
+    return f'goal {text}' if text.startswith(end) else f'goal {end}: {text}'

@@ -1,0 +1,160 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The action `~/execute_motion_primitive_sequence`: joint moves, lines and arcs in a row.
+
+The whole sequence is planned from where the arm stands, then executed as one goal of the driver's
+queue: it is checked, stopped and reported as a trajectory is.
+"""
+
+import asyncio
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from control_msgs.action import ExecuteMotionPrimitiveSequence
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+
+from epson_driver.driver.driver import Driver
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
+from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
+from epson_driver.node.loop_bridge import LoopBridge
+from epson_driver.node.motion_primitive_messages import primitive_result, primitives_from_message
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.motion_sequence import (
+    PlannedSequence,
+    Primitive,
+    SequenceError,
+    plan_sequence,
+)
+
+BUSY = (
+    'another goal runs or waits: a sequence begins where the arm stands; wait for its end, or '
+    'cancel it first'
+)
+RETIMED = (
+    'parameter timing = time_optimal: nothing would be left of the velocities and rests of the '
+    'motions; as_planned keeps them'
+)
+
+
+class MotionPrimitives:
+    """Serves the action over a driver. Make it in the driver's event loop.
+
+    `parameters`: the node's values by name, which may change. `goals`: of the same driver.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        driver: Driver,
+        goals: GoalServer,
+        bridge: LoopBridge,
+        parameters: Mapping[str, Any],
+        callback_group: CallbackGroup,
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._driver = driver
+        self._queue = driver.goal_queue
+        self._goals = goals
+        self._bridge = bridge
+        self._parameters = parameters
+        limits = driver.configuration.limits
+        model = load_robot_model(parameters['robot_model'])
+        self._kinematics = Kinematics(replace(model, limits=limits))
+        self._sampled = driver.configuration.delivery.point_message == 'joint_traj_pt_full'
+        action = ActionType(
+            ExecuteMotionPrimitiveSequence,
+            '~/execute_motion_primitive_sequence',
+            self._prepare,
+            self._submit,
+            primitive_result,
+            RESULT_TIMEOUT_S,
+        )
+        self._action = GoalAction(node, action, self._queue, bridge, callback_group)
+
+    @property
+    def busy(self) -> bool:
+        """True while a goal of the action has not got its result."""
+        return self._action.busy
+
+    # --- from ROS: in the executor's thread -------------------------------------------------
+
+    async def _prepare(self, ros_handle: ServerGoalHandle) -> Prepared:
+        """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""
+        if self._parameters['timing'] == 'time_optimal':
+            raise _invalid(RETIMED)
+        primitives = primitives_from_message(
+            ros_handle.request.trajectory,
+            self._driver.configuration.limits,
+            self._parameters['frame_id'],
+        )
+        planned = await self._bridge.in_loop(partial(self._plan, primitives, ros_handle))
+        goal = self._goals.requests.planned_goal(planned.trajectory)
+        return Prepared(goal, partial(self._on_feedback, ros_handle, planned))
+
+    # --- in the loop's thread ---------------------------------------------------------------
+
+    async def _plan(
+        self, primitives: list[Primitive], ros_handle: ServerGoalHandle
+    ) -> PlannedSequence:
+        """Plan from where the arm stands, in a thread. Raises GoalRejectedError."""
+        if not self._queue.idle:
+            raise _invalid(BUSY)
+        await self._driver.why_not_ready(FRESH_POSE_TIMEOUT_S)
+        sample = self._queue.check_ready(self._loop.time())
+        left, gate = threading.Event(), self._driver.gate
+
+        def given_up() -> bool:
+            return left.is_set() or gate.reason is not None or ros_handle.is_cancel_requested
+
+        try:
+            return await asyncio.to_thread(
+                plan_sequence,
+                self._kinematics,
+                sample.positions,
+                primitives,
+                sampled=self._sampled,
+                given_up=given_up,
+            )
+        except SequenceError as error:
+            if gate.reason is not None:
+                self._queue.check_ready(self._loop.time())  # says why
+            raise _invalid(str(error)) from error
+        finally:
+            left.set()
+
+    def _submit(self, handle: GoalHandle) -> None:
+        """Execute a planned sequence, unless another goal came while it was planned."""
+        if self._queue.idle:
+            self._queue.submit(handle)
+        else:
+            handle.on_end(_invalid(BUSY).outcome)
+
+    def _on_feedback(
+        self,
+        ros_handle: ServerGoalHandle,
+        planned: PlannedSequence,
+        execution: GoalExecution,
+        sample: JointSample,
+    ) -> None:
+        if self._goals.publish_state(execution, sample) is None:
+            return
+        desired = execution.desired
+        time = 0.0 if desired is None else desired[0]
+        index = planned.index(time / execution.goal.trajectory.duration)
+        ros_handle.publish_feedback(
+            ExecuteMotionPrimitiveSequence.Feedback(current_primitive_index=index)
+        )
+
+
+def _invalid(text: str) -> GoalRejectedError:
+    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)

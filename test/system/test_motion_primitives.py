@@ -1,0 +1,230 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`~/execute_motion_primitive_sequence` from a ROS client: joint moves, lines and arcs."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from control_msgs.action import ExecuteMotionPrimitiveSequence
+from control_msgs.msg import MotionArgument, MotionPrimitive, MotionPrimitiveSequence
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionClient
+from support.cell import LASTS, START, Cell
+from support.ros_peer import PATIENCE, STATUS_NAMES, trajectory
+
+from epson_driver.motion.cartesian import distance_from
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+
+pytest.importorskip('py_opw_kinematics')
+
+ARM = Kinematics(load_robot_model('c3_a601s'))
+READY = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
+FAR = [2.5, 0.2, 0.2, 0.0, -1.9, 0.0]
+SLOW = 2.5 / LASTS  # rad/s
+ACCURACY_M = 3e-4
+INVALID_GOAL = ExecuteMotionPrimitiveSequence.Result.INVALID_GOAL
+
+
+@pytest.fixture(scope='module')
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    """One enabled cell with a controller that does not rest at every point."""
+    one = Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth')
+    try:
+        one.ready()
+        one.peer.enable()
+        yield one
+    finally:
+        one.close()
+
+
+class Sequence:
+    """A sequence that was sent: its feedback and its result."""
+
+    def __init__(self, peer: Any, motions: list[MotionPrimitive]) -> None:
+        self.indices: list[int] = []
+        self._peer = peer
+        if not hasattr(peer, 'primitives'):
+            peer.primitives = ActionClient(
+                peer.node,
+                ExecuteMotionPrimitiveSequence,
+                'epson_driver/execute_motion_primitive_sequence',
+            )
+            assert peer.primitives.wait_for_server(PATIENCE)
+        goal = ExecuteMotionPrimitiveSequence.Goal(
+            trajectory=MotionPrimitiveSequence(motions=motions)
+        )
+        future = peer.in_executor(
+            lambda: peer.primitives.send_goal_async(
+                goal, lambda message: self.indices.append(message.feedback.current_primitive_index)
+            )
+        )
+        self.handle = peer.complete(future)
+        assert self.handle.accepted
+        self._result = peer.in_executor(self.handle.get_result_async)
+
+    def cancel(self) -> None:
+        self._peer.complete(self._peer.in_executor(self.handle.cancel_goal_async))
+
+    def wait_for_motion(self) -> None:
+        """Wait until the joints move; a sequence that has ended instead says why."""
+        peer = self._peer
+        start = peer.position()
+        peer.wait_for(
+            lambda: (
+                self._result.done()
+                or np.abs(np.array(peer.joint_states[-1].position) - start).max() > 0.01
+            ),
+            'motion',
+        )
+        assert not self._result.done(), self.result()
+
+    def result(self) -> tuple[str, int, str]:
+        answer = self._peer.complete(self._result)
+        return (
+            STATUS_NAMES[answer.status],
+            answer.result.error_code,
+            answer.result.error_string,
+        )
+
+
+def joint_move(positions: list[float], **arguments: float) -> MotionPrimitive:
+    return MotionPrimitive(
+        type=MotionPrimitive.LINEAR_JOINT,
+        joint_positions=positions,
+        additional_arguments=[
+            MotionArgument(argument_name=name, argument_value=value)
+            for name, value in arguments.items()
+        ],
+    )
+
+
+def tool_move(*offsets: tuple[float, float, float], **arguments: float) -> MotionPrimitive:
+    """Return a line, or with two offsets an arc, to places that are so far from that of READY."""
+    pose = ARM.forward(np.array(READY))
+    message = joint_move([], **arguments)
+    message.type = (
+        MotionPrimitive.CIRCULAR_CARTESIAN
+        if len(offsets) > 1
+        else MotionPrimitive.LINEAR_CARTESIAN
+    )
+    for offset in offsets:
+        stamped = PoseStamped()
+        stamped.header.frame_id = 'base_link'
+        position, orientation = stamped.pose.position, stamped.pose.orientation
+        position.x, position.y, position.z = (pose[:3, 3] + offset).tolist()
+        w = np.sqrt(max(1.0 + np.trace(pose[:3, :3]), 1e-12)) / 2.0
+        if w > 1e-3:
+            orientation.x = (pose[2, 1] - pose[1, 2]) / (4.0 * w)
+            orientation.y = (pose[0, 2] - pose[2, 0]) / (4.0 * w)
+            orientation.z = (pose[1, 0] - pose[0, 1]) / (4.0 * w)
+            orientation.w = float(w)
+        else:  # half a turn
+            axis = np.sqrt(np.maximum((np.diag(pose[:3, :3]) + 1.0) / 2.0, 0.0))
+            first = int(np.argmax(axis))
+            axis *= np.sign(pose[first, :3] + (np.arange(3) == first))
+            orientation.x, orientation.y, orientation.z = axis.tolist()
+            orientation.w = 0.0
+        message.poses.append(stamped)
+    return message
+
+
+def to_ready(cell: Cell) -> None:
+    ended, _, text = Sequence(cell.peer, [joint_move(READY)]).result()
+    assert ended == 'succeeded', text
+
+
+@pytest.mark.invariant(5)
+def test_a_joint_move_a_line_and_an_arc_are_executed_with_feedback(cell: Cell) -> None:
+    peer = cell.peer
+    first = len(peer.joint_states)
+    sequence = Sequence(
+        peer,
+        [
+            joint_move(READY, velocity=1.0),
+            tool_move((0.0, 0.08, 0.0), velocity=0.1),
+            tool_move((0.0, 0.0, 0.0), (0.03, 0.04, 0.0), velocity=0.1),
+        ],
+    )
+    ended, code, text = sequence.result()
+    assert (ended, code) == ('succeeded', 0), text
+    assert 'at the goal' in text
+    assert np.abs(peer.assert_still() - READY).max() < 1e-3
+    assert sequence.indices == sorted(sequence.indices)
+    assert set(sequence.indices) == {0, 1, 2}
+    states = peer.joint_states[first:]
+    places = np.array([ARM.forward(np.array(state.position))[:3, 3] for state in states])
+    home = ARM.forward(np.array(READY))[:3, 3]
+    end = int(np.argmax(places[:, 1]))  # of the line, where the arc begins
+    begin = int(np.argmin(np.linalg.norm(places[:end] - home, axis=1)))
+    line = np.array([home, home + np.array([0.0, 0.08, 0.0])])
+    assert places[end] == pytest.approx(line[1], abs=1e-3)
+    assert max(distance_from(place, line) for place in places[begin : end + 1]) < ACCURACY_M
+
+
+@pytest.mark.slow
+def test_what_cannot_be_is_refused_as_a_whole_and_nothing_moves(cell: Cell) -> None:
+    to_ready(cell)
+    blended = joint_move(FAR)
+    blended.blend_radius = 0.01
+    for bad, words in (
+        ([joint_move(FAR), tool_move((2.0, 0.0, 0.0))], 'motions[1], LINEAR_CARTESIAN: '),
+        ([blended], 'blend_radius = 0.01 m: must be 0'),
+        ([joint_move([45.0, -30.0, 20.0, 0.0, 10.0, 0.0])], 'look like degrees'),
+        ([], 'trajectory has 0 motions'),
+    ):
+        ended, code, text = Sequence(cell.peer, bad).result()
+        assert (ended, code) == ('aborted', INVALID_GOAL)
+        assert words in text
+    assert np.abs(cell.peer.assert_still() - READY).max() < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(3)
+def test_cancel_brings_the_arm_to_rest_in_the_middle_of_a_sequence(cell: Cell) -> None:
+    to_ready(cell)
+    sequence = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW), joint_move(READY)])
+    sequence.wait_for_motion()
+    sequence.cancel()
+    ended, code, text = sequence.result()
+    assert (ended, code) == ('canceled', 0), text
+    assert not np.allclose(cell.peer.assert_still(), FAR, atol=1e-2)
+
+
+@pytest.mark.slow
+def test_a_sequence_while_a_goal_runs_is_refused_and_a_trajectory_replaces_a_sequence(
+    cell: Cell,
+) -> None:
+    to_ready(cell)
+    running = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW)])
+    running.wait_for_motion()
+    ended, code, text = Sequence(cell.peer, [joint_move(READY)]).result()
+    assert (ended, code) == ('aborted', INVALID_GOAL)
+    assert 'another goal runs' in text
+    here = cell.peer.position().tolist()
+    cell.peer.goal(trajectory((0.5, here))).result()
+    ended, code, text = running.result()
+    assert (ended, code) == ('aborted', INVALID_GOAL)
+    assert 'replaced by a new goal' in text
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(4)
+def test_inv4_an_estop_ends_a_sequence_and_the_gate_stays_closed(cell: Cell) -> None:
+    to_ready(cell)
+    sequence = Sequence(cell.peer, [joint_move(FAR, velocity=SLOW), joint_move(READY)])
+    sequence.wait_for_motion()
+    cell.pendant('estop', 'press')
+    ended, code, text = sequence.result()
+    assert (ended, code) == ('aborted', INVALID_GOAL)
+    assert 'E-stop' in text
+    cell.pendant('estop', 'release')
+    cell.pendant('reset')
+    stood = cell.peer.assert_still()
+    ended, _, text = Sequence(cell.peer, [joint_move(START)]).result()
+    assert ended == 'aborted'
+    assert 'not enabled' in text
+    assert np.allclose(cell.peer.assert_still(), stood, atol=1e-6)
+    cell.peer.enable()
