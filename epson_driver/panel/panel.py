@@ -1,0 +1,241 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The panel: one loop that samples ROS and draws, for all robots and all browsers."""
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import viser
+
+from epson_driver.motion import Trajectory
+from epson_driver.panel.plots import PERIOD_S as HISTORY_PERIOD_S
+from epson_driver.panel.robot_control import RobotControl
+from epson_driver.panel.robot_page import BrowserControls, RobotPage
+from epson_driver.panel.ros_side import RosSide
+from epson_driver.panel.sim_pendant import PendantThread
+from epson_driver.panel.web_server import WebServer
+
+POSE_PERIOD_S = 0.04
+"""What a person sees as motion."""
+
+TEXT_PERIOD_S = 0.2
+CURVE_PERIOD_S = 0.25
+SLOW_PERIOD_S = 0.5
+BEAT_PERIOD_S = 1.0
+
+IDLE_PERIOD_S = 0.2
+"""Of the loop while no browser is connected, s."""
+
+BETWEEN_ROBOTS_M = 1.1
+
+GOAL_PATIENCE_S = 3.0
+"""How long the end of the panel waits for its goals to end, s."""
+
+_log = logging.getLogger(__name__)
+
+
+class Panel:
+    """All of it. `run` in one thread; `stop` and `fail` in any.
+
+    `names`: of the drivers' nodes; None: all that are found. Raises WebServerError, and what
+    rclpy.init raises.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        token: str | None,
+        ros_arguments: list[str],
+        names: list[str] | None,
+        trajectories: Mapping[str, Trajectory],
+        *,
+        allow_motion: bool,
+    ) -> None:
+        self._ended = threading.Event()
+        self._failure: BaseException | None = None
+        self._allow_motion = allow_motion
+        self._trajectories = trajectories
+        self._pages: dict[str, RobotPage] = {}
+        self._browsers: dict[int, tuple[viser.ClientHandle, dict[str, BrowserControls]]] = {}
+        self._news: queue.SimpleQueue[tuple[bool, viser.ClientHandle]] = queue.SimpleQueue()
+        self.web = WebServer(host, port, token)
+        try:
+            self.ros = RosSide(ros_arguments, names, self.fail)
+        except BaseException:
+            self.web.stop()
+            raise
+        self._pendants = PendantThread(time.monotonic, self.fail)
+        self._furnish(self.web.viser)
+        self.web.viser.on_client_connect(self._on_connect)
+        self.web.viser.on_client_disconnect(self._on_disconnect)
+
+    def stop(self) -> None:
+        """Have `run` end."""
+        self._ended.set()
+
+    def fail(self, what: str, error: BaseException) -> None:
+        """Have the panel end: a page that looks alive and is not would be worse than none."""
+        if self._failure is None:
+            self._failure = error
+            _log.critical('%s: the panel ends', what, exc_info=error)
+        self._ended.set()
+
+    def run(self) -> int:
+        """Serve until `stop` or a failure; return the exit code."""
+        try:
+            self._loop()
+        except BaseException as error:  # noqa: BLE001 - it is told, and all ends
+            self.fail('drawing failed', error)
+        finally:
+            self._close()
+        return 0 if self._failure is None else 1
+
+    # --- the page ---------------------------------------------------------------------------
+
+    def _furnish(self, viewer: viser.ViserServer) -> None:
+        gui, scene = viewer.gui, viewer.scene
+        gui.configure_theme(
+            show_logo=False,
+            show_share_button=False,
+            control_width='large',
+            brand_color=(25, 113, 194),
+        )
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(400)
+        self._tabs = gui.add_tab_group(order=10)
+        self._left = gui.add_panel()
+        self._left.dock_left()
+        self._left.set_width(380)
+        scene.set_up_direction('+z')
+        scene.world_axes.visible = False
+        scene.add_grid(
+            '/floor',
+            width=6.0,
+            height=6.0,
+            cell_size=0.1,
+            section_size=0.5,
+            cell_color=(222, 226, 230),
+            section_color=(190, 197, 204),
+            plane_color=(248, 249, 250),
+            plane_opacity=1.0,
+            shadow_opacity=0.25,
+            fade_distance=8.0,
+            position=(0.0, 0.0, -0.001),
+        )
+        viewer.initial_camera.position = (1.15, -1.05, 0.85)
+        viewer.initial_camera.look_at = (0.1, 0.0, 0.33)
+        viewer.initial_camera.fov = 0.75
+
+    def _add_pages(self) -> None:
+        for name, robot in self.ros.robots.items():
+            if name in self._pages:
+                continue
+            control = RobotControl(
+                robot, self._pendants, time.monotonic, allow_motion=self._allow_motion
+            )
+            label = robot.namespace.strip('/') or name.strip('/')
+            tabs = (self._tabs.add_tab(label), self._left.add_tab(label))
+            place = np.array([0.0, -BETWEEN_ROBOTS_M * len(self._pages), 0.0])
+            shown = label if robot.namespace else ''
+            page = RobotPage(self.web.viser, control, self._trajectories, tabs, place, shown)
+            self._pages[name] = page
+            for browser in self._browsers:
+                control.arming.connect(browser)
+
+    # --- browsers come and go: in viser's event loop ----------------------------------------
+
+    async def _on_connect(self, client: viser.ClientHandle) -> None:
+        self._news.put((True, client))
+
+    async def _on_disconnect(self, client: viser.ClientHandle) -> None:
+        for page in list(self._pages.values()):
+            page.control.arming.disconnect(client.client_id)
+        self._news.put((False, client))
+
+    def _welcome(self) -> None:
+        """Make the controls of browsers that have come, and forget those that are gone."""
+        while not self._news.empty():
+            came, client = self._news.get()
+            if came:
+                self._browsers[client.client_id] = (client, {})
+                for page in self._pages.values():
+                    page.control.arming.connect(client.client_id)
+            else:
+                self._browsers.pop(client.client_id, None)
+                for page in self._pages.values():
+                    page.control.arming.disconnect(client.client_id)
+        for client, controls in self._browsers.values():
+            for name, page in self._pages.items():
+                if name not in controls:
+                    controls[name] = BrowserControls(page, client)
+
+    # --- the loop ---------------------------------------------------------------------------
+
+    def _loop(self) -> None:
+        due: dict[str, float] = {}
+
+        def is_due(what: str, period: float) -> bool:
+            if now < due.get(what, 0.0):
+                return False
+            due[what] = now + period
+            return True
+
+        while not self._ended.is_set():
+            now = time.monotonic()
+            self.ros.sample(now)
+            if is_due('slow', SLOW_PERIOD_S):
+                self.ros.sample_slow(now)
+                self.ros.look_around()
+                self._add_pages()
+            for page in self._pages.values():
+                page.control.look()
+            self._welcome()
+            pages = self._pages.values()
+            if is_due('history', HISTORY_PERIOD_S):
+                for page in pages:
+                    page.remember(now)
+            if is_due('beat', BEAT_PERIOD_S):
+                for page in pages:
+                    page.beat()
+            if self._browsers:
+                self._draw(
+                    now, is_due('text', TEXT_PERIOD_S), is_due('curves', CURVE_PERIOD_S)
+                )
+            period = POSE_PERIOD_S if self._browsers else IDLE_PERIOD_S
+            self._ended.wait(max(0.005, period - (time.monotonic() - now)))
+
+    def _draw(self, now: float, text: bool, curves: bool) -> None:
+        for page in self._pages.values():
+            page.draw_pose(now)
+            if text:
+                page.draw_text(now)
+            if curves:
+                page.draw_curves(now)
+        if text:
+            for _, controls in self._browsers.values():
+                for each in controls.values():
+                    each.refresh()
+
+    def _close(self) -> None:
+        """Let no goal of the panel outlive it, then close everything."""
+        for page in self._pages.values():
+            page.control.arming.disarm('the panel ends')
+        if not self.ros.cancel_goals(GOAL_PATIENCE_S):
+            _log.error('a goal of the panel did not end in %g s', GOAL_PATIENCE_S)
+        self.web.stop()
+        self._pendants.end()
+        self.ros.close()
+
+
+def address(host: str, port: int, token: str | None) -> str:
+    """Return what a person opens."""
+    name: Any = {'0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(host, host)  # noqa: S104
+    if ':' in name and not name.startswith('['):
+        name = f'[{name}]'
+    return f'http://{name}:{port}/' + ('' if token is None else f'?token={token}')
