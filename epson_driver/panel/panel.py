@@ -218,9 +218,13 @@ class Panel:
             if curves:
                 page.draw_curves(now)
         if text:
-            for _, controls in self._browsers.values():
-                for each in controls.values():
-                    each.refresh()
+            for client, controls in self._browsers.values():
+                try:
+                    for each in controls.values():
+                        each.refresh()
+                except RuntimeError:  # viser's, for the handles of a browser that is gone
+                    if client.client_id in self.web.viser.get_clients():
+                        raise
 
     def _close(self) -> None:
         """Let no goal of the panel outlive it, then close everything."""

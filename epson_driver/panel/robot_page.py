@@ -64,7 +64,7 @@ class RobotPage:
         gui = viewer.gui
         with self.right:
             self._lamps = gui.add_html('', order=0)
-            stop = gui.add_button('STOP', color='red', icon='hand-stop', order=10)
+            stop = gui.add_button('STOP', color='red', icon=viser.Icon.HAND_STOP, order=10)
             stop.on_click(self._always(control.stop))
             disable = gui.add_button('Disable', color='gray', order=11)
             disable.on_click(self._always(control.disable))
@@ -79,7 +79,10 @@ class RobotPage:
         self._curves: list[Any] = []
 
     def _always(self, action: Callable[[], object]) -> Callable[[Any], None]:
-        return lambda event: _try(event.client, self.control, action)
+        def on_click(event: Any) -> None:
+            _try(event.client, self.control, action)
+
+        return on_click
 
     # --- drawing ----------------------------------------------------------------------------
 
@@ -184,14 +187,18 @@ def _curve(viewer: viser.ViserServer, title: str, count: int) -> Any:
         {'label': f'{index + 1}', 'stroke': COLOURS[index % len(COLOURS)], 'width': 1.4}
         for index in range(count)
     ]
-    axis: dict[str, Any] = {'font': '11px sans-serif', 'stroke': '#868e96', 'size': 24}
-    grid: dict[str, Any] = {'grid': {'stroke': '#eef0f2', 'width': 1}}
+    axis: Any = {
+        'font': '11px sans-serif',
+        'stroke': '#868e96',
+        'size': 24,
+        'grid': {'stroke': '#eef0f2', 'width': 1},
+    }
     return viewer.gui.add_uplot(
         (empty, *[np.zeros(2)] * count),
         tuple(series),
         title=title,
-        scales={'x': {'time': False}},  # type: ignore[dict-item]
-        axes=({**axis, **grid}, {**axis, **grid, 'size': 46}),  # type: ignore[arg-type]
+        scales={'x': {'time': False}},
+        axes=(axis, axis | {'size': 46}),
         legend={'show': False},
         height=PLOT_HEIGHT_PX,
         padding=(4, 12, 0, 0),
@@ -223,14 +230,14 @@ class BrowserControls:
             self._armed.on_update(self._on_armed)
             motion = gui.add_folder('Motion', order=30)
             with motion:
-                enable = gui.add_button('Enable', color='green', icon='power', order=1)
+                enable = gui.add_button('Enable', color='green', icon=viser.Icon.POWER, order=1)
                 reset = gui.add_button('Reset error', color='gray', order=2)
                 self._speed = gui.add_slider('Speed [%]', 0, 100, 1, 100, order=3)
                 self._chosen = gui.add_dropdown(
                     'Trajectory', tuple(self._trajectories) or ('none',), order=4
                 )
                 go = gui.add_button('Go to its start, slowly', color='gray', order=5)
-                execute = gui.add_button('Execute', color='blue', icon='player-play', order=6)
+                execute = gui.add_button('Execute', color='blue', icon=viser.Icon.PLAYER_PLAY, order=6)
         self._motion = [enable, reset, self._speed, go, execute]
         enable.on_click(self._do(partial(control.enable, browser)))
         reset.on_click(self._do(partial(control.reset_error, browser)))
@@ -264,7 +271,10 @@ class BrowserControls:
     # --- what a person does: these run in viser's threads -----------------------------------
 
     def _do(self, action: Callable[[], object]) -> Callable[[Any], None]:
-        return lambda _event: _try(self._client, self._control, action)
+        def on_click(_event: Any) -> None:
+            _try(self._client, self._control, action)
+
+        return on_click
 
     def _on_armed(self, event: Any) -> None:
         if event.client_id is None or self._quiet:
@@ -329,7 +339,7 @@ class BrowserControls:
                     )
                 )
         if self._outputs is not None:
-            self._outputs.disabled = not armed
+            self._outputs.visible = armed  # viser cannot disable it
 
     def _switch(self, index: int, kind: int) -> None:
         state = self._control.robot.state

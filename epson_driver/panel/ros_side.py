@@ -127,7 +127,7 @@ class RosSide:
 
 
 def _all(subscription: Any) -> list[Any]:
-    messages = []
+    messages: list[Any] = []
     while len(messages) < MAX_AT_ONCE and (message := take(subscription)) is not None:
         messages.append(message)
     return messages

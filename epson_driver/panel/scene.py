@@ -7,7 +7,8 @@ import viser
 
 from epson_driver.motion import Array
 from epson_driver.panel.arm_shape import Mesh, arm_shape, quaternion
-from epson_driver.robots import Kinematics, RobotModel
+from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import Kinematics
 
 MIN_CHANGE = 2e-5
 """A joint that moved by less is not redrawn, rad or m: a fiftieth of a pixel."""
