@@ -94,6 +94,7 @@ setup(
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
         'report': ['matplotlib'],
+        'panel': ['viser==1.1.1'],  # exactly: panel/web_server.py relies on its inside
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
         'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],

@@ -14,8 +14,10 @@ from launch.actions import (
     IncludeLaunchDescription,
     OpaqueFunction,
 )
+from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
 
 from epson_driver.bringup import Robot, launch_arguments, model_argument, several_robots
 
@@ -27,12 +29,18 @@ def generate_launch_description():
     arguments = [
         *launch_arguments('namespaces', 'robot_ips'),
         model_argument(),
-        *launch_arguments(*SHARED),
+        *launch_arguments(*SHARED, 'panel'),
     ]
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
             OpaqueFunction(function=robots),
+            Node(
+                package='epson_driver',
+                executable='panel',
+                output='screen',
+                condition=IfCondition(LaunchConfiguration('panel')),
+            ),
         ]
     )
 

@@ -77,6 +77,12 @@ PACKAGES = {
     'driver': Package(2, BOTTOM | {'link', 'remote_ethernet', 'trace'}, frozenset({'numpy'})),
     'node': Package(3, BOTTOM | {'link', 'remote_ethernet', 'trace', 'driver'}, ANY, ros=True),
     'planning': Package(3, BOTTOM, ANY),
+    'panel': Package(
+        3,
+        BOTTOM | {'node', 'remote_ethernet', 'sim_controller'},
+        frozenset({'numpy', 'viser', 'websockets'}),
+        ros=True,
+    ),
     'bringup': Package(3, frozenset({'inputs', 'robots', 'share'}), frozenset({'xacro'})),
     'cli': Package(
         4,
@@ -89,6 +95,7 @@ PACKAGES = {
             'sim_controller',
             'driver',
             'node',
+            'panel',
             'planning',
         },
         ANY,
@@ -108,6 +115,7 @@ BESIDE = {
     ('profiles', 'simple_message'),
     ('profiles', 'share'),
     ('trace', 'link'),
+    ('panel', 'node'),
 }
 """Who may import whom on the same layer."""
 
@@ -256,7 +264,7 @@ def test_the_table_itself_goes_down_only() -> None:
             assert below or (name, other) in BESIDE
     assert 'sim_controller' not in PACKAGES['node'].imports | PACKAGES['driver'].imports
     assert 'driver' not in PACKAGES['sim_controller'].imports
-    assert {name for name, package in PACKAGES.items() if package.ros} == {'node', 'cli'}
+    assert {name for name, package in PACKAGES.items() if package.ros} == {'node', 'cli', 'panel'}
 
 
 def imports_of_files(root: Path) -> dict[str, set[str]]:

@@ -80,6 +80,7 @@ TABLE = (
         'How the simulated controller moves: through the points, or stopping at each.',
         ('smooth', 'ptp'),
     ),
+    Argument('panel', 'false', 'Start the browser panel as well.', SWITCH),
     Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
     Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
     Argument('namespaces', 'left,right', 'One namespace per robot, separated by commas.'),

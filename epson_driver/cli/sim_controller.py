@@ -4,6 +4,7 @@
 
 import argparse
 import asyncio
+import contextlib
 import dataclasses
 import gc
 import logging
@@ -33,6 +34,10 @@ from epson_driver.sim_controller.programs.points import angles_rejection, clippe
 from epson_driver.simple_message import ByteOrder, Dialect
 
 _PORTS = Ports()
+
+PANEL = (sys.executable, '-m', 'epson_driver.cli', 'panel')
+"""A process of its own: the simulated controller needs no ROS, and must not wait for a browser."""
+
 STATE_PERIOD = number(0.001, 3600.0, 's')
 SEED = count(0, 2**63 - 1)
 
@@ -66,7 +71,7 @@ def main() -> int:
     log = StderrLog()
     logging.basicConfig(level=logging.INFO, handlers=[log])
     try:
-        return asyncio.run(_run(controller, planner, args.host, ports))
+        return asyncio.run(_run(controller, planner, args.host, ports, panel=args.panel))
     finally:
         log.finish()
 
@@ -86,6 +91,8 @@ async def _run(
     planner: PlannerProcess | None,
     host: str,
     ports: Ports,
+    *,
+    panel: bool,
 ) -> int:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
@@ -101,6 +108,7 @@ async def _run(
     gc.collect()
     gc.freeze()  # objects made at start-up are never freed: do not scan them in the motion cycle
     print('listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True)
+    beside = await asyncio.create_subprocess_exec(*PANEL) if panel else None
     moving = asyncio.create_task(servers.run())
     stopped = asyncio.create_task(stop.wait())
     try:
@@ -109,6 +117,10 @@ async def _run(
             await moving  # it ends only with an error, which is raised here
     finally:
         moving.cancel()
+        if beside is not None:
+            with contextlib.suppress(ProcessLookupError):  # it has ended, and said why
+                beside.terminate()
+            await beside.wait()
         await servers.close()
     return 0
 
@@ -202,6 +214,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--seed', type=argument(SEED), default=0, help='of the random faults (%(default)s)'
+    )
+    parser.add_argument(
+        '--panel',
+        action='store_true',
+        help='start the browser panel as well, which shows the drivers that it finds in ROS',
     )
     parser.add_argument(
         '--start',

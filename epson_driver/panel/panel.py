@@ -33,6 +33,10 @@ IDLE_PERIOD_S = 0.2
 
 BETWEEN_ROBOTS_M = 1.1
 
+CAMERA_M = (1.75, -1.35, 1.05)
+LOOK_AT_M = (0.05, 0.0, 0.34)
+FIELD_OF_VIEW_RAD = 0.7
+
 GOAL_PATIENCE_S = 3.0
 """How long the end of the panel waits for its goals to end, s."""
 
@@ -128,9 +132,9 @@ class Panel:
             fade_distance=8.0,
             position=(0.0, 0.0, -0.001),
         )
-        viewer.initial_camera.position = (1.15, -1.05, 0.85)
-        viewer.initial_camera.look_at = (0.1, 0.0, 0.33)
-        viewer.initial_camera.fov = 0.75
+        viewer.initial_camera.position = CAMERA_M
+        viewer.initial_camera.look_at = LOOK_AT_M
+        viewer.initial_camera.fov = FIELD_OF_VIEW_RAD
 
     def _add_pages(self) -> None:
         for name, robot in self.ros.robots.items():

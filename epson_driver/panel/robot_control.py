@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from epson_driver.motion import Array, Trajectory
+from epson_driver.motion import Trajectory
 from epson_driver.panel.arming import Arming
 from epson_driver.panel.robot_state import Simulation
 from epson_driver.panel.ros_robot import ERROR, INFO, WARN, RosRobot
@@ -68,8 +68,8 @@ class RobotControl:
     ) -> None:
         self.robot = robot
         self.model: RobotModel | None = None
-        self.plan: Array | None = None
-        """The positions of the last trajectory that was sent from here, shape (k, n)."""
+        self.plan: Trajectory | None = None
+        """The last trajectory that was sent from here."""
         self.arming = Arming(self._forbidden, self._on_disarmed)
         self._pendants = pendants
         self._pendant: SimPendant | None = None
@@ -252,7 +252,7 @@ class RobotControl:
 
     def _send(self, name: str, trajectory: Trajectory) -> None:
         self.robot.execute(trajectory, name, self.robot.log)
-        self.plan = trajectory.positions
+        self.plan = trajectory
         self.robot.log(f'goal sent: {name}', INFO)
 
     # --- at the simulated pendant -----------------------------------------------------------

@@ -32,7 +32,10 @@ MAX_OUTPUTS = 16
 OUTPUT, INPUT = 2, 1
 """Types of epson_msgs/IoPoint."""
 
-PLOT_HEIGHT_PX = 150
+PLOT_HEIGHT_PX = 118
+
+MIN_RANGE = (-0.1, 0.1)
+"""What a plot shows at least, in its unit."""
 
 
 class RobotPage:
@@ -57,7 +60,7 @@ class RobotPage:
         self._history = History(np.zeros(0))
         self._units: tuple[str, ...] = ()
         self._per_unit: Array = np.zeros(0)
-        self._plan: Array | None = None
+        self._plan: Trajectory | None = None
         self._executing = False
         self._beat = 0
         self.right, self._left = tabs
@@ -71,11 +74,9 @@ class RobotPage:
             self.io_folder = gui.add_folder('I/O', order=40, expand_by_default=False)
             with self.io_folder:
                 self._io = gui.add_html('', order=0)
-            self._log_folder = gui.add_folder('Log', order=60)
-            with self._log_folder:
-                self._log = gui.add_html('')
         with self._left:
             self._joints = gui.add_html('', order=0)
+            self._log = gui.add_html('', order=1000)
         self._curves: list[Any] = []
 
     def _always(self, action: Callable[[], object]) -> Callable[[Any], None]:
@@ -98,10 +99,9 @@ class RobotPage:
         executing = age is not None and age < REFERENCE_LASTS_S
         if self.control.plan is not self._plan:
             self._plan = self.control.plan
-            if self._plan is not None:
-                self._scene.show_plan(self._plan)
-        elif executing and not self._executing and not state.goal_running:
-            self._scene.show_plan(np.zeros((0, 0)))  # somebody else's goal: its way is not known
+            self._scene.show_plan(self._plan)
+        elif executing and not self._executing and not self.control.robot.goals:
+            self._scene.show_plan(None)  # somebody else's goal: its way is not known
         self._executing = executing
         self._scene.show_ghost(state.reference if executing else None)
 
@@ -144,7 +144,7 @@ class RobotPage:
         """Draw the curves, and the path that the tool has driven."""
         for curve, data in zip(self._curves, self._history.curves(now), strict=False):
             if len(data[0]) >= 2:
-                curve.data = data
+                curve.data = (*data, *(np.full(len(data[0]), value) for value in MIN_RANGE))
         if self._scene is not None:
             self._scene.show_path()
 
@@ -175,18 +175,20 @@ class RobotPage:
                 for name, suffix in (
                     ('Position', '#'),
                     ('Velocity', '#/s'),
-                    ('Tracking error', '#'),
+                    ('Plan − measured', '#'),
                 )
             ]
 
 
 def _curve(viewer: viser.ViserServer, title: str, count: int) -> Any:
-    empty = np.array([-SPAN_S, 0.0])
+    """Add a plot of so many curves, and of two that nobody sees: they keep zero from filling it."""
+    times = np.array([-SPAN_S, 0.0])
     series: list[Any] = [{'label': 's'}]
     series += [
         {'label': f'{index + 1}', 'stroke': COLOURS[index % len(COLOURS)], 'width': 1.4}
         for index in range(count)
     ]
+    series += [{'label': '', 'stroke': 'transparent', 'width': 0}] * len(MIN_RANGE)
     axis: Any = {
         'font': '11px sans-serif',
         'stroke': '#868e96',
@@ -194,7 +196,7 @@ def _curve(viewer: viser.ViserServer, title: str, count: int) -> Any:
         'grid': {'stroke': '#eef0f2', 'width': 1},
     }
     return viewer.gui.add_uplot(
-        (empty, *[np.zeros(2)] * count),
+        (times, *[np.zeros(2)] * (count + len(MIN_RANGE))),
         tuple(series),
         title=title,
         scales={'x': {'time': False}},

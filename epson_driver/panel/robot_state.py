@@ -13,6 +13,11 @@ from epson_driver.motion import Array
 
 MAX_EVENTS = 200
 
+SAME_NEWS_S = 2.0
+MAX_COMPARED = 5
+"""What an answer says, the driver has often written to its log as well: lines so near to each
+other, s, with the same words after the first colon are one."""
+
 MAX_AGES_S = {'joints': 1.0, 'status': 2.5, 'diagnostics': 3.5, 'simulation': 3.0}
 """After what time without news something is no longer taken for true, s: three of the periods in
 which the driver sends it, or more."""
@@ -92,6 +97,14 @@ class RobotState:
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     times: dict[str, float] = field(default_factory=dict)
 
+    def add_event(self, event: Event) -> None:
+        """Add a line to the log, unless the driver and the panel both say the same."""
+        news = _news(event)
+        for other in list(self.events)[-MAX_COMPARED:]:
+            if abs(other.at - event.at) < SAME_NEWS_S and _news(other) == news:
+                return
+        self.events.append(event)
+
     def age(self, name: str, now: float) -> float | None:
         """Return how old something is, s; None if there was none yet."""
         at = self.times.get(name)
@@ -101,3 +114,8 @@ class RobotState:
         """Return whether something is young enough to be taken for true."""
         age = self.age(name, now)
         return age is not None and age <= MAX_AGES_S[name]
+
+
+def _news(event: Event) -> str:
+    first, _, rest = event.text.partition(': ')
+    return rest or first

@@ -269,10 +269,15 @@ class RosRobot:
 
         self._action.send_goal_async(message).add_done_callback(on_handle)
 
+    @property
+    def goals(self) -> list[Goal]:
+        """The goals that the panel has sent, and that have not ended."""
+        with self._goals_lock:
+            return list(self._goals)
+
     def cancel_goals(self) -> list[Goal]:
         """Cancel every goal that the panel has sent; return those that have not ended yet."""
-        with self._goals_lock:
-            goals = list(self._goals)
+        goals = self.goals
         for goal in goals:
             goal.cancel()
         return goals
@@ -296,7 +301,7 @@ class RosRobot:
 
     def log(self, text: str, level: int) -> None:
         """Put a line of the panel's own among those of the driver."""
-        self.state.events.append(Event(time.time(), level, text))
+        self.state.add_event(Event(time.time(), level, text))
 
 
 def _never(_message: Any) -> None:

@@ -99,7 +99,7 @@ class RosSide:
             robot = self.robots.get('/' + line.name.replace('.', '/'))
             if robot is not None:
                 at = line.stamp.sec + line.stamp.nanosec * 1e-9
-                robot.state.events.append(Event(at, _level(line.level), line.msg))
+                robot.state.add_event(Event(at, _level(line.level), line.msg))
 
     def look_around(self) -> None:
         """Look for drivers that have come, and for the parameters of those that are there."""

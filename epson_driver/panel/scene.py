@@ -5,7 +5,8 @@
 import numpy as np
 import viser
 
-from epson_driver.motion import Array
+from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.interpolation import Interpolation
 from epson_driver.panel.arm_shape import Mesh, arm_shape, quaternion
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
@@ -17,7 +18,7 @@ MAX_PATH_POINTS = 600
 MIN_STEP_M = 0.002
 """The tool's path has a point wherever it went on by this much, m."""
 
-MAX_PLAN_POINTS = 400
+MAX_PLAN_POINTS = 300
 
 DRIVEN_COLOUR = (19, 111, 209)
 PLANNED_COLOUR = (240, 140, 20)
@@ -73,16 +74,16 @@ class ArmScene:
         if joints is not None:
             self._ghost.show(joints)
 
-    def show_plan(self, positions: Array) -> None:
-        """Draw the tool's path of a plan, shape (k, n); forget what was driven before."""
+    def show_plan(self, plan: Trajectory | None) -> None:
+        """Draw the tool's path of a plan, if it is known; forget what was driven before."""
         self._driven.clear()
         self._remove('driven')
         self._remove('planned')
-        if len(positions) < 2:
+        if plan is None or len(plan.times) < 2:
             return
-        steps = np.linspace(0, len(positions) - 1, max(2, min(10 * len(positions), MAX_PLAN_POINTS)))
-        at = np.arange(len(positions))
-        dense = np.stack([np.interp(steps, at, column) for column in positions.T], axis=1)
+        times = np.linspace(plan.times[0], plan.times[-1], MAX_PLAN_POINTS)
+        way = Interpolation(plan.times, plan.positions, plan.velocities)
+        dense, _, _ = way.at(times)
         points = np.array([self._kinematics.forward(joints)[:3, 3] for joints in dense])
         self._line('planned', points, PLANNED_COLOUR, 0.005)
 
