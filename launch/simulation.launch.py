@@ -22,7 +22,10 @@ def generate_launch_description():
     interface = Path(__file__).with_name('robot_interface.launch.py')
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS, 'interface', 'panel')),
+            *(
+                DeclareLaunchArgument(**each)
+                for each in launch_arguments(*ARGUMENTS, 'interface', 'panel')
+            ),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(str(interface)),
                 launch_arguments=[*passed, ('use_sim_controller', 'true')],

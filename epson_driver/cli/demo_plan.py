@@ -88,7 +88,9 @@ def run(seeds: range, picture: Path, console: Console, *, staying: bool) -> int:
     with (
         tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name,
         running_controller(folder := Path(name), HOME_RAD, f'--robot={model.name}') as ports,
-        running_driver(folder, ports, model.joint_names, console, robot_model=model.name) as driver,
+        running_driver(
+            folder, ports, model.joint_names, console, robot_model=model.name
+        ) as driver,
         panel_beside(folder, driver, console, wanted=staying),
     ):
         with Progress(

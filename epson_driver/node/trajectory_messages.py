@@ -114,6 +114,7 @@ def duration_in_s(message: Duration | Time) -> float:
     seconds: float = message.sec + message.nanosec * 1e-9
     return seconds
 
+
 def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
     """Return a trajectory as the ROS message."""
     message = JointTrajectory(joint_names=list(trajectory.joint_names))

@@ -44,7 +44,11 @@ def own_names(host: str) -> frozenset[str]:
     """
     if is_loopback(host):
         return LOOPBACK_NAMES
-    return LOOPBACK_NAMES | {bracketed(host), socket.gethostname().lower(), socket.getfqdn().lower()}
+    return LOOPBACK_NAMES | {
+        bracketed(host),
+        socket.gethostname().lower(),
+        socket.getfqdn().lower(),
+    }
 
 
 def bracketed(address: str) -> str:

@@ -10,8 +10,10 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterator
 
+from epson_driver.panel.request_error import RequestError
 
-class NotArmedError(RuntimeError):
+
+class NotArmedError(RequestError):
     """The browser may not move the robot; the text says why and what to do."""
 
 

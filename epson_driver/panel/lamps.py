@@ -58,7 +58,9 @@ def _of_status(state: RobotState) -> Iterator[Lamp]:
     yield _tri('E-stop', status.e_stopped, ('active', BAD), ('clear', GOOD))
     codes = ', '.join(str(code) for code in status.error_codes)
     yield _tri('Error', status.in_error, (codes or 'yes', BAD), (codes or 'none', GOOD))
-    yield Lamp('Mode', status.mode or '?', {'AUTO': GOOD, 'MANUAL': WARN}.get(status.mode, UNKNOWN))
+    yield Lamp(
+        'Mode', status.mode or '?', {'AUTO': GOOD, 'MANUAL': WARN}.get(status.mode, UNKNOWN)
+    )
     moving = _tri('Motion', status.in_motion, ('moving', GOOD), ('standing', OFF))
     if status.in_motion is Tri.NO and status.motion_possible is Tri.NO:
         moving = Lamp('Motion', 'not possible', WARN)

@@ -83,7 +83,7 @@ def lamps_html(
     remedy = f'<br>→ {escape(advice.remedy)}' if advice.remedy else ''
     shown = ''.join(f'<span>{escape(name)} {_age(age)}</span>' for name, age in ages)
     return (
-        f'{STYLE}<div class="ed ed-live" data-beat="{beat}" data-part="lamps">'
+        f'<div class="ed ed-live" data-beat="{beat}" data-part="lamps">'
         f'<div class="ed-grid">{cells}</div>'
         f'<div class="ed-advice ed-{advice.colour}" data-part="advice">'
         f'<b>{escape(advice.reason)}</b>{remedy}</div>'
@@ -122,7 +122,7 @@ def joints_html(
             f'<u><s style="background:{colour};left:calc({100 * np.clip(share, 0, 1):.1f}% - 2px)">'
             f'</s></u><b>{value}</b></div>'
         )
-    return f'{STYLE}<div class="ed" data-part="joints">{"".join(rows)}</div>'
+    return f'<div class="ed" data-part="joints">{"".join(rows)}</div>'
 
 
 IO_NAMES = {
@@ -144,7 +144,7 @@ MAX_POINTS = 32
 def io_html(ranges: Sequence[IoRange], reason: str) -> str:
     """Return all points as small boxes, those that are on in green; or why they are not known."""
     if reason:
-        return f'{STYLE}<div class="ed" data-part="io">{escape(reason)}</div>'
+        return f'<div class="ed" data-part="io">{escape(reason)}</div>'
     parts = []
     for each in ranges:
         if each.type not in IO_NAMES or not each.values or each.type in (5, 6):
@@ -157,7 +157,7 @@ def io_html(ranges: Sequence[IoRange], reason: str) -> str:
         else:
             boxes = ', '.join(str(value) for value in each.values[:MAX_POINTS])
         parts.append(f'{IO_NAMES[each.type]}<div class="ed-io">{boxes}</div>')
-    return f'{STYLE}<div class="ed" data-part="io">{"".join(parts) or "no points"}</div>'
+    return f'<div class="ed" data-part="io">{"".join(parts) or "no points"}</div>'
 
 
 def log_html(events: Sequence[Event]) -> str:
@@ -167,4 +167,4 @@ def log_html(events: Sequence[Event]) -> str:
         clock = time.strftime('%H:%M:%S', time.localtime(event.at))
         kind = 'e' if event.level >= 40 else 'w' if event.level >= 30 else 'i'
         lines.append(f'<div class="{kind}"><time>{clock}</time> {escape(event.text)}</div>')
-    return f'{STYLE}<div class="ed ed-log" data-part="log">{"".join(lines) or "nothing yet"}</div>'
+    return f'<div class="ed ed-log" data-part="log">{"".join(lines) or "nothing yet"}</div>'

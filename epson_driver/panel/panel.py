@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel: one loop that samples ROS and draws, for all robots and all browsers."""
 
+import contextlib
 import logging
 import queue
 import threading
@@ -141,7 +142,11 @@ class Panel:
             if name in self._pages:
                 continue
             control = RobotControl(
-                robot, self._pendants, time.monotonic, allow_motion=self._allow_motion
+                robot,
+                self._pendants,
+                time.monotonic,
+                on_error=self.fail,
+                allow_motion=self._allow_motion,
             )
             label = robot.namespace.strip('/') or name.strip('/')
             tabs = (self._tabs.add_tab(label), self._left.add_tab(label))
@@ -158,9 +163,12 @@ class Panel:
         self._news.put((True, client))
 
     async def _on_disconnect(self, client: viser.ClientHandle) -> None:
-        for page in list(self._pages.values()):
-            page.control.arming.disconnect(client.client_id)
         self._news.put((False, client))
+        try:
+            for page in list(self._pages.values()):
+                page.control.arming.disconnect(client.client_id)
+        except BaseException as error:  # noqa: BLE001 - viser would only print it
+            self.fail('disarming failed', error)
 
     def _welcome(self) -> None:
         """Make the controls of browsers that have come, and forget those that are gone."""
@@ -197,6 +205,8 @@ class Panel:
                 self.ros.sample_slow(now)
                 self.ros.look_around()
                 self._add_pages()
+                if not self.web.alive:
+                    raise RuntimeError('nothing serves the page any more')
             for page in self._pages.values():
                 page.control.look()
             self._welcome()
@@ -208,9 +218,7 @@ class Panel:
                 for page in pages:
                     page.beat()
             if self._browsers:
-                self._draw(
-                    now, is_due('text', TEXT_PERIOD_S), is_due('curves', CURVE_PERIOD_S)
-                )
+                self._draw(now, is_due('text', TEXT_PERIOD_S), is_due('curves', CURVE_PERIOD_S))
             period = POSE_PERIOD_S if self._browsers else IDLE_PERIOD_S
             self._ended.wait(max(0.005, period - (time.monotonic() - now)))
 
@@ -232,13 +240,17 @@ class Panel:
 
     def _close(self) -> None:
         """Let no goal of the panel outlive it, then close everything."""
-        for page in self._pages.values():
-            page.control.arming.disarm('the panel ends')
+        with contextlib.ExitStack() as stack:  # all of it, whatever a part raises
+            stack.callback(self.ros.close)
+            stack.callback(self._pendants.end)
+            stack.callback(self.web.stop)
+            stack.callback(self._end_goals)
+            for page in self._pages.values():
+                stack.callback(page.control.arming.disarm, 'the panel ends')
+
+    def _end_goals(self) -> None:
         if not self.ros.cancel_goals(GOAL_PATIENCE_S):
             _log.error('a goal of the panel did not end in %g s', GOAL_PATIENCE_S)
-        self.web.stop()
-        self._pendants.end()
-        self.ros.close()
 
 
 def address(host: str, port: int, token: str | None) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from epson_driver.motion import Trajectory
 from epson_driver.panel.arming import Arming
+from epson_driver.panel.request_error import RequestError
 from epson_driver.panel.robot_state import Simulation
 from epson_driver.panel.ros_robot import ERROR, INFO, WARN, RosRobot
 from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread, SimPendant
@@ -55,7 +56,8 @@ PENDANT: dict[str, dict[str, Press]] = {
 class RobotControl:
     """One robot, for all browsers. Methods may be called in any thread, and wait for nothing.
 
-    They raise NotArmedError, NoDriverError or NotSimulatedError with a sentence for the person.
+    They raise RequestError with a sentence for the person. `on_error` is called with anything else
+    that a click has raised.
     """
 
     def __init__(
@@ -64,8 +66,10 @@ class RobotControl:
         pendants: PendantThread,
         clock: Callable[[], float],
         *,
+        on_error: Callable[[str, BaseException], None],
         allow_motion: bool,
     ) -> None:
+        self.on_error = on_error
         self.robot = robot
         self.model: RobotModel | None = None
         self.plan: Trajectory | None = None
@@ -182,12 +186,12 @@ class RobotControl:
             self._speed_asked = False
             try:
                 self._ask_speed()
-            except RuntimeError as error:
+            except RequestError as error:
                 self.robot.log(str(error), ERROR)
 
         try:
             self.robot.set_speed(factor, answered)
-        except RuntimeError:
+        except RequestError:
             self._speed_asked = False
             raise
 
@@ -205,7 +209,7 @@ class RobotControl:
         """Go slowly and straight, in joint space, to where a trajectory begins."""
         with self.arming.held(browser):
             if self.model is None:
-                raise ValueError('the robot model is not known')
+                raise RequestError('the robot model is not known')
             here = self.robot.state.positions
             there = self._renamed(trajectory)
             goal = there.positions[0]
@@ -238,7 +242,7 @@ class RobotControl:
     def _renamed(self, trajectory: Trajectory) -> Trajectory:
         names = self.robot.state.joint_names
         if trajectory.positions.shape[1] != len(names):
-            raise ValueError(
+            raise RequestError(
                 f'the trajectory is for {trajectory.positions.shape[1]} joints, the robot has '
                 f'{len(names)}'
             )

@@ -18,6 +18,7 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.panel import page_html
 from epson_driver.panel.lamps import advice, lamps
 from epson_driver.panel.plots import COLOURS, SPAN_S, History
+from epson_driver.panel.request_error import RequestError
 from epson_driver.panel.robot_control import PENDANT, START_TOLERANCE_RAD, RobotControl
 from epson_driver.panel.scene import ArmScene
 from epson_driver.robots import RobotModel
@@ -66,6 +67,7 @@ class RobotPage:
         self.right, self._left = tabs
         gui = viewer.gui
         with self.right:
+            gui.add_html(page_html.STYLE, order=-1)
             self._lamps = gui.add_html('', order=0)
             stop = gui.add_button('STOP', color='red', icon=viser.Icon.HAND_STOP, order=10)
             stop.on_click(self._always(control.stop))
@@ -75,6 +77,7 @@ class RobotPage:
             with self.io_folder:
                 self._io = gui.add_html('', order=0)
         with self._left:
+            gui.add_html(page_html.STYLE, order=-1)
             self._joints = gui.add_html('', order=0)
             self._log = gui.add_html('', order=1000)
         self._curves: list[Any] = []
@@ -220,16 +223,18 @@ class BrowserControls:
         self._outputs: Any = None
         self._output_names: tuple[str, ...] = ()
         self._pendant: Any = None
-        self._quiet = False
         gui = client.gui
         with page.right:
-            self._armed = gui.add_checkbox(
-                'Armed',
-                False,
+            self._arm = gui.add_button(
+                'Arm',
+                color='orange',
+                icon=viser.Icon.LOCK_OPEN,
                 order=20,
-                hint='What moves the robot is off until this is on. It ends with this window.',
+                hint='What moves the robot is off until this window is armed. It ends with it.',
             )
-            self._armed.on_update(self._on_armed)
+            self._disarm = gui.add_button(
+                'Disarm', color='dark', icon=viser.Icon.LOCK, order=21, visible=False
+            )
             motion = gui.add_folder('Motion', order=30)
             with motion:
                 enable = gui.add_button('Enable', color='green', icon=viser.Icon.POWER, order=1)
@@ -239,7 +244,11 @@ class BrowserControls:
                     'Trajectory', tuple(self._trajectories) or ('none',), order=4
                 )
                 go = gui.add_button('Go to its start, slowly', color='gray', order=5)
-                execute = gui.add_button('Execute', color='blue', icon=viser.Icon.PLAYER_PLAY, order=6)
+                execute = gui.add_button(
+                    'Execute', color='blue', icon=viser.Icon.PLAYER_PLAY, order=6
+                )
+        self._arm.on_click(self._do(partial(control.arming.arm, browser)))
+        self._disarm.on_click(self._do(partial(control.arming.disarm, 'by hand', browser)))
         self._motion = [enable, reset, self._speed, go, execute]
         enable.on_click(self._do(partial(control.enable, browser)))
         reset.on_click(self._do(partial(control.reset_error, browser)))
@@ -250,25 +259,16 @@ class BrowserControls:
     def refresh(self) -> None:
         """Show what is possible now."""
         armed = self._control.arming.holder == self._browser
-        if self._armed.value != armed:
-            self._set_quietly(self._armed, armed)
+        self._arm.visible, self._disarm.visible = not armed, armed
         for each in self._motion:
             each.disabled = not armed
         speed = self._page.control.robot.state.speed
         if speed is not None and not armed and self._speed.value != round(100 * speed):
-            self._set_quietly(self._speed, round(100 * speed))
+            self._speed.value = round(100 * speed)
         self._refresh_outputs(armed)
         if self._control.simulated != self._simulated:
             self._simulated = self._control.simulated
             self._rebuild_pendant()
-
-    def _set_quietly(self, handle: Any, value: Any) -> None:
-        """Set a value without the callback that a person's change would have."""
-        self._quiet = True
-        try:
-            handle.value = value
-        finally:
-            self._quiet = False
 
     # --- what a person does: these run in viser's threads -----------------------------------
 
@@ -278,19 +278,8 @@ class BrowserControls:
 
         return on_click
 
-    def _on_armed(self, event: Any) -> None:
-        if event.client_id is None or self._quiet:
-            return
-        if self._armed.value:
-            if not _try(
-                self._client, self._control, partial(self._control.arming.arm, self._browser)
-            ):
-                self._set_quietly(self._armed, False)
-        else:
-            self._control.arming.disarm('by hand', self._browser)
-
     def _on_speed(self, event: Any) -> None:
-        if event.client_id is not None and not self._quiet:
+        if event.client_id is not None:  # a person's change, not that of `refresh`
             factor = self._speed.value / 100.0
             action = partial(self._control.set_speed, self._browser, factor)
             _try(self._client, self._control, action)
@@ -299,7 +288,7 @@ class BrowserControls:
         name, trajectory = self._trajectory()
         away = self._control.distance_to_start(trajectory)
         if away is not None and away > START_TOLERANCE_RAD:
-            raise ValueError(
+            raise RequestError(
                 f'the arm is {np.degrees(away):.1f}° away from the start of {name}: go there first'
             )
         self._control.execute(self._browser, name, trajectory)
@@ -310,7 +299,7 @@ class BrowserControls:
     def _trajectory(self) -> tuple[str, Trajectory]:
         name = self._chosen.value
         if name not in self._trajectories:
-            raise ValueError('there is no trajectory to execute')
+            raise RequestError('there is no trajectory to execute')
         return name, self._trajectories[name]
 
     # --- outputs and the simulated pendant --------------------------------------------------
@@ -346,7 +335,7 @@ class BrowserControls:
     def _switch(self, index: int, kind: int) -> None:
         state = self._control.robot.state
         if state.io_reason:
-            raise ValueError(f'I/O is not known: {state.io_reason}')
+            raise RequestError(f'I/O is not known: {state.io_reason}')
         for each in state.io:
             if each.type == kind and 0 <= index - each.start < len(each.values):
                 value = 0 if each.values[index - each.start] else 1
@@ -355,7 +344,7 @@ class BrowserControls:
                 else:
                     self._control.set_input(index, value)
                 return
-        raise ValueError(f'there is no point {index}')
+        raise RequestError(f'there is no point {index}')
 
     def _rebuild_pendant(self) -> None:
         if self._pendant is not None:
@@ -389,15 +378,16 @@ class BrowserControls:
             _try(self._client, self._control, action)
 
 
-def _try(client: Any, control: RobotControl, action: Callable[[], object]) -> bool:
-    """Do what a person asked for; if it cannot be done, say so in that window and in the log."""
+def _try(client: Any, control: RobotControl, action: Callable[[], object]) -> None:
+    """Do what a person asked for; if it cannot be done, say so in that window and in the log.
+
+    viser would only print what a button raised.
+    """
     try:
         action()
-    except (RuntimeError, ValueError) as error:
+    except RequestError as error:
         control.robot.log(f'not done: {error}', 30)
         if client is not None:
-            client.add_notification(
-                'Not done', str(error), color='red', auto_close_seconds=8.0
-            )
-        return False
-    return True
+            client.add_notification('Not done', str(error), color='red', auto_close_seconds=8.0)
+    except BaseException as error:  # noqa: BLE001 - it is told, and ends the panel
+        control.on_error('what a button does failed', error)

@@ -30,6 +30,7 @@ from std_srvs.srv import Trigger
 
 from epson_driver.motion import Trajectory
 from epson_driver.node.trajectory_messages import trajectory_message
+from epson_driver.panel.request_error import RequestError
 from epson_driver.panel.robot_state import Event, IoRange, RobotState, Status, Tri
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -51,7 +52,7 @@ Say = Callable[[str, int], object]
 """Takes a sentence about what became of a request, and its level."""
 
 
-class NoDriverError(RuntimeError):
+class NoDriverError(RequestError):
     """Nobody serves a request; the text says what was asked of whom."""
 
 
@@ -102,16 +103,12 @@ class RosRobot:
         self.state = RobotState()
         self.parameters: dict[str, Any] = {}
         """Those of PARAMETERS, once the driver has told them."""
-        self._triggers = {
-            each: node.create_client(Trigger, f'{name}/{each}') for each in TRIGGERS
-        }
+        self._triggers = {each: node.create_client(Trigger, f'{name}/{each}') for each in TRIGGERS}
         self._set_speed = node.create_client(SetSpeedScaling, f'{name}/set_speed_scaling')
         self._write_io = node.create_client(WriteIo, f'{name}/write_io')
         self._get_parameters = node.create_client(GetParameters, f'{name}/get_parameters')
         self._asking: Any = None
-        self._action = ActionClient(
-            node, FollowJointTrajectory, f'{name}/follow_joint_trajectory'
-        )
+        self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
         self._goals: list[Goal] = []
         self._goals_lock = threading.Lock()
         subscribe = sampled.create_subscription
@@ -145,6 +142,11 @@ class RosRobot:
         """Ask for the parameters when a driver is there; forget them when it is gone."""
         if not self._get_parameters.service_is_ready():
             self.parameters, self._asking = {}, None
+            for goal in self.goals:
+                self._forget(goal)
+                self.log(
+                    f'{goal.text}: the driver is gone, and what became of it is not known', WARN
+                )
         elif not self.parameters and (self._asking is None or self._asking.done()):
             request = GetParameters.Request(names=list(PARAMETERS))
             self._asking = self._get_parameters.call_async(request)
@@ -249,9 +251,7 @@ class RosRobot:
         message = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
 
         def ended(say_what: str, level: int) -> None:
-            goal.ended.set()
-            with self._goals_lock:
-                self._goals.remove(goal)
+            self._forget(goal)
             say(f'{text}: {say_what}', level)
 
         def on_result(future: Any) -> None:
@@ -281,6 +281,12 @@ class RosRobot:
         for goal in goals:
             goal.cancel()
         return goals
+
+    def _forget(self, goal: Goal) -> None:
+        goal.ended.set()
+        with self._goals_lock:
+            if goal in self._goals:
+                self._goals.remove(goal)
 
     def _call(self, client: Any, request: Any, name: str, say: Say) -> None:
         if not client.service_is_ready():

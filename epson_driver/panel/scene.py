@@ -123,9 +123,7 @@ class _Joints:
             if index:
                 below = f'{below}/link_{index}'
                 origin = self._chain.origins[index - 1]
-                self._links.append(
-                    viewer.scene.add_frame(below, show_axes=False, position=origin)
-                )
+                self._links.append(viewer.scene.add_frame(below, show_axes=False, position=origin))
             elif ghost is not None:
                 continue  # the base stands where it stands
             for number, mesh in enumerate(meshes):

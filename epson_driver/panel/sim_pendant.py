@@ -14,6 +14,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from epson_driver.panel.access import is_loopback
+from epson_driver.panel.request_error import RequestError
 from epson_driver.panel.robot_state import Simulation
 from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
@@ -29,7 +30,7 @@ Say = Callable[[str, bool], object]
 """Takes what became of a command, and whether it was done."""
 
 
-class NotSimulatedError(RuntimeError):
+class NotSimulatedError(RequestError):
     """There is no simulated controller to press anything at; the text says so."""
 
 

@@ -68,6 +68,12 @@ class WebServer:
         for message in (ShareUrlRequest, ShareUrlDisconnect):
             self.viser._websock_server.unregister_handler(message)
 
+    @property
+    def alive(self) -> bool:
+        """Whether the thread runs that serves the page."""
+        thread = self.viser._websock_server._server_thread
+        return thread is not None and thread.is_alive()
+
     def stop(self) -> None:
         """Close the port and all connections."""
         with contextlib.redirect_stdout(io.StringIO()):
@@ -99,7 +105,9 @@ def _serving(listening: socket.socket, access: Access) -> Iterator[None]:
     served = []
     original = websockets.asyncio.server.serve
 
-    def serve(handler: Any, _host: str, _port: int, *, process_request: Any, **options: Any) -> Any:
+    def serve(
+        handler: Any, _host: str, _port: int, *, process_request: Any, **options: Any
+    ) -> Any:
         served.append(True)
         options |= {
             'max_size': MAX_MESSAGE_BYTES,
