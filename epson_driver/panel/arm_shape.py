@@ -30,7 +30,7 @@ class Mesh(NamedTuple):
 
 
 def arm_shape(model: str) -> list[list[Mesh]] | None:
-    """Return the meshes of base_link, link_1 … link_n in their own frames; None: there are none."""
+    """Return the meshes of base_link, link_1 … in their own frames; None: there are none."""
     folder = share_folder('urdf', 'meshes')
     listed = folder / model / 'links.yaml'
     if not listed.is_file():

@@ -112,6 +112,7 @@ def joints_html(
     rows = []
     for index, name in enumerate(names):
         share = (positions[index] - low[index]) / (high[index] - low[index])
+        place = 100.0 * np.clip(share, 0.0, 1.0)
         near = not 0.03 < share < 0.97
         colour = COLOURS[index % len(COLOURS)] if fresh else '#adb5bd'
         value = f'{positions[index] * per_unit[index]:.1f}{units[index]}' if fresh else '?'
@@ -119,7 +120,7 @@ def joints_html(
         rows.append(
             f'<div class="ed-joint{" ed-near" if near else ""}" title="{escape(name)}: {limits}'
             f'{units[index]}"><i style="background:{colour}"></i><em>{escape(name)}</em>'
-            f'<u><s style="background:{colour};left:calc({100 * np.clip(share, 0, 1):.1f}% - 2px)">'
+            f'<u><s style="background:{colour};left:calc({place:.1f}% - 2px)">'
             f'</s></u><b>{value}</b></div>'
         )
     return f'<div class="ed" data-part="joints">{"".join(rows)}</div>'

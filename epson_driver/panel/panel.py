@@ -38,9 +38,6 @@ CAMERA_M = (1.75, -1.35, 1.05)
 LOOK_AT_M = (0.05, 0.0, 0.34)
 FIELD_OF_VIEW_RAD = 0.7
 
-GOAL_PATIENCE_S = 3.0
-"""How long the end of the panel waits for its goals to end, s."""
-
 _log = logging.getLogger(__name__)
 
 
@@ -249,8 +246,8 @@ class Panel:
                 stack.callback(page.control.arming.disarm, 'the panel ends')
 
     def _end_goals(self) -> None:
-        if not self.ros.cancel_goals(GOAL_PATIENCE_S):
-            _log.error('a goal of the panel did not end in %g s', GOAL_PATIENCE_S)
+        if not self.ros.cancel_goals():
+            _log.error('a goal of the panel was canceled, but its end was not seen')
 
 
 def address(host: str, port: int, token: str | None) -> str:

@@ -133,6 +133,8 @@ class RobotControl:
         ):
             if not state.fresh(name, now):
                 return f'{text}: nothing may be moved that cannot be seen'
+        if state.link != 'connected':
+            return 'there is no link to the controller'
         if not self._allow_motion and not self.simulated:
             return (
                 'this robot is real, or nobody says that it is simulated: only a panel that was '

@@ -184,7 +184,7 @@ class RobotPage:
 
 
 def _curve(viewer: viser.ViserServer, title: str, count: int) -> Any:
-    """Add a plot of so many curves, and of two that nobody sees: they keep zero from filling it."""
+    """Add a plot of so many curves, and of MIN_RANGE, which nobody sees."""
     times = np.array([-SPAN_S, 0.0])
     series: list[Any] = [{'label': 's'}]
     series += [
@@ -239,7 +239,7 @@ class BrowserControls:
             with motion:
                 enable = gui.add_button('Enable', color='green', icon=viser.Icon.POWER, order=1)
                 reset = gui.add_button('Reset error', color='gray', order=2)
-                self._speed = gui.add_slider('Speed [%]', 0, 100, 1, 100, order=3)
+                self._speed: Any = gui.add_slider('Speed [%]', 0, 100, 1, 100, order=3)
                 self._chosen = gui.add_dropdown(
                     'Trajectory', tuple(self._trajectories) or ('none',), order=4
                 )

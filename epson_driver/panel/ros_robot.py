@@ -64,7 +64,7 @@ def take(subscription: Any) -> Any:
 
 
 class Goal:
-    """A goal that the panel has sent. It can be canceled at any time, even before it is accepted."""
+    """A goal that the panel has sent. It can be canceled even before it is accepted."""
 
     def __init__(self, text: str) -> None:
         self.text = text

@@ -26,6 +26,9 @@ NAME = 'epson_driver_panel'
 SPEED_SERVICE = ('epson_msgs/srv/SetSpeedScaling', '/set_speed_scaling')
 """A service that only this driver has: by its type and name drivers are found."""
 
+GOAL_PATIENCE_S = 3.0
+"""How long the end of the panel waits for its goals to end, s."""
+
 MAX_AT_ONCE = 50
 """Messages of one topic that are taken in one turn; the rest in the next."""
 
@@ -112,10 +115,10 @@ class RosSide:
         for robot in self.robots.values():
             robot.look_for_driver()
 
-    def cancel_goals(self, patience: float) -> bool:
-        """Cancel all goals of the panel; return whether all have ended within `patience`, s."""
+    def cancel_goals(self) -> bool:
+        """Cancel all goals of the panel; return whether all have ended in time."""
         goals = [goal for robot in self.robots.values() for goal in robot.cancel_goals()]
-        return all([goal.ended.wait(patience) for goal in goals])
+        return all(goal.ended.wait(GOAL_PATIENCE_S) for goal in goals)
 
     def close(self) -> None:
         """Leave ROS."""

@@ -118,7 +118,7 @@ class SimPendant:
 
 
 class PendantThread:
-    """One thread with an event loop for all pendants. `on_error`: what ended one, or the thread."""
+    """One thread with an event loop for all pendants. `on_error` is called with what failed."""
 
     def __init__(
         self, clock: Callable[[], float], on_error: Callable[[str, BaseException], None]

@@ -31,20 +31,25 @@ TIMEOUTS = {
         'BRAKING_TIMEOUT_S': LONG,
         'MOTORS_OFF_TIMEOUT_S': LONG,
     },
+    'epson_driver.panel.robot_state': {
+        'MAX_AGES_S': dict.fromkeys(('joints', 'status', 'diagnostics', 'simulation'), LONG)
+    },
+    'epson_driver.panel.sim_pendant': {'ANSWER_TIMEOUT_S': LONG},
+    'epson_driver.panel.ros_side': {'GOAL_PATIENCE_S': 8.0},
     'epson_driver.link.link': {'CONNECT_TIMEOUT_S': LONG},
 }
 
 
 def be_patient() -> None:
-    """Make the client's own time-outs long, in this process."""
+    """Make the own time-outs of client and panel long, in this process."""
     for name, constants in TIMEOUTS.items():
         module = import_module(name)
         for constant, seconds in constants.items():
-            assert isinstance(getattr(module, constant), float)
+            assert isinstance(getattr(module, constant), type(seconds))
             setattr(module, constant, seconds)
 
 
 if __name__ == '__main__':
-    if sys.argv[1:2] == ['client']:
+    if sys.argv[1:2] in (['client'], ['panel']):
         be_patient()
     sys.exit(main())
