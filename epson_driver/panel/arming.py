@@ -86,7 +86,7 @@ class Arming:
         """
         with self._lock:
             if self._holder != browser:
-                raise NotArmedError('not armed: switch on "Armed" first')
+                raise NotArmedError('not armed: press Arm first')
             why = self._forbidden()
             if why is not None:
                 self.disarm(why)

@@ -45,11 +45,16 @@ def panel(shared: PanelProcess, cell: Cell) -> PanelProcess:
 def moving(cell: Cell, panel: PanelProcess) -> PanelClient:
     """Open a window, arm it, enable the arm and execute the swing from it."""
     client = panel.armed()
-    client.click('Enable')
-    client.wait_for_lamp('Arm gate', 'good')
+    enable(client)
     client.click('Execute')
     cell.peer.wait_for_motion()
     return client
+
+
+def enable(client: PanelClient) -> None:
+    """Press Enable and wait for the answer, which comes before the lamp changes."""
+    client.click('Enable')
+    client.wait(lambda: '~/enable: the arm is enabled' in client.newest_log(), 'enabled')
 
 
 def back(cell: Cell, start: list[float] = START) -> None:
@@ -204,8 +209,7 @@ def test_a_goal_from_elsewhere_in_the_room_is_refused_at_the_wrong_place(
 ) -> None:
     back(cell, [0.5, *START[1:]])
     with panel.armed() as client:
-        client.click('Enable')
-        client.wait_for_lamp('Arm gate', 'good')
+        enable(client)
         client.click('Execute')
         client.wait_for_notification('28.6° away from the start of swing: go there first')
         client.click('Go to its start, slowly')

@@ -89,6 +89,10 @@ class PanelClient:
         texts = [each.get('content', '') for each in list(self.elements.values())]
         return next((text for text in texts if f'data-part="{part}"' in text), '')
 
+    def newest_log(self) -> str:
+        """Return the line of the log that came last."""
+        return self.html('log').partition('</div>')[0]
+
     def lamp(self, name: str) -> str:
         """Return the colour of a lamp."""
         _, found, rest = self.html('lamps').partition(f'data-lamp="{name}" data-colour="')
