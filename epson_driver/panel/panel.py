@@ -7,7 +7,7 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -180,9 +180,22 @@ class Panel:
                 for page in self._pages.values():
                     page.control.arming.disconnect(client.client_id)
         for client, controls in self._browsers.values():
-            for name, page in self._pages.items():
-                if name not in controls:
-                    controls[name] = BrowserControls(page, client)
+            with self._unless_gone(client):
+                for name, page in self._pages.items():
+                    if name not in controls:
+                        controls[name] = BrowserControls(page, client)
+
+    @contextlib.contextmanager
+    def _unless_gone(self, client: viser.ClientHandle) -> Iterator[None]:
+        """Do something with the elements of a browser, which may vanish meanwhile.
+
+        viser takes them away in its own thread then, and raises one thing or another.
+        """
+        try:
+            yield
+        except Exception:
+            if client.client_id in self.web.viser.get_clients():
+                raise
 
     # --- the loop ---------------------------------------------------------------------------
 
@@ -228,12 +241,9 @@ class Panel:
                 page.draw_curves(now)
         if text:
             for client, controls in self._browsers.values():
-                try:
+                with self._unless_gone(client):
                     for each in controls.values():
                         each.refresh()
-                except RuntimeError:  # viser's, for the handles of a browser that is gone
-                    if client.client_id in self.web.viser.get_clients():
-                        raise
 
     def _close(self) -> None:
         """Let no goal of the panel outlive it, then close everything."""

@@ -14,6 +14,7 @@ import http
 import io
 import socket
 import threading
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -37,6 +38,9 @@ MAX_MESSAGE_BYTES = 1_000_000
 """Of what a browser sends. Clicks and camera poses are far smaller."""
 
 _patching = threading.Lock()
+
+warnings.filterwarnings('ignore', 'Queued a .* on a closed connection', UserWarning)
+"""A browser that goes while its controls are drawn is nothing to warn of."""
 
 
 class WebServerError(RuntimeError):

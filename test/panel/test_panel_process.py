@@ -217,6 +217,21 @@ def test_a_goal_from_elsewhere_in_the_room_is_refused_at_the_wrong_place(
         assert abs(cell.peer.position()[0]) < 0.02
 
 
+def test_windows_that_come_and_go_disturb_nobody(panel: PanelProcess) -> None:
+    """Their controls are made and refreshed while they vanish."""
+    with panel.window() as client:
+        for number in range(60):
+            window = PanelClient(panel.port)
+            if number % 3:
+                window.wait(lambda window=window: window.buttons('Arm'), 'a part of its controls')
+            if number % 3 == 2:
+                window.wait(lambda window=window: 'Tasks' in window.labels, 'the pendant begun')
+            window.close()
+        client.click('Arm')
+        client.wait(lambda: not client.disabled('Enable'), 'armed')
+        client.click('Disarm')
+
+
 def test_no_other_page_gets_in(panel: PanelProcess) -> None:
     for origin in ('http://evil.example', None):
         with pytest.raises(InvalidStatus) as refused:

@@ -80,6 +80,11 @@ class PanelClient:
             if each.get('label') == label and each['type'] == 'GuiButtonMessage'
         ]
 
+    @property
+    def labels(self) -> set[str]:
+        """All labels of inputs and buttons."""
+        return {str(each.get('label')) for each in list(self.elements.values())}
+
     def disabled(self, label: str) -> bool:
         """Return whether a button is shown as one that cannot be pressed."""
         return bool(self.elements[self.buttons(label)[0]]['disabled'])
