@@ -96,16 +96,16 @@ def advice(state: RobotState, now: float) -> Advice:
         return Advice(
             state.arm_text or 'the controller is silent', 'wait, or check the controller', BAD
         )
-    status = state.status
+    status, error = state.status, _error(state)
     if status.e_stopped is Tri.YES:
         return Advice(
-            _error(state) or 'the E-stop is pressed, or not reset yet',
+            'the E-stop is pressed, or not reset yet' + (f' ({error})' if error else ''),
             'release the E-stop, then Reset error, then Enable',
             BAD,
         )
     if status.in_error is Tri.YES or status.error_codes:
         return Advice(
-            _error(state) or 'the controller reports an error',
+            error or 'the controller reports an error',
             state.remedy or 'Reset error, then Enable',
             BAD,
         )

@@ -22,14 +22,14 @@ class History:
 
     def __init__(self, per_unit: Array) -> None:
         self._per_unit = per_unit
-        self._rows: deque[tuple[float, Array, Array, Array]] = deque(
-            maxlen=int(SPAN_S / PERIOD_S) + 1
-        )
+        self._rows: deque[tuple[float, Array, Array, Array]] = deque()
 
     def add(self, now: float, positions: Array, velocities: Array, error: Array | None) -> None:
         """Add a sample; an error of None is none. `now`: the panel's clock, s."""
         missing = np.zeros(len(positions)) if error is None else error
         self._rows.append((now, positions, velocities, missing))
+        while now - self._rows[0][0] > SPAN_S:
+            self._rows.popleft()
 
     def curves(self, now: float) -> tuple[tuple[Array, ...], ...]:
         """Return for each of the three quantities the times, s before now, and the joints."""
