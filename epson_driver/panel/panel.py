@@ -32,10 +32,10 @@ BEAT_PERIOD_S = 1.0
 IDLE_PERIOD_S = 0.2
 """Of the loop while no browser is connected, s."""
 
-BETWEEN_ROBOTS_M = 1.1
+BETWEEN_ROBOTS_M = 0.9
 
-CAMERA_M = (1.75, -1.35, 1.05)
-LOOK_AT_M = (0.05, 0.0, 0.34)
+LOOK_AT_M = np.array([0.1, 0.0, 0.33])
+TO_CAMERA_M = np.array([1.65, -1.05, 0.62])
 FIELD_OF_VIEW_RAD = 0.7
 
 _log = logging.getLogger(__name__)
@@ -130,9 +130,16 @@ class Panel:
             fade_distance=8.0,
             position=(0.0, 0.0, -0.001),
         )
-        viewer.initial_camera.position = CAMERA_M
-        viewer.initial_camera.look_at = LOOK_AT_M
         viewer.initial_camera.fov = FIELD_OF_VIEW_RAD
+        viewer.initial_camera.look_at = LOOK_AT_M
+        viewer.initial_camera.position = LOOK_AT_M + TO_CAMERA_M
+
+    def _place_camera(self, client: viser.ClientHandle) -> None:
+        """Have a new window look at the row of robots that there are."""
+        camera, robots = client.camera, max(1, len(self._pages))
+        centre = LOOK_AT_M + np.array([0.0, 0.5 * BETWEEN_ROBOTS_M * (robots - 1), 0.0])
+        camera.look_at = centre
+        camera.position = centre + TO_CAMERA_M * (1.0 + 0.4 * (robots - 1))
 
     def _add_pages(self) -> None:
         for name, robot in self.ros.robots.items():
@@ -147,7 +154,7 @@ class Panel:
             )
             label = robot.namespace.strip('/') or name.strip('/')
             tabs = (self._tabs.add_tab(label), self._left.add_tab(label))
-            place = np.array([0.0, -BETWEEN_ROBOTS_M * len(self._pages), 0.0])
+            place = np.array([0.0, BETWEEN_ROBOTS_M * len(self._pages), 0.0])
             shown = label if robot.namespace else ''
             page = RobotPage(self.web.viser, control, self._trajectories, tabs, place, shown)
             self._pages[name] = page
@@ -175,6 +182,8 @@ class Panel:
                 self._browsers[client.client_id] = (client, {})
                 for page in self._pages.values():
                     page.control.arming.connect(client.client_id)
+                with self._unless_gone(client):
+                    self._place_camera(client)
             else:
                 self._browsers.pop(client.client_id, None)
                 for page in self._pages.values():

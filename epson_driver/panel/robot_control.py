@@ -27,6 +27,10 @@ SLOW_SHARE = 0.2
 """Of the joints' velocity and acceleration limits, on the way to the start of a trajectory."""
 
 MIN_DURATION_S = 1.0
+POINT_PERIOD_S = 0.1
+
+PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
+"""Of the polynomial of fifth degree that rests at both ends, for a way of 1 in 1 s."""
 
 
 @dataclass(frozen=True)
@@ -219,18 +223,19 @@ class RobotControl:
             way = np.abs(goal - here)
             duration = max(
                 MIN_DURATION_S,
-                float(np.max(2.0 * way / (SLOW_SHARE * limits.velocity))),
-                float(np.max(np.sqrt(6.0 * way / (SLOW_SHARE * limits.acceleration)))),
+                float(np.max(PEAK_VELOCITY * way / (SLOW_SHARE * limits.velocity))),
+                float(
+                    np.sqrt(np.max(PEAK_ACCELERATION * way / (SLOW_SHARE * limits.acceleration)))
+                ),
             )
-            rest = np.zeros((2, len(here)))
+            s = np.linspace(0.0, 1.0, max(3, round(duration / POINT_PERIOD_S) + 1))[:, None]
             self._send(
                 f'to the start of {name}',
                 Trajectory(
                     there.joint_names,
-                    np.array([0.0, duration]),
-                    np.array([here, goal]),
-                    rest,
-                    rest,
+                    duration * s[:, 0],
+                    here + (goal - here) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
+                    (goal - here) * 30.0 * (s * (1.0 - s)) ** 2 / duration,
                 ),
             )
 
