@@ -6,6 +6,7 @@ One node is served by an executor, for answers; the other only holds subscriptio
 sampled (`ros_robot.py`).
 """
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from epson_driver.node.ros_thread import RosThread
-from epson_driver.panel.robot_state import Event
+from epson_driver.panel.robot_state import MAX_EVENTS, Event
 from epson_driver.panel.ros_robot import RosRobot, take
 
 NAME = 'epson_driver_panel'
@@ -73,6 +74,8 @@ class RosSide:
         self._thread.start()
         self.robots: dict[str, RosRobot] = {}
         """By the names of their nodes, in the order in which they were found."""
+        self._early: deque[tuple[str, Event]] = deque(maxlen=MAX_EVENTS)
+        """Lines of nodes that are no drivers, or not known as such yet."""
         self._find = names is None
         for name in names or ():
             self._add(name)
@@ -83,7 +86,10 @@ class RosSide:
         )
 
     def _add(self, name: str) -> None:
-        self.robots[name] = RosRobot(self._node, self._sampled, name)
+        robot = self.robots[name] = RosRobot(self._node, self._sampled, name)
+        for node, event in self._early:
+            if node == name:
+                robot.state.add_event(event)
 
     def sample(self, now: float) -> None:
         """Take what is new of every robot."""
@@ -99,10 +105,14 @@ class RosSide:
                 if robot is not None and separator and part == 'arm':
                     robot.on_diagnostics(status, now)
         for line in _all(self._log):
-            robot = self.robots.get('/' + line.name.replace('.', '/'))
+            at = line.stamp.sec + line.stamp.nanosec * 1e-9
+            event = Event(at, _level(line.level), line.msg)
+            name = '/' + line.name.replace('.', '/')
+            robot = self.robots.get(name)
             if robot is not None:
-                at = line.stamp.sec + line.stamp.nanosec * 1e-9
-                robot.state.add_event(Event(at, _level(line.level), line.msg))
+                robot.state.add_event(event)
+            else:
+                self._early.append((name, event))
 
     def look_around(self) -> None:
         """Look for drivers that have come, and for the parameters of those that are there."""
