@@ -138,7 +138,7 @@ class Panel:
         """Have a new window look at the row of robots that there are."""
         camera, robots = client.camera, max(1, len(self._pages))
         centre = LOOK_AT_M + np.array([0.0, 0.5 * BETWEEN_ROBOTS_M * (robots - 1), 0.0])
-        camera.position = centre + TO_CAMERA_M * (1.0 + 0.4 * (robots - 1))
+        camera.position = centre + TO_CAMERA_M * (1.0 + 0.7 * (robots - 1))
         camera.look_at = centre  # after the position, with which viser moves it
 
     def _add_pages(self) -> None:
