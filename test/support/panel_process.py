@@ -45,8 +45,10 @@ class PanelProcess:
         """Open a window and arm it."""
         client = self.window()
         client.wait_for_lamp('Door', 'good')  # the simulated controller has said what it is
-        client.click('Arm')
-        client.wait(lambda: not client.disabled('Enable'), 'armed')
+        while client.disabled('Enable'):  # a controller that has just come is not known yet
+            client.notifications.clear()
+            client.click('Arm')
+            client.wait(lambda: client.notifications or not client.disabled('Enable'), 'an answer')
         return client
 
     def end(self) -> int:
