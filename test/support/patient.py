@@ -34,20 +34,28 @@ TIMEOUTS = {
         'CAUSE_TIMEOUT_S': LONG,
         'MOTORS_OFF_TIMEOUT_S': LONG,
     },
+    'epson_driver.panel.robot_state': {
+        'MAX_AGES_S': dict.fromkeys(('joints', 'status', 'diagnostics', 'simulation'), LONG)
+    },
+    'epson_driver.panel.sim_pendant': {'ANSWER_TIMEOUT_S': LONG},
+    'epson_driver.panel.ros_side': {'GOAL_PATIENCE_S': 8.0},
     'epson_driver.link.link': {'CONNECT_TIMEOUT_S': LONG},
 }
 
 
-def be_patient(assign: Callable[[object, str, float], object] = setattr) -> None:
-    """Make the client's own time-outs long, in this process; `assign` is setattr or the like."""
+def be_patient(assign: Callable[[object, str, object], object] = setattr) -> None:
+    """Make the own time-outs of client and panel long, in this process.
+
+    `assign` is setattr or the like.
+    """
     for name, constants in TIMEOUTS.items():
         module = import_module(name)
         for constant, seconds in constants.items():
-            assert isinstance(getattr(module, constant), float)
+            assert isinstance(getattr(module, constant), type(seconds))
             assign(module, constant, seconds)
 
 
 if __name__ == '__main__':
-    if sys.argv[1:2] == ['client']:
+    if sys.argv[1:2] in (['client'], ['panel']):
         be_patient()
     sys.exit(main())

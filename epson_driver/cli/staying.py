@@ -1,0 +1,51 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`demo --stay` and `--panel`: controller and driver go on after the demo, for a person to use."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.console import Console
+
+from epson_driver.cli import processes
+from epson_driver.cli.cell import RunningDriver
+from epson_driver.cli.panel import INSTALL, missing
+
+ENVIRONMENT = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
+"""What another terminal must have to find the driver."""
+
+
+@contextlib.contextmanager
+def panel_beside(
+    folder: Path, driver: RunningDriver, console: Console, *, wanted: bool
+) -> Iterator[None]:
+    """Run the panel during the block, if it is wanted and installed, and print its address.
+
+    Raises RunError with what it said if it does not start.
+    """
+    if not wanted:
+        yield
+        return
+    if missing():
+        console.print(INSTALL, highlight=False, markup=False)
+        yield
+        return
+    environment = processes.ros_environment(driver.domain)
+    panel = processes.Process('panel', ['--port', '0'], folder / 'panel.log', environment)
+    with processes.ended_at_exit(panel):
+        console.print(f'panel: {panel.address()}', highlight=False, soft_wrap=True)
+        yield
+
+
+def stay(driver: RunningDriver, console: Console) -> None:
+    """Say how the driver is reached, and return at Ctrl-C. Raises RunError if the driver ends."""
+    console.print('controller and driver go on until Ctrl-C; in another terminal:')
+    for name in ENVIRONMENT:
+        console.print(f'export {name}={os.environ[name]}', highlight=False)
+    try:
+        driver.process.wait()
+        driver.process.check_alive()
+    except KeyboardInterrupt:
+        console.print('ended')
