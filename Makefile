@@ -41,7 +41,7 @@ help:
 	@echo "make test-all      run the slow tests as well (half an hour)"
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff and mypy"
-	@echo "make bench         measure the CPU time of the smoother, drivers, collision checks and the SPEL+ program"
+	@echo "make bench         measure the CPU time of the smoother, drivers, collision checks, the SPEL+ program and the panel"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to benchmark/results"
 	@echo "make soak          send 2,000 goals and 20,000 service calls, and watch the driver's memory (ten minutes)"
@@ -92,6 +92,7 @@ bench: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.collision
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.robots
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.spel_program
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.panel
 
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
@@ -140,5 +141,5 @@ $(VENV)/.panel: $(VENV)/.driver requirements/panel.txt
 $(VENV)/.browser: $(VENV)/.dev requirements/browser.txt
 	@$(INSTALL) browser
 
-$(VENV)/.bench: $(VENV)/.driver requirements/bench.txt
+$(VENV)/.bench: $(VENV)/.driver requirements/bench.txt requirements/panel.txt
 	@$(INSTALL) bench

@@ -85,7 +85,7 @@ STEPS = {
             'py-opw-kinematics',
         ),
         Step('browser', 'what drives a browser', ('requirements/browser.txt',), 52, 164, 'viser'),
-        Step('bench', 'what is compared', ('requirements/bench.txt',), 118, 246, 'scipy'),
+        Step('bench', 'what is compared, panel', ('requirements/bench.txt',), 129, 285, 'scipy'),
     )
 }
 

@@ -15,9 +15,10 @@ import socket
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
@@ -27,7 +28,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from epson_driver.cli.arguments import argument, picture
-from epson_driver.cli.cell import RunningDriver, running_controller, running_driver
+from epson_driver.cli.cell import running_controller, running_driver
 from epson_driver.cli.demo_report import (
     MAX_DEVIATION_RAD,
     Drawn,
@@ -105,13 +106,13 @@ def main() -> int:
                 tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder,
                 _executed(motion, controller, trajectory, Path(folder), console, staying) as (
                     run,
-                    driver,
+                    go_on,
                 ),
             ):
                 runs.append(run)
                 if staying:
                     code = _report(arguments, trajectory, runs, console)
-                    stay(driver, console)
+                    go_on()
                     return code
         return _report(arguments, trajectory, runs, console)
     except _GoalError as error:
@@ -264,10 +265,11 @@ def _executed(
     folder: Path,
     console: Console,
     staying: bool,
-) -> Iterator[tuple[Run, RunningDriver]]:
+) -> Iterator[tuple[Run, Callable[[], None]]]:
     """Execute the trajectory; controller and driver run on until the block ends.
 
-    `staying`: with the panel. Raises RunError if the goal is not reached.
+    `staying`: with the panel. Yields the run, and what goes on until Ctrl-C. Raises RunError if
+    the goal is not reached.
     """
     began = time.monotonic()
     start = trajectory.positions[0].tolist()
@@ -285,7 +287,7 @@ def _executed(
                 controller=controller,
                 allow_nonzero_velocity_at_trajectory_end='true',
             ) as driver,
-            panel_beside(folder, driver, console, wanted=staying),
+            panel_beside(folder, driver, console, wanted=staying) as panel,
         ):
             user = driver.user
             missed = deadlines_missed(ports.remote)
@@ -298,7 +300,7 @@ def _executed(
             run = user.recording()
             yield (
                 Run(motion, run, measure(trajectory, run), text, latencies, round_trips, missed),
-                driver,
+                partial(stay, driver, panel, console),
             )
 
 

@@ -93,7 +93,7 @@ def run(seeds: range, picture: Path, console: Console, *, staying: bool) -> int:
         running_driver(
             folder, ports, model.joint_names, console, robot_model=model.name
         ) as driver,
-        panel_beside(folder, driver, console, wanted=staying),
+        panel_beside(folder, driver, console, wanted=staying) as panel,
     ):
         with Progress(
             TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(), console=console
@@ -112,7 +112,7 @@ def run(seeds: range, picture: Path, console: Console, *, staying: bool) -> int:
             missed = deadlines_missed(ports.remote) - missed
         if staying:
             code = _report(outcomes, seeds, model, picture, console, missed)
-            stay(driver, console)
+            stay(driver, panel, console)
             return code
     return _report(outcomes, seeds, model, picture, console, missed)
 

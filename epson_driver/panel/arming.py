@@ -59,7 +59,7 @@ class Arming:
                 raise NotArmedError(why)
             if self._holder not in (None, browser):
                 raise NotArmedError(
-                    'another window of the panel is armed: disarm it first (any window may)'
+                    'another window of the panel is armed: disarm it there, or close it'
                 )
             self._holder = browser
 

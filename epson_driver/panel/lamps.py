@@ -2,13 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what was reported to the lamps, and to what is in the way and what to do about it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from epson_driver.panel.robot_state import RobotState, Tri
 
 GOOD, WARN, BAD, OFF, UNKNOWN = COLOURS = ('good', 'warn', 'bad', 'off', 'unknown')
 """Of lamps. OFF: known, and nothing to look at; UNKNOWN: grey, as it may be anything."""
+
+
+STOP_FAILED = 'STOP did not work'
+"""So the driver's sentence begins when a STOP was not followed by rest."""
+
+NO_ESTOP = 'not active'
+NO_PROGRAM = ('stopped', 'aborted')
+"""What the simulated controller says of its E-stop, and of its tasks when they have ended."""
 
 
 class Lamp(NamedTuple):
@@ -85,8 +93,11 @@ def advice(state: RobotState, now: float) -> Advice:
         return Advice(
             'the driver does not report', 'start it, or look whether it still runs', UNKNOWN
         )
+    condition = _condition(state, now)
+    if state.arm_text.startswith(STOP_FAILED):
+        return Advice(state.arm_text, 'keep away, press the E-stop, and see why', BAD)
     if state.link != 'connected':
-        return Advice(
+        return _ended(condition) or Advice(
             f'no link to the controller ({state.link.replace("_", " ") or "not yet"})',
             'check that it runs, the cable and robot_ip; the driver connects by itself, then '
             'press Enable',
@@ -109,20 +120,51 @@ def advice(state: RobotState, now: float) -> Advice:
             state.remedy or 'Reset error, then Enable',
             BAD,
         )
-    if state.simulation is not None and state.fresh('simulation', now):
-        if state.simulation.condition.get('door') not in ('closed', None):
-            return Advice(
-                'the safeguard door is open', 'close the door, then Continue at the pendant', BAD
-            )
-        if state.simulation.condition.get('tasks') == 'paused':
-            return Advice('the controller is paused', 'Continue at the pendant', WARN)
+    told = _ended(condition) or _held(condition)
+    if told is not None:
+        return told
+    if status.mode == 'MANUAL' and status.motion_possible is not Tri.YES:
+        return Advice('the key switch is at MANUAL', 'turn it to AUTO, then press Enable', WARN)
     if state.gate_open is False:
-        return Advice(f'not enabled: {state.gate_reason}', 'press Enable', WARN)
+        reason = state.gate_reason
+        text = reason if reason.startswith('not enabled') else f'not enabled: {reason}'
+        return Advice(text, 'press Enable', WARN)
     if status.motion_possible is Tri.NO:
         return Advice('the controller would not move now', 'see its pendant', WARN)
     if state.goal_running:
         return Advice('a goal is being executed', '', GOOD)
     return Advice('ready for a goal', '', GOOD)
+
+
+def _condition(state: RobotState, now: float) -> Mapping[str, str]:
+    """Return what the simulated controller says of itself; of any other, nothing."""
+    if state.simulation is None or not state.fresh('simulation', now):
+        return {}
+    return state.simulation.condition
+
+
+def _ended(condition: Mapping[str, str]) -> Advice | None:
+    """Return why a simulated controller's program does not run; its ports may be closed then."""
+    estop, tasks = condition.get('estop', NO_ESTOP), condition.get('tasks', '')
+    if estop != NO_ESTOP:
+        first = 'release the E-stop, then ' if estop == 'pressed' else ''
+        return Advice(f'the E-stop is {estop}', f'{first}Reset error, then Enable', BAD)
+    if tasks in NO_PROGRAM:
+        return Advice(
+            f"the controller's program is {tasks}", 'Tasks: start at the pendant, then Enable', BAD
+        )
+    return None
+
+
+def _held(condition: Mapping[str, str]) -> Advice | None:
+    """Return why a simulated controller's program waits."""
+    if condition.get('door', 'closed') != 'closed':
+        return Advice(
+            'the safeguard door is open', 'close the door, then Continue at the pendant', BAD
+        )
+    if condition.get('tasks') == 'paused':
+        return Advice('the controller is paused', 'Continue at the pendant', WARN)
+    return None
 
 
 def _error(state: RobotState) -> str:

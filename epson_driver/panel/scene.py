@@ -4,6 +4,7 @@
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.interpolation import Interpolation
@@ -22,7 +23,13 @@ MAX_PLAN_POINTS = 300
 
 DRIVEN_COLOUR = (19, 111, 209)
 PLANNED_COLOUR = (240, 140, 20)
+DRIVEN_M, PLANNED_M = 0.0035, 0.005
+"""How thick the paths are, m: each shows beside the other where they agree."""
+
 GHOST_COLOUR = (245, 159, 40)
+GHOST_MARGIN_M = 0.0012
+"""The ghost is larger than the arm by this much, m: surfaces in one place would flicker."""
+
 STALE_COLOUR = (150, 150, 150)
 
 JOINT_RADIUS_M = 0.045
@@ -46,37 +53,40 @@ class ArmScene:
         self._ghost.visible(False)
         if label:
             viewer.scene.add_label(f'{path}/name', label, position=(0.0, 0.0, -0.06))
-        self._driven: list[Array] = []
-        self._drawn: Array | None = None
+        self._driven = _Path()
+        self._followed: _Path | None = _Path()
+        """The way of the reference, as it goes, of a goal whose plan is not known."""
 
     def show(self, joints: Array) -> None:
         """Draw the arm with its joints where they were measured, and go on with the path."""
         if not self._arm.show(joints):
             return
-        tool = self._kinematics.forward(joints)[:3, 3]
-        if not self._driven or np.linalg.norm(tool - self._driven[-1]) >= MIN_STEP_M:
-            self._driven.append(tool)
-            del self._driven[:-MAX_PATH_POINTS]
+        self._driven.add(self._kinematics.forward(joints)[:3, 3])
 
     def grey(self, stale: bool) -> None:
         """Take the colours away while it is not known where the arm is."""
         self._arm.grey(stale)
 
     def show_path(self) -> None:
-        """Draw the path that the tool has driven, if it has gone on."""
-        if len(self._driven) >= 2 and self._driven[-1] is not self._drawn:
-            self._drawn = self._driven[-1]
-            self._line('driven', np.array(self._driven), DRIVEN_COLOUR, 0.0035)
+        """Draw the path that the tool has driven, and that of the plan, if they have gone on."""
+        if (driven := self._driven.news()) is not None:
+            self._line('driven', driven, DRIVEN_COLOUR, DRIVEN_M)
+        if self._followed is not None and (planned := self._followed.news()) is not None:
+            self._line('planned', planned, PLANNED_COLOUR, PLANNED_M)
 
     def show_ghost(self, joints: Array | None) -> None:
         """Draw where the plan is now; None: no plan is executed."""
         self._ghost.visible(joints is not None)
-        if joints is not None:
-            self._ghost.show(joints)
+        if joints is not None and self._ghost.show(joints) and self._followed is not None:
+            self._followed.add(self._kinematics.forward(joints)[:3, 3])
 
     def show_plan(self, plan: Trajectory | None) -> None:
-        """Draw the tool's path of a plan, if it is known; forget what was driven before."""
-        self._driven.clear()
+        """Draw the tool's path of a plan; forget what was driven before.
+
+        None: the plan is not known, and its path is drawn as the reference goes on.
+        """
+        self._driven = _Path()
+        self._followed = _Path() if plan is None else None
         self._remove('driven')
         self._remove('planned')
         if plan is None or len(plan.times) < 2:
@@ -85,7 +95,7 @@ class ArmScene:
         way = Interpolation(plan.times, plan.positions, plan.velocities)
         dense, _, _ = way.at(times)
         points = np.array([self._kinematics.forward(joints)[:3, 3] for joints in dense])
-        self._line('planned', points, PLANNED_COLOUR, 0.005)
+        self._line('planned', points, PLANNED_COLOUR, PLANNED_M)
 
     def _line(
         self, name: str, points: Array, colour: tuple[int, int, int], thickness: float
@@ -99,6 +109,27 @@ class ArmScene:
 
     def _remove(self, name: str) -> None:
         self._viewer.scene.remove_by_name(f'{self._path}/{name}')
+
+
+class _Path:
+    """Where the tool was: a point wherever it went on by MIN_STEP_M."""
+
+    def __init__(self) -> None:
+        self._points: list[Array] = []
+        self._drawn: Array | None = None
+
+    def add(self, point: Array) -> None:
+        """Go on to a point, shape (3,), m."""
+        if not self._points or np.linalg.norm(point - self._points[-1]) >= MIN_STEP_M:
+            self._points.append(point)
+            del self._points[:-MAX_PATH_POINTS]
+
+    def news(self) -> Array | None:
+        """Return all points, shape (n, 3), if there are more than when last asked; else None."""
+        if len(self._points) < 2 or self._points[-1] is self._drawn:
+            return None
+        self._drawn = self._points[-1]
+        return np.array(self._points)
 
 
 class _Joints:
@@ -129,7 +160,7 @@ class _Joints:
             for number, mesh in enumerate(meshes):
                 handle = viewer.scene.add_mesh_simple(
                     f'{below}/mesh_{number}',
-                    mesh.vertices,
+                    mesh.vertices if ghost is None else _grown(mesh),
                     mesh.faces,
                     color=ghost or mesh.colour,
                     opacity=None if ghost is None else 0.28,
@@ -162,6 +193,17 @@ class _Joints:
         """Show or hide all of it."""
         if self._root.visible != shown:
             self._root.visible = shown
+
+
+def _grown(mesh: Mesh) -> NDArray[np.float32]:
+    """Return the vertices of a mesh, moved outwards by GHOST_MARGIN_M."""
+    corners = mesh.vertices[mesh.faces]
+    facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(mesh.vertices)
+    for corner in range(3):
+        np.add.at(normals, mesh.faces[:, corner], facets)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return mesh.vertices + np.float32(GHOST_MARGIN_M) * normals
 
 
 def _sticks(model: RobotModel) -> list[list[Mesh]]:

@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+pytest.importorskip('viser')
+
 from support.cell import Cell
 from support.panel_process import PanelProcess
 from support.ros_peer import PATIENCE
@@ -18,7 +21,6 @@ from support.ros_peer import PATIENCE
 CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
 
 pytestmark = [
-    pytest.mark.slow,
     pytest.mark.skipif(
         CHROMIUM is None,
         reason='there is no browser: apt install --no-install-recommends chromium',

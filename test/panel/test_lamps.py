@@ -115,6 +115,13 @@ def test_a_link_without_joint_states_is_not_green() -> None:
         ),
         ({'gate_open': False, 'gate_reason': 'so it is'}, 'Arm gate', WARN, 'so it is', 'Enable'),
         (
+            {'status': replace(FINE, mode='MANUAL', motion_possible=Tri.NO)},
+            'Mode',
+            WARN,
+            'at MANUAL',
+            'turn it to AUTO',
+        ),
+        (
             {'simulation': Simulation({'door': 'open'})},
             'Door',
             BAD,
@@ -131,6 +138,40 @@ def test_each_condition_has_its_lamp_its_reason_and_what_to_do(
     said = advice(found, NOW)
     assert reason in said.reason
     assert remedy in said.remedy
+
+
+def test_a_stop_that_did_not_work_comes_before_everything_else() -> None:
+    alarm = 'STOP did not work: not answered within 2 s; the arm still moves'
+    said = advice(state(arm_text=alarm, link='backing_off'), NOW)
+    assert said.reason == alarm
+    assert 'E-stop' in said.remedy
+    assert said.colour == BAD
+
+
+@pytest.mark.parametrize(
+    ('condition', 'reason', 'remedy'),
+    [
+        ({'estop': 'pressed', 'tasks': 'aborted'}, 'E-stop is pressed', 'release the E-stop'),
+        ({'estop': 'released, not reset', 'tasks': 'aborted'}, 'not reset', 'Reset error, then'),
+        ({'estop': 'not active', 'tasks': 'stopped'}, 'program is stopped', 'start'),
+        ({'estop': 'not active', 'tasks': 'running'}, 'no link', 'robot_ip'),
+        ({'estop': 'not active', 'tasks': 'paused'}, 'no link', 'robot_ip'),
+    ],
+)
+def test_a_link_that_ended_with_the_simulated_program_has_that_as_its_reason(
+    condition: dict[str, str], reason: str, remedy: str
+) -> None:
+    said = advice(state(link='backing_off', simulation=Simulation(condition)), NOW)
+    assert reason in said.reason
+    assert remedy in said.remedy
+    later = state(link='backing_off', simulation=Simulation(condition))
+    later.times['simulation'] = NOW - MAX_AGES_S['simulation'] - 0.1
+    assert 'no link' in advice(later, NOW).reason
+
+
+def test_what_is_not_enabled_is_said_once() -> None:
+    reason = 'not enabled since the driver started'
+    assert advice(state(gate_open=False, gate_reason=reason), NOW).reason == reason
 
 
 def test_unknown_is_not_taken_for_no() -> None:

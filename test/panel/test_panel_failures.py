@@ -7,6 +7,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+
+pytest.importorskip('viser')
+
 from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+pytest.importorskip('viser')
+
 from support.cell import START, Cell
 from support.fleet import Fleet
 from support.panel_client import PanelClient

@@ -11,10 +11,14 @@ import sys
 from pathlib import Path
 
 import pytest
+
+pytest.importorskip('viser')
+
 from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 
 from epson_driver.cli import processes
+from epson_driver.cli.demo_verdict import TOO_BUSY
 from epson_driver.cli.panel import PORT
 
 DEMO = (sys.executable, '-m', 'epson_driver.cli', 'demo')
@@ -30,12 +34,13 @@ def test_demo_stays_with_a_panel_until_it_is_interrupted(tmp_path: Path) -> None
     assert run.stdout is not None
     said = ''
     try:
-        while 'export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST' not in said:
+        while said.count('panel: http') < 2:  # before the run, and with what is exported
             line = run.stdout.readline()
             assert line, said
             said += line
-        assert 'the arm did what was planned' in said
+        assert 'the arm did what was planned' in said or 'too busy to judge' in said
         assert re.search(r'(?m)^export ROS_DOMAIN_ID=\d+$', said)
+        assert 'export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST\n' in said
         address = re.search(r'panel: http://127\.0\.0\.1:(\d+)/', said)
         assert address is not None, said
         with PanelClient(int(address[1])) as client:
@@ -44,7 +49,7 @@ def test_demo_stays_with_a_panel_until_it_is_interrupted(tmp_path: Path) -> None
     finally:
         run.send_signal(signal.SIGINT)
         run.stdout.read()
-        assert run.wait(PATIENCE) == 0
+        assert run.wait(PATIENCE) in (0, TOO_BUSY)
     with pytest.raises(ConnectionError):
         PanelClient(int(address[1]))
 

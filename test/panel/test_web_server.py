@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+pytest.importorskip('viser')
+
 from support.panel_client import PanelClient
 from websockets.exceptions import InvalidStatus
 
