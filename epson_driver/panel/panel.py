@@ -222,7 +222,7 @@ class Panel:
             self.ros.sample(now)
             if is_due('slow', SLOW_PERIOD_S):
                 self.ros.sample_slow(now)
-                self.ros.look_around()
+                self.ros.look_around(now)
                 self._add_pages()
                 if not self.web.alive:
                     raise RuntimeError('nothing serves the page any more')

@@ -79,6 +79,8 @@ class RobotControl:
         self.plan: Trajectory | None = None
         """The last trajectory that was sent from here."""
         self.arming = Arming(self._forbidden, self._on_disarmed)
+        self._model_name = ''
+        """As the driver has it: a path, or short."""
         self._pendants = pendants
         self._pendant: SimPendant | None = None
         self._pendant_at: tuple[str, int] | None = None
@@ -102,7 +104,7 @@ class RobotControl:
         at = None
         if parameters:
             at = (str(parameters['robot_ip']), int(parameters['remote_port']))
-            if self.model is None or self.model.name != parameters['robot_model']:
+            if parameters['robot_model'] != self._model_name:
                 self._load(str(parameters['robot_model']))
         if at != self._pendant_at:
             if self._pendant is not None:
@@ -114,11 +116,12 @@ class RobotControl:
         self.arming.watch()
 
     def _load(self, name: str) -> None:
+        self._model_name = name
         try:
             self.model = load_robot_model(name)
         except (OSError, ValueError) as error:
-            if self.model is None:
-                self.robot.log(f'no picture of the arm: {error}', WARN)
+            self.model = None
+            self.robot.log(f'no picture of the arm: {error}', WARN)
 
     def _take_over(self, latest: tuple[Simulation, float] | None) -> None:
         state = self.robot.state
@@ -139,6 +142,8 @@ class RobotControl:
                 return f'{text}: nothing may be moved that cannot be seen'
         if state.link != 'connected':
             return 'there is no link to the controller'
+        if state.times.get('parameters', 0.0) < state.times['first joints']:
+            return 'the driver has not said yet which robot it has now'
         if not self._allow_motion and not self.simulated:
             return (
                 'this robot is real, or nobody says that it is simulated: only a panel that was '

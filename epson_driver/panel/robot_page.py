@@ -160,11 +160,14 @@ class RobotPage:
 
     def _take_over_model(self) -> None:
         model = self.control.model
-        if model is None or model is self._model:
+        if model is self._model:
             return
-        self._model = model
+        self._model, self._scene = model, None
         path = f'/robots/{self.control.robot.name.strip("/").replace("/", "_")}'
         self._viewer.scene.remove_by_name(path)
+        if model is None:
+            self._joints.content = ''
+            return
         self._scene = ArmScene(self._viewer, path, model, self._place, self._label)
         self._per_unit = model.shown_per_unit
         self._units = tuple(SHOWN_UNITS[unit] for unit in model.limits.units)

@@ -10,6 +10,7 @@ somebody can see a difference.
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,9 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 ANSWER_TIMEOUT_S = 15.0
 """Longer than the driver takes to switch motors on, s."""
+
+PARAMETERS_TIMEOUT_S = 3.0
+"""A driver that has died in between never answers, and another may have come in its place, s."""
 
 PARAMETERS = ('robot_model', 'joint_names', 'robot_ip', 'remote_port', 'controller')
 
@@ -102,12 +106,14 @@ class RosRobot:
         self.namespace = name.rpartition('/')[0]
         self.state = RobotState()
         self.parameters: dict[str, Any] = {}
-        """Those of PARAMETERS, once the driver has told them."""
+        """Those of PARAMETERS, once the driver has told them. It is asked again and again: another
+        driver of this name may have come."""
         self._triggers = {each: node.create_client(Trigger, f'{name}/{each}') for each in TRIGGERS}
         self._set_speed = node.create_client(SetSpeedScaling, f'{name}/set_speed_scaling')
         self._write_io = node.create_client(WriteIo, f'{name}/write_io')
         self._get_parameters = node.create_client(GetParameters, f'{name}/get_parameters')
         self._asking: Any = None
+        self._asked = 0.0
         self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
         self._goals: list[Goal] = []
         self._goals_lock = threading.Lock()
@@ -138,19 +144,33 @@ class RosRobot:
             if message is not None:
                 handle(message, now)
 
-    def look_for_driver(self) -> None:
-        """Ask for the parameters when a driver is there; forget them when it is gone."""
-        if not self._get_parameters.service_is_ready():
-            self.parameters, self._asking = {}, None
+    def look_for_driver(self, now: float) -> None:
+        """Ask for the parameters when a driver is there; forget them when it is gone.
+
+        ROS may take a driver that was killed for present for 20 s; its diagnostics end at once.
+        """
+        silent = 'diagnostics' in self.state.times and not self.state.fresh('diagnostics', now)
+        if silent or not self._get_parameters.service_is_ready():
+            self.parameters = {}
+            self._give_up_asking()
             for goal in self.goals:
                 self._forget(goal)
                 self.log(
                     f'{goal.text}: the driver is gone, and what became of it is not known', WARN
                 )
-        elif not self.parameters and (self._asking is None or self._asking.done()):
+            return
+        if self._asking is not None and now - self._asked > PARAMETERS_TIMEOUT_S:
+            self._give_up_asking()
+        if self._asking is None or self._asking.done():
+            self._asked = now
             request = GetParameters.Request(names=list(PARAMETERS))
             self._asking = self._get_parameters.call_async(request)
-            self._asking.add_done_callback(self._on_parameters)
+            self._asking.add_done_callback(partial(self._on_parameters, now))
+
+    def _give_up_asking(self) -> None:
+        if self._asking is not None:
+            self._get_parameters.remove_pending_request(self._asking)
+            self._asking = None
 
     def on_diagnostics(self, status: DiagnosticStatus, now: float) -> None:
         """Take over the status `NAME: arm` of /diagnostics."""
@@ -164,9 +184,11 @@ class RosRobot:
         state.remedy = values.get('remedy', '')
         state.times['diagnostics'] = now
 
-    def _on_parameters(self, future: Any) -> None:
+    def _on_parameters(self, asked: float, future: Any) -> None:
         answer = future.result()
-        if answer is None or len(answer.values) != len(PARAMETERS):
+        if future is not self._asking or answer is None:
+            return
+        if len(answer.values) != len(PARAMETERS):
             return
         found = {}
         for name, value in zip(PARAMETERS, answer.values, strict=True):
@@ -175,6 +197,7 @@ class RosRobot:
                 return
             found[name] = getattr(value, kinds[value.type])
         self.parameters = found
+        self.state.times['parameters'] = asked
 
     def _on_joints(self, message: Any, now: float) -> None:
         state = self.state
@@ -185,6 +208,8 @@ class RosRobot:
         if len(velocities) != len(names):
             velocities = np.zeros(len(names))
         state.joint_names, state.positions, state.velocities = names, positions, velocities
+        if not state.fresh('joints', now):
+            state.times['first joints'] = now
         state.times['joints'] = now
 
     def _on_status(self, message: Any, now: float) -> None:

@@ -114,7 +114,7 @@ class RosSide:
             else:
                 self._early.append((name, event))
 
-    def look_around(self) -> None:
+    def look_around(self, now: float) -> None:
         """Look for drivers that have come, and for the parameters of those that are there."""
         if self._find:
             kind, ending = SPEED_SERVICE
@@ -123,7 +123,7 @@ class RosSide:
                 if kind in types and name != service and name not in self.robots:
                     self._add(name)
         for robot in self.robots.values():
-            robot.look_for_driver()
+            robot.look_for_driver(now)
 
     def cancel_goals(self) -> bool:
         """Cancel all goals of the panel; return whether all have ended in time."""

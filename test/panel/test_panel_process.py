@@ -5,6 +5,7 @@
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -321,6 +322,36 @@ def test_a_robot_that_may_be_real_is_moved_only_if_the_panel_may(tmp_path: Path)
     finally:
         for panel in panels:
             panel.end()
+        cell.close()
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(1)
+def test_a_driver_that_comes_back_for_another_controller_is_asked_again(tmp_path: Path) -> None:
+    """ROS takes the driver that was killed for present yet, and nothing says that it changed."""
+    cell = Cell(tmp_path)
+    try:
+        cell.ready()
+        panel = PanelProcess(tmp_path, cell.domain, patience=False)
+        try:
+            with panel.armed() as client:
+                cell.client.kill()
+                client.wait(lambda: client.disabled('Enable'), 'disarmed')
+                cell._parameters |= {'remote_port': 0}  # as with a real controller
+                cell.restart_client()
+                while not any('--allow-motion' in each for each in client.notifications):
+                    client.notifications.clear()
+                    client.click('Arm')
+                    client.wait(
+                        lambda: client.notifications or not client.disabled('Enable'), 'an answer'
+                    )
+                    assert client.disabled('Enable')
+                    time.sleep(0.2)
+                client.wait_for_lamp('Link', 'good')
+                client.wait_for_lamp('Door', 'unknown')
+        finally:
+            assert panel.end() == 0
+    finally:
         cell.close()
 
 

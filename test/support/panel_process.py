@@ -18,9 +18,14 @@ SWING = 'swing'
 
 
 class PanelProcess:
-    """It offers one trajectory, SWING: from START, slowly."""
+    """It offers one trajectory, SWING: from START, slowly.
 
-    def __init__(self, folder: Path, domain: int, *arguments: str) -> None:
+    It is patient with a machine that is busy, unless `patience` is False.
+    """
+
+    def __init__(
+        self, folder: Path, domain: int, *arguments: str, patience: bool = True
+    ) -> None:
         file = folder / f'{SWING}.yaml'
         there = np.array([START, [0.8, *START[1:]]])
         write_trajectory(file, Trajectory(tuple(JOINTS), np.array([0.0, LASTS]), there), 'a swing')
@@ -29,7 +34,7 @@ class PanelProcess:
             ['--port=0', f'--trajectory={file}', *arguments],
             folder / 'panel.log',
             processes.ros_environment(domain),
-            run=patient.COMMAND,
+            run=patient.COMMAND if patience else processes.EXECUTABLE,
         )
         self.address = self.process.address()
         self.port = int(self.address.split(':')[2].partition('/')[0])
