@@ -192,7 +192,7 @@ def main() -> None:
         ('joint states per second', 1.0, without.rate, beside.rate),
         ('their age, median [ms]', 1e3, without.median_age, beside.median_age),
         ('their age, 99 of 100 [ms]', 1e3, without.late_age, beside.late_age),
-        ("CPU of the driver [% of a core]", 1e2, without.driver, beside.driver),
+        ('CPU of the driver [% of a core]', 1e2, without.driver, beside.driver),
     ):
         print(f'{text:34} {one * scale:11.2f} {other * scale:24.2f} {other / one:7.2f}')
     print(f'panel, at most {MAX_SHARE:.0%} of a core')

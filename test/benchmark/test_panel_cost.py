@@ -21,5 +21,9 @@ def test_the_stamp_is_read_from_the_bytes_of_a_message() -> None:
 
 
 def test_a_figure_is_the_median_of_its_windows() -> None:
-    rows = [Window(180.0, 1.0, 9.0, 0.2), Window(170.0, 3.0, 8.0, 0.1), Window(90.0, 2.0, 7.0, 0.3)]
+    rows = [
+        Window(180.0, 1.0, 9.0, 0.2),
+        Window(170.0, 3.0, 8.0, 0.1),
+        Window(90.0, 2.0, 7.0, 0.3),
+    ]
     assert median(rows) == Window(170.0, 2.0, 8.0, 0.2)

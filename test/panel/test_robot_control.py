@@ -23,9 +23,7 @@ class Robot:
 
     def __init__(self) -> None:
         self.state = RobotState(positions=np.zeros(6), link='connected')
-        self.state.times = dict.fromkeys(
-            (*MAX_AGES_S, 'first joints', 'parameters'), NOW
-        )
+        self.state.times = dict.fromkeys((*MAX_AGES_S, 'first joints', 'parameters'), NOW)
         self.parameters: dict[str, Any] = dict(PARAMETERS)
         self.logged: list[str] = []
 

@@ -23,9 +23,7 @@ class PanelProcess:
     It is patient with a machine that is busy, unless `patience` is False.
     """
 
-    def __init__(
-        self, folder: Path, domain: int, *arguments: str, patience: bool = True
-    ) -> None:
+    def __init__(self, folder: Path, domain: int, *arguments: str, patience: bool = True) -> None:
         file = folder / f'{SWING}.yaml'
         there = np.array([START, [0.8, *START[1:]]])
         write_trajectory(file, Trajectory(tuple(JOINTS), np.array([0.0, LASTS]), there), 'a swing')
