@@ -240,15 +240,18 @@ class BrowserControls:
             )
             motion = gui.add_folder('Motion', order=30)
             with motion:
-                enable = gui.add_button('Enable', color='green', icon=viser.Icon.POWER, order=1)
-                reset = gui.add_button('Reset error', color='gray', order=2)
-                self._speed: Any = gui.add_slider('Speed [%]', 0, 100, 1, 100, order=3)
+                off: Any = {'disabled': True}  # from the first moment on
+                enable = gui.add_button(
+                    'Enable', color='green', icon=viser.Icon.POWER, order=1, **off
+                )
+                reset = gui.add_button('Reset error', color='gray', order=2, **off)
+                self._speed: Any = gui.add_slider('Speed [%]', 0, 100, 1, 100, order=3, **off)
                 self._chosen = gui.add_dropdown(
                     'Trajectory', tuple(self._trajectories) or ('none',), order=4
                 )
-                go = gui.add_button('Go to its start, slowly', color='gray', order=5)
+                go = gui.add_button('Go to its start, slowly', color='gray', order=5, **off)
                 execute = gui.add_button(
-                    'Execute', color='blue', icon=viser.Icon.PLAYER_PLAY, order=6
+                    'Execute', color='blue', icon=viser.Icon.PLAYER_PLAY, order=6, **off
                 )
         self._arm.on_click(self._do(partial(control.arming.arm, browser)))
         self._disarm.on_click(self._do(partial(control.arming.disarm, 'by hand', browser)))

@@ -113,6 +113,7 @@ def page(panel: PanelProcess) -> Iterator[Page]:
         browser.close()
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(1)
 def test_nothing_can_be_pressed_before_it_is_armed(page: Page, cell: Cell) -> None:
     cell.peer.enable()
@@ -124,6 +125,7 @@ def test_nothing_can_be_pressed_before_it_is_armed(page: Page, cell: Cell) -> No
     cell.peer.assert_still()
 
 
+@pytest.mark.slow
 def test_the_view_is_not_empty_and_follows_the_arm_until_stop(page: Page, cell: Cell) -> None:
     import numpy as np
 
@@ -159,6 +161,7 @@ def test_an_estop_is_seen_with_its_reason_and_what_to_do(page: Page) -> None:
     page.lamp('E-stop', 'good')
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(6)
 def test_a_page_whose_panel_is_silent_turns_grey_and_says_so(
     page: Page, panel: PanelProcess

@@ -102,7 +102,9 @@ def test_nothing_moves_until_the_window_is_armed(cell: Cell, panel: PanelProcess
     cell.peer.enable()
     with panel.window() as client:
         for label in ('Enable', 'Reset error', 'Execute', 'Go to its start, slowly'):
-            assert client.disabled(label)
+            assert [each['disabled'] for each in client.first if each.get('label') == label] == [
+                True
+            ]
             client.notifications.clear()
             client.click(label)
             client.wait_for_notification('not armed')
@@ -147,7 +149,9 @@ def test_a_window_that_is_gone_takes_its_goal_with_it(cell: Cell, panel: PanelPr
 
 
 @pytest.mark.invariant(3)
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    'number', [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_a_panel_that_ends_takes_its_goal_with_it(
     cell: Cell, tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -208,6 +212,7 @@ def test_speed_outputs_and_faults(cell: Cell, panel: PanelProcess) -> None:
         client.wait(lambda: client.disabled('Enable'), 'disarmed')
 
 
+@pytest.mark.slow
 def test_a_goal_from_elsewhere_in_the_room_is_refused_at_the_wrong_place(
     cell: Cell, panel: PanelProcess
 ) -> None:
@@ -221,6 +226,7 @@ def test_a_goal_from_elsewhere_in_the_room_is_refused_at_the_wrong_place(
         assert abs(cell.peer.position()[0]) < 0.02
 
 
+@pytest.mark.slow
 def test_windows_that_come_and_go_disturb_nobody(panel: PanelProcess) -> None:
     """Their controls are made and refreshed while they vanish."""
     with panel.window() as client:
@@ -273,8 +279,10 @@ def test_without_the_extra_it_says_how_to_get_it() -> None:
     ('arguments', 'said'),
     [
         (['--port=70000'], '70000'),
-        (['--host=999.1.1.1'], '999.1.1.1'),
-        (['--trajectory=/no/such/file.yaml'], '/no/such/file.yaml'),
+        pytest.param(['--host=999.1.1.1'], '999.1.1.1', marks=pytest.mark.slow),
+        pytest.param(
+            ['--trajectory=/no/such/file.yaml'], '/no/such/file.yaml', marks=pytest.mark.slow
+        ),
     ],
 )
 def test_bad_arguments_are_named(arguments: list[str], said: str) -> None:
@@ -284,6 +292,7 @@ def test_bad_arguments_are_named(arguments: list[str], said: str) -> None:
     assert 'Traceback' not in found.stderr
 
 
+@pytest.mark.slow
 def test_beyond_this_machine_the_address_has_a_token(tmp_path: Path) -> None:
     panel = PanelProcess(tmp_path, processes.free_ros_domain(), '--host=0.0.0.0')
     try:
@@ -298,6 +307,7 @@ def test_beyond_this_machine_the_address_has_a_token(tmp_path: Path) -> None:
         assert panel.end() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(1)
 def test_a_robot_that_may_be_real_is_moved_only_if_the_panel_may(tmp_path: Path) -> None:
     """Without a remote port nobody says that it is simulated."""
@@ -355,6 +365,7 @@ def test_a_driver_that_comes_back_for_another_controller_is_asked_again(tmp_path
         cell.close()
 
 
+@pytest.mark.slow
 def test_several_robots_are_in_one_panel(tmp_path: Path) -> None:
     fleet = Fleet(tmp_path, together=True, names=('left', 'right'))
     try:

@@ -11,7 +11,7 @@ import pytest
 
 from epson_driver.panel.arming import NotArmedError
 from epson_driver.panel.robot_control import RobotControl
-from epson_driver.panel.robot_state import MAX_AGES_S, RobotState
+from epson_driver.panel.robot_state import MAX_AGES_S, RobotState, Simulation
 from epson_driver.panel.sim_pendant import PendantThread
 
 PARAMETERS = {'robot_model': 'c3_a601s', 'robot_ip': '192.0.2.1', 'remote_port': 0}
@@ -39,22 +39,32 @@ def robot() -> Robot:
     return Robot()
 
 
-@pytest.fixture
-def control(robot: Robot) -> Iterator[RobotControl]:
-    def fail(what: str, error: BaseException) -> None:
-        raise AssertionError(what) from error
+def fail(what: str, error: BaseException) -> None:
+    raise AssertionError(what) from error
 
-    pendants = PendantThread(time.monotonic, fail)
+
+@pytest.fixture
+def pendants() -> Iterator[PendantThread]:
+    found = PendantThread(time.monotonic, fail)
+    yield found
+    found.end()
+
+
+def controlled(robot: Robot, pendants: PendantThread, *, allow_motion: bool) -> RobotControl:
     found = RobotControl(
         robot,  # type: ignore[arg-type]
         pendants,
         lambda: NOW,
         on_error=fail,
-        allow_motion=True,
+        allow_motion=allow_motion,
     )
     found.arming.connect(1)
-    yield found
-    pendants.end()
+    return found
+
+
+@pytest.fixture
+def control(robot: Robot, pendants: PendantThread) -> RobotControl:
+    return controlled(robot, pendants, allow_motion=True)
 
 
 @pytest.mark.parametrize('name', ['c3_a601s', 'C3-A601S', 'vt6'])
@@ -112,3 +122,17 @@ def test_what_cannot_be_seen_is_not_moved(
     assert control.arming.holder is None
     with pytest.raises(NotArmedError, match='cannot be seen'):
         control.arming.arm(1)
+
+
+@pytest.mark.invariant(1)
+def test_a_robot_that_nobody_says_is_simulated_is_moved_only_if_the_panel_may(
+    robot: Robot, pendants: PendantThread
+) -> None:
+    careful = controlled(robot, pendants, allow_motion=False)
+    with pytest.raises(NotArmedError, match='--allow-motion'):
+        careful.arming.arm(1)
+    robot.state.simulation = Simulation({'estop': 'not active'})
+    careful.arming.arm(1)
+    robot.state.times['simulation'] -= MAX_AGES_S['simulation'] + 0.01
+    careful.arming.watch()
+    assert careful.arming.holder is None

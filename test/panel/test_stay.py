@@ -72,6 +72,7 @@ def test_demo_with_a_panel_says_what_is_missing() -> None:
     assert 'make demo ARGS=--panel' in ' '.join(run.stdout.split())
 
 
+@pytest.mark.slow
 def test_the_panel_of_a_simulated_controller_ends_with_it(tmp_path: Path) -> None:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -40,6 +40,8 @@ class PanelClient:
         self, port: int, origin: str | None = '', headers: Mapping[str, str] | None = None
     ) -> None:
         self.elements: dict[str, dict[str, Any]] = {}
+        self.first: list[dict[str, Any]] = []
+        """Each element as it was when it came."""
         self.notifications: list[str] = []
         self.kinds: set[str] = set()
         own = f'http://127.0.0.1:{port}' if origin == '' else origin
@@ -169,6 +171,7 @@ class PanelClient:
             self.elements.pop(uuid, None)
         elif kind.startswith('Gui') and uuid is not None:
             self.elements[uuid] = {'type': kind} | message.get('props', {})
+            self.first.append(dict(self.elements[uuid]))
 
 
 def _texts(props: Any) -> Iterator[str]:
