@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip('viser')
 
-from support.cell import START, Cell
+from support.cell import START, Cell, cell_with
 from support.fleet import Fleet
 from support.panel_client import PanelClient
 from support.panel_process import PanelProcess
@@ -332,6 +332,37 @@ def test_a_robot_that_may_be_real_is_moved_only_if_the_panel_may(tmp_path: Path)
     finally:
         for panel in panels:
             panel.end()
+        cell.close()
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(3, 4)
+def test_the_program_for_real_controllers_is_driven_in_the_same_way(tmp_path: Path) -> None:
+    """Its E-stop aborts the program: what the panel shows next, the restarted program sends."""
+    cell = cell_with(tmp_path, 'spel')
+    try:
+        cell.ready()
+        panel = PanelProcess(tmp_path, cell.domain)
+        try:
+            with moving(cell, panel) as client:
+                client.click('STOP')
+                client.wait_for_log('swing: ')
+                cell.peer.assert_still()
+                client.set('E-stop', 'press')
+                client.wait_for_lamp('E-stop', 'bad')
+                client.wait(lambda: 'release the E-stop' in client.html('advice'), 'advice')
+                client.set('E-stop', 'release')
+                client.wait_for_log('pendant: E-stop release')
+                panel.arm(client)
+                client.click('Reset error')
+                client.wait_for_lamp('E-stop', 'good')
+                cell.peer.assert_still()
+                panel.arm(client)
+                enable(client)
+                client.wait_for_lamp('Arm gate', 'good')
+        finally:
+            assert panel.end() == 0
+    finally:
         cell.close()
 
 

@@ -48,11 +48,15 @@ class PanelProcess:
         """Open a window and arm it."""
         client = self.window()
         client.wait_for_lamp('Door', 'good')  # the simulated controller has said what it is
-        while client.disabled('Enable'):  # a controller that has just come is not known yet
+        self.arm(client)
+        return client
+
+    def arm(self, client: PanelClient) -> None:
+        """Arm a window; a controller that has just come, or come back, is not known at once."""
+        while client.disabled('Enable'):
             client.notifications.clear()
             client.click('Arm')
             client.wait(lambda: client.notifications or not client.disabled('Enable'), 'an answer')
-        return client
 
     def end(self) -> int:
         return self.process.end()
