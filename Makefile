@@ -30,16 +30,18 @@ unexport PYTHONDONTWRITEBYTECODE
 # Otherwise Fast DDS would multicast on every network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
+.PHONY: demo browser test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
-	@echo "                   (ARGS='--trajectory FILE': another one; ARGS=--plan: plan a pick and place first)"
+	@echo "                   (ARGS='--trajectory FILE': another one; ARGS=--plan: plan a pick and place first;"
+	@echo "                   ARGS=--panel: watch it in a browser, and go on until Ctrl-C)"
 	@echo "make test          run the tests (some of them: make test ARGS=test/driver)"
+	@echo "make browser       install what drives Debian's chromium in tests of the panel, which are skipped without"
 	@echo "make test-all      run the slow tests as well (half an hour)"
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff and mypy"
-	@echo "make bench         measure the CPU time of the smoother, drivers, collision checks and the SPEL+ program"
+	@echo "make bench         measure the CPU time of the smoother, drivers, collision checks, the SPEL+ program and the panel"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to benchmark/results"
 	@echo "make soak          send 2,000 goals and 20,000 service calls, and watch the driver's memory (ten minutes)"
@@ -49,13 +51,18 @@ help:
 	@echo "make clean         remove the environment and everything else that make has created"
 	@echo "PYTHON=...         the interpreter to use, 3.11 or newer (now: $(PYTHON))"
 
+DEMO_EXTRAS := $(if $(filter --plan,$(ARGS)),planning) $(if $(filter --panel,$(ARGS)),panel)
+
 # ALSO: the steps after the driver, so that all sizes are announced before the first download
-demo: ALSO := $(if $(findstring --plan,$(ARGS)),planning)
+demo: ALSO := $(DEMO_EXTRAS)
 test test-all soak-tests coverage lint generate pictures: ALSO := dev
 bench bench-motion: ALSO := bench
 
-demo: $(VENV)/.driver $(if $(findstring --plan,$(ARGS)),$(VENV)/.planning)
+demo: $(VENV)/.driver $(DEMO_EXTRAS:%=$(VENV)/.%)
 	$(BIN)/epson_driver demo $(ARGS)
+
+# for the panel's tests in a browser (apt install chromium), which are skipped without it
+browser: $(VENV)/.browser
 
 test: $(VENV)/.dev
 	$(PYTEST) $(or $(ARGS),$(ALL_TESTS))
@@ -85,6 +92,7 @@ bench: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.collision
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.robots
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.spel_program
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.panel
 
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
@@ -121,11 +129,17 @@ $(VENV)/.interfaces: $(VENV)/.runtime interfaces/requirements-build.txt $(INTERF
 $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(INSTALL) driver
 
-$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/planning.txt requirements/generate.txt
+$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/panel.txt requirements/planning.txt requirements/generate.txt
 	@$(INSTALL) dev
 
 $(VENV)/.planning: $(VENV)/.driver requirements/planning.txt
 	@$(INSTALL) planning
 
-$(VENV)/.bench: $(VENV)/.driver requirements/bench.txt
+$(VENV)/.panel: $(VENV)/.driver requirements/panel.txt
+	@$(INSTALL) panel
+
+$(VENV)/.browser: $(VENV)/.dev requirements/browser.txt
+	@$(INSTALL) browser
+
+$(VENV)/.bench: $(VENV)/.driver requirements/bench.txt requirements/panel.txt
 	@$(INSTALL) bench

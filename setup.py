@@ -16,7 +16,17 @@ from setuptools import find_packages, setup  # before distutils, which it provid
 from distutils.command.build_scripts import build_scripts  # isort: skip
 
 NAME = 'epson_driver'
-NAMES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth', 'spel')
+NAMES = (
+    'client',
+    'demo',
+    'panel',
+    'pendant',
+    'replay',
+    'robots',
+    'sim_controller',
+    'smooth',
+    'spel',
+)
 EXECUTABLES = [f'scripts/{name}' for name in NAMES]
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
@@ -94,6 +104,7 @@ setup(
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
         'report': ['matplotlib'],
+        'panel': ['viser==1.1.1'],  # exactly: panel/web_server.py relies on its inside
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
         'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],

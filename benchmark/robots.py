@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TypeVar
 
 from builtin_interfaces.msg import Duration
 from rclpy.context import Context
@@ -119,6 +120,9 @@ class Listener:
         self._context.shutdown()
 
 
+AnyListener = TypeVar('AnyListener', bound=Listener)
+
+
 def cpu_time(process_id: int) -> float:
     """Return the CPU time that a process has used, all threads, user and system, s."""
     text = Path(f'/proc/{process_id}/stat').read_text(encoding='ascii')
@@ -127,7 +131,9 @@ def cpu_time(process_id: int) -> float:
 
 
 @contextmanager
-def running(robots: int, together: bool, folder: Path) -> Iterator[tuple[list[int], Listener]]:
+def running(
+    robots: int, together: bool, folder: Path, new_listener: type[AnyListener]
+) -> Iterator[tuple[list[int], AnyListener]]:
     """Run controllers, drivers and a listener; yield the drivers' process ids and the listener."""
     names = [f'robot_{number}' for number in range(1, robots + 1)]
     domain = processes.free_ros_domain()
@@ -143,7 +149,7 @@ def running(robots: int, together: bool, folder: Path) -> Iterator[tuple[list[in
             log = folder / f'client_{group[0]}.log'
             clients.append(processes.clients(log, {name: ports[name] for name in group}, domain))
             stack.enter_context(processes.ended_at_exit(clients[-1]))
-        listener = Listener(domain, names)
+        listener = new_listener(domain, names)
         stack.callback(listener.close)
         listener.wait_for_all()
         yield [client.process_id for client in clients], listener
@@ -153,7 +159,7 @@ def measure(robots: int, together: bool, seconds: float) -> Figures:
     """Run so many robots, idle for so long, s, then with one moving, and return what they cost."""
     with (
         TemporaryDirectory() as folder,
-        running(robots, together, Path(folder)) as (process_ids, listener),
+        running(robots, together, Path(folder), Listener) as (process_ids, listener),
     ):
         time.sleep(SETTLING_S)
         idle, rates = _window(process_ids, listener, seconds)

@@ -14,7 +14,10 @@ from launch.actions import (
     IncludeLaunchDescription,
     OpaqueFunction,
 )
+from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
 
 from epson_driver.bringup import EACH, launch_arguments, several_robots
 
@@ -23,13 +26,20 @@ SHARED = ('use_sim_controller', 'sim_motion', 'use_sim_time')
 
 def generate_launch_description():
     """Return the arguments, and the robots that follow from them."""
-    arguments = launch_arguments('namespaces', 'robot_ips', *EACH, *SHARED)
-    for each in arguments:
-        each.pop('choices', None)  # of a list
+    lists = launch_arguments('namespaces', 'robot_ips', *EACH)
+    for each in lists:
+        each.pop('choices', None)  # they are those of its items
+    arguments = [*lists, *launch_arguments(*SHARED, 'panel')]
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
             OpaqueFunction(function=robots),
+            Node(
+                package='epson_driver',
+                executable='panel',
+                output='screen',
+                condition=IfCondition(LaunchConfiguration('panel')),
+            ),
         ]
     )
 

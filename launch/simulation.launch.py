@@ -1,12 +1,15 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated controller and the driver for it."""
+"""A simulated controller and the driver for it; with `panel:=true` the browser panel, too."""
 
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
 
 from epson_driver.bringup import DESCRIPTION, INTERFACE, launch_arguments
 
@@ -19,11 +22,17 @@ ARGUMENTS = (
 
 
 def generate_launch_description():
-    """Return the arguments and robot_interface.launch.py."""
+    """Return the arguments, robot_interface.launch.py and, if it is wanted, the panel."""
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS)),
+            *(DeclareLaunchArgument(**each) for each in launch_arguments(*ARGUMENTS, 'panel')),
             OpaqueFunction(function=included),
+            Node(
+                package='epson_driver',
+                executable='panel',
+                output='screen',
+                condition=IfCondition(LaunchConfiguration('panel')),
+            ),
         ]
     )
 

@@ -74,16 +74,18 @@ STEPS = {
             'scikit-build-core',
         ),
         Step('driver', 'epson_driver', (), 0, 0),
+        Step('panel', 'browser panel', ('requirements/panel.txt',), 11, 39, 'viser'),
         Step('planning', 'planner', ('requirements/planning.txt',), 122, 262, 'py-opw-kinematics'),
         Step(
             'dev',
-            'test tools, planner, mesh tools',
+            'test tools, planner, mesh tools, panel',
             ('requirements/dev.txt',),
-            170,
-            410,
+            180,
+            445,
             'py-opw-kinematics',
         ),
-        Step('bench', 'what is compared', ('requirements/bench.txt',), 118, 246, 'scipy'),
+        Step('browser', 'what drives a browser', ('requirements/browser.txt',), 52, 164, 'viser'),
+        Step('bench', 'what is compared, panel', ('requirements/bench.txt',), 129, 285, 'scipy'),
     )
 }
 

@@ -86,6 +86,12 @@ PACKAGES = {
     'bringup': Package(
         3, frozenset({'inputs', 'profiles', 'robots', 'share'}), frozenset({'xacro'})
     ),
+    'panel': Package(
+        3,
+        BOTTOM | {'node', 'remote_ethernet', 'sim_controller'},
+        frozenset({'numpy', 'viser', 'websockets'}),
+        ros=True,
+    ),
     'cli': Package(
         4,
         BOTTOM
@@ -97,6 +103,7 @@ PACKAGES = {
             'sim_controller',
             'driver',
             'node',
+            'panel',
             'planning',
         },
         ANY,
@@ -119,6 +126,7 @@ BESIDE = {
     ('aio', 'api'),
     ('robot', 'api'),
     ('robot', 'aio'),
+    ('panel', 'node'),
 }
 """Who may import whom on the same layer."""
 
@@ -272,7 +280,7 @@ def test_the_table_itself_goes_down_only() -> None:
             assert below or (name, other) in BESIDE
     assert 'sim_controller' not in PACKAGES['node'].imports | PACKAGES['driver'].imports
     assert 'driver' not in PACKAGES['sim_controller'].imports
-    assert {name for name, package in PACKAGES.items() if package.ros} == {'node', 'cli'}
+    assert {name for name, package in PACKAGES.items() if package.ros} == {'node', 'cli', 'panel'}
 
 
 def imports_of_files(root: Path) -> dict[str, set[str]]:

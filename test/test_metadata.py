@@ -63,9 +63,10 @@ def test_every_extra_serves_code(setup_arguments: dict[str, Any]) -> None:
         path.read_text(encoding='utf-8') for path in (ROOT / 'epson_driver').rglob('*.py')
     )
     extras = setup_arguments['extras_require']
-    assert set(extras) == {'dev', 'planning', 'report', 'test'}
-    for extra in ('planning', 'report'):
-        for name in extras[extra]:
+    assert set(extras) == {'dev', 'panel', 'planning', 'report', 'test'}
+    for extra in ('panel', 'planning', 'report'):
+        for requirement in extras[extra]:
+            name = requirement.partition('==')[0]
             module = IMPORTED_AS.get(name, name)
             assert re.search(rf'^\s*(import|from) {module}\b', code, re.MULTILINE), name
     assert set(extras['test']) <= {*extras['dev'], *extras['planning']}

@@ -100,6 +100,7 @@ TABLE = (
     ),
     Argument('origin_xyz', '0 0 0', 'Where base_link is in parent: x y z [m].'),
     Argument('origin_rpy', '0 0 0', 'How base_link is turned in parent: roll pitch yaw [rad].'),
+    Argument('panel', 'false', 'Start the browser panel as well.', SWITCH),
     Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
     Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
     Argument('namespaces', 'left,right', 'One namespace per robot, separated by commas.'),

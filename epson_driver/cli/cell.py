@@ -10,16 +10,25 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.console import Console
 
 from epson_driver.cli import processes
-from epson_driver.cli.processes import Ports
+from epson_driver.cli.processes import Ports, Process
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.remote_ethernet.client import logged_in
 from epson_driver.remote_ethernet.identity import identity
 
 TIMEOUT_S = 5.0
+
+
+class RunningDriver(NamedTuple):
+    """A node that has enabled the driver, the driver's process, and their ROS domain."""
+
+    user: RosUser
+    process: Process
+    domain: int
 
 
 @contextmanager
@@ -41,8 +50,8 @@ def running_driver(
     joint_names: Sequence[str],
     console: Console,
     **parameters: str,
-) -> Iterator[RosUser]:
-    """Run the driver for a controller, in a free ROS domain; yield a node that has enabled it.
+) -> Iterator[RunningDriver]:
+    """Run the driver for a controller, in a free ROS domain; yield it once it is enabled.
 
     `parameters` are ROS parameters of the driver, `__` for a dot. Its log goes to a file in
     `folder`; all ends with the block. Raises RunError if the driver ends, or cannot be enabled.
@@ -61,7 +70,7 @@ def running_driver(
         user = RosUser(tuple(joint_names), client.check_alive)
         try:
             user.enable()
-            yield user
+            yield RunningDriver(user, client, domain)
         finally:
             user.close()
 

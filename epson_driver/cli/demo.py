@@ -5,7 +5,8 @@
 Starts sim_controller and client as processes of their own, enables the arm, sends the trajectory
 as a FollowJointTrajectory goal, and reports what the joint states showed. With --compare twice: a
 controller that rests at every point, then one that smooths. With --plan the trajectory is planned
-on the spot (demo_plan.py).
+on the spot (demo_plan.py). With --stay controller and driver go on afterwards, with a panel in the
+browser.
 """
 
 import argparse
@@ -14,7 +15,10 @@ import socket
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
@@ -35,7 +39,10 @@ from epson_driver.cli.demo_report import (
 )
 from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.interrupt import INTERRUPTED
+from epson_driver.cli.panel import INSTALL as INSTALL_PANEL
+from epson_driver.cli.panel import missing as panel_missing
 from epson_driver.cli.processes import Ports, RunError
+from epson_driver.cli.staying import panel_beside, stay
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
@@ -74,6 +81,10 @@ def main() -> int:
                 f'--plan needs {", ".join(missing)}: {INSTALL}', highlight=False, markup=False
             )
             return 2
+    if arguments.panel and panel_missing():
+        console.print(INSTALL_PANEL, highlight=False, markup=False)
+        return 2
+    staying = arguments.stay or arguments.panel
     for number in SIGNALS:  # SIGINT too: a shell's `&` passes it on ignored
         signal.signal(number, _on_signal)
     try:
@@ -82,17 +93,27 @@ def main() -> int:
 
             first = arguments.seed or 1
             seeds = range(first, first + (arguments.seeds or 1))
-            return demo_plan.run(seeds, arguments.picture, console)
+            return demo_plan.run(seeds, arguments.picture, console, staying=staying)
         trajectory = read_trajectory(arguments.trajectory)
         motions = _motions(arguments)
         runs = []
         for turn, motion in enumerate(motions, start=1):
             if arguments.compare:
                 console.rule(f'{turn} of {len(motions)}: {TITLES[motion]}')
-            with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder:
-                native = arguments.spel and motion != 'spel'
-                controller = NATIVE if native else arguments.controller
-                runs.append(_run(motion, controller, trajectory, Path(folder), console))
+            native = arguments.spel and motion != 'spel'
+            controller = NATIVE if native else arguments.controller
+            with (
+                tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder,
+                _executed(motion, controller, trajectory, Path(folder), console, staying) as (
+                    run,
+                    go_on,
+                ),
+            ):
+                runs.append(run)
+                if staying:
+                    code = _report(arguments, trajectory, runs, console)
+                    go_on()
+                    return code
         return _report(arguments, trajectory, runs, console)
     except _GoalError as error:
         return _judged(console, [str(error)], error.missed, 0.0)
@@ -158,6 +179,15 @@ def _arguments() -> argparse.Namespace:
         metavar='COUNT',
         help='how many tasks --plan executes, one seed after the other (default: 1)',
     )
+    parser.add_argument(
+        '--stay',
+        action='store_true',
+        help='keep controller and driver running until Ctrl-C, for other terminals, and the panel '
+        'if it is installed',
+    )
+    parser.add_argument(
+        '--panel', action='store_true', help='the same, and the panel must be installed'
+    )
     arguments = parser.parse_args()
     if arguments.plan and (arguments.compare or arguments.motion == 'ptp'):
         parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
@@ -172,6 +202,8 @@ def _arguments() -> argparse.Namespace:
         parser.error('--motion: a SPEL+ program moves as its statements say')
     if not arguments.plan and (arguments.seed is not None or arguments.seeds is not None):
         parser.error('--seed and --seeds say what --plan plans: add --plan, or leave them out')
+    if arguments.compare and (arguments.stay or arguments.panel):
+        parser.error('--compare has two runs: leave out --stay and --panel')
     return arguments
 
 
@@ -225,24 +257,39 @@ class _GoalError(RunError):
         self.missed = missed
 
 
-def _run(
-    motion: str, controller: str, trajectory: Trajectory, folder: Path, console: Console
-) -> Run:
-    """Execute the trajectory. Raises RunError if the goal is not reached."""
+@contextmanager
+def _executed(
+    motion: str,
+    controller: str,
+    trajectory: Trajectory,
+    folder: Path,
+    console: Console,
+    staying: bool,
+) -> Iterator[tuple[Run, Callable[[], None]]]:
+    """Execute the trajectory; controller and driver run on until the block ends.
+
+    `staying`: with the panel. Yields the run, and what goes on until Ctrl-C. Raises RunError if
+    the goal is not reached.
+    """
     began = time.monotonic()
     start = trajectory.positions[0].tolist()
     how = [f'--controller={controller}']
     if motion != 'spel':
         how.append(f'--motion={motion}')
     with running_controller(folder, start, *how) as ports:
-        with running_driver(
-            folder,
-            ports,
-            trajectory.joint_names,
-            console,
-            controller=controller,
-            allow_nonzero_velocity_at_trajectory_end='true',
-        ) as user:
+        round_trips = _ping(ports)  # with the controller to itself
+        with (
+            running_driver(
+                folder,
+                ports,
+                trajectory.joint_names,
+                console,
+                controller=controller,
+                allow_nonzero_velocity_at_trajectory_end='true',
+            ) as driver,
+            panel_beside(folder, driver, console, wanted=staying) as panel,
+        ):
+            user = driver.user
             missed = deadlines_missed(ports.remote)
             console.print(f'robot ready after {time.monotonic() - began:.1f} s')
             text, succeeded = user.execute(trajectory, console)
@@ -251,8 +298,10 @@ def _run(
                 raise _GoalError(f'the goal was not reached: {text}', missed)
             latencies = user.reply_latencies()
             run = user.recording()
-        round_trips = _ping(ports)  # with the controller to itself
-    return Run(motion, run, measure(trajectory, run), text, latencies, round_trips, missed)
+            yield (
+                Run(motion, run, measure(trajectory, run), text, latencies, round_trips, missed),
+                partial(stay, driver, panel, console),
+            )
 
 
 def _report(

@@ -23,6 +23,7 @@ from epson_driver.cli.demo_report import Recording, measure
 from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.plan_report import Executed, draw
 from epson_driver.cli.ros_user import RosUser
+from epson_driver.cli.staying import panel_beside, stay
 from epson_driver.planning.plan import Plan, PlanningError, plan_task
 from epson_driver.planning.task import HOME_RAD, draw_task
 from epson_driver.planning.verdict import judge
@@ -78,33 +79,41 @@ class Outcome:
         return faults
 
 
-def run(seeds: range, picture: Path, console: Console) -> int:
+def run(seeds: range, picture: Path, console: Console, *, staying: bool) -> int:
     """Plan and execute the task of each seed.
 
-    Returns 0 only if nothing was wrong with any, TOO_BUSY if nobody can tell.
+    Returns 0 only if nothing was wrong with any, TOO_BUSY if nobody can tell. `staying`: with the
+    panel, and until Ctrl-C.
     """
     model = load_robot_model(ROBOT)
     outcomes = []
     with (
         tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name,
         running_controller(folder := Path(name), HOME_RAD, f'--robot={model.name}') as ports,
-        running_driver(folder, ports, model.joint_names, console, robot_model=model.name) as user,
-        Progress(
-            TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(), console=console
-        ) as progress,
+        running_driver(
+            folder, ports, model.joint_names, console, robot_model=model.name
+        ) as driver,
+        panel_beside(folder, driver, console, wanted=staying) as panel,
     ):
-        bar = progress.add_task('', total=4 * len(seeds))
-        missed = deadlines_missed(ports.remote)
-        for seed in seeds:
-            outcome = _attempt(seed, model, user, progress, bar)
-            outcomes.append(outcome)
-            if len(seeds) > 1:
-                said = '; '.join(outcome.faults) or 'executed'
-                progress.console.print(f'seed {seed}: {said}', highlight=False)
-            if outcome.stranded:
-                break  # every plan begins at home
-        progress.update(bar, description='done')
-        missed = deadlines_missed(ports.remote) - missed
+        with Progress(
+            TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(), console=console
+        ) as progress:
+            bar = progress.add_task('', total=4 * len(seeds))
+            missed = deadlines_missed(ports.remote)
+            for seed in seeds:
+                outcome = _attempt(seed, model, driver.user, progress, bar)
+                outcomes.append(outcome)
+                if len(seeds) > 1:
+                    said = '; '.join(outcome.faults) or 'executed'
+                    progress.console.print(f'seed {seed}: {said}', highlight=False)
+                if outcome.stranded:
+                    break  # every plan begins at home
+            progress.update(bar, description='done')
+            missed = deadlines_missed(ports.remote) - missed
+        if staying:
+            code = _report(outcomes, seeds, model, picture, console, missed)
+            stay(driver, panel, console)
+            return code
     return _report(outcomes, seeds, model, picture, console, missed)
 
 

@@ -30,6 +30,9 @@ claims: deque[socket.socket] = deque()
 
 END_TIMEOUT_S = 5.0
 
+TELLING = ('panel', 'sim_controller')
+"""Executables that print where they are reached, once they are."""
+
 EXECUTABLE = (sys.executable, '-m', 'epson_driver.cli')
 """The command that runs an executable of this package; its name and arguments follow."""
 
@@ -111,7 +114,7 @@ class Process:
             self._popen = subprocess.Popen(  # noqa: S603 - our own executable
                 [*run, name, *arguments],
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE if name == 'sim_controller' else file,
+                stdout=subprocess.PIPE if name in TELLING else file,
                 stderr=file,
                 env=environment,
             )
@@ -157,14 +160,22 @@ class Process:
 
         Raises RunError with its log if it ends instead.
         """
+        words = dict(word.split('=') for word in self._told('listening'))
+        return Ports(**{key: int(value) for key, value in words.items()})
+
+    def address(self) -> str:
+        """Return what a browser opens, once a panel serves it. Raises RunError like `ports`."""
+        return self._told('panel')[0]
+
+    def _told(self, first: str) -> list[str]:
+        """Return the words after the first one of the line that it prints when it is ready."""
         if self._popen.stdout is None:
             raise ValueError(f'{self.name} does not listen')
         line = self._popen.stdout.readline().decode()
-        if not line.startswith('listening '):
+        if not line.startswith(f'{first} '):
             self._popen.wait()
             raise RunError(f'{self.name} did not start:\n{line}{self.log_text()}')
-        words = dict(word.split('=') for word in line.split()[1:])
-        return Ports(**{key: int(value) for key, value in words.items()})
+        return line.split()[1:]
 
     def check_alive(self) -> None:
         """Raise RunError with its log if it has ended."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import rclpy
 from action_msgs.msg import GoalStatus
-from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
 from diagnostic_msgs.msg import DiagnosticArray
 from epson_msgs.msg import IoPoint
@@ -23,11 +22,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.cli.demo_report import Recording
 from epson_driver.cli.processes import RunError
 from epson_driver.motion import Trajectory
+from epson_driver.node.trajectory_messages import trajectory_message
 
 READY_TIMEOUT_S = 30.0
 """How long anything but the motion itself may take, s."""
@@ -186,20 +185,3 @@ def _stamp(message: Any) -> float:
     stamp = message.header.stamp
     seconds: float = stamp.sec + stamp.nanosec * 1e-9
     return seconds
-
-
-def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
-    """Return a trajectory as the ROS message."""
-    message = JointTrajectory(joint_names=list(trajectory.joint_names))
-    for index, time_from_start in enumerate(trajectory.times):
-        sec, nanosec = divmod(round(float(time_from_start) * 1e9), 10**9)
-        point = JointTrajectoryPoint(
-            positions=trajectory.positions[index].tolist(),
-            time_from_start=Duration(sec=sec, nanosec=nanosec),
-        )
-        if trajectory.velocities is not None:
-            point.velocities = trajectory.velocities[index].tolist()
-        if trajectory.accelerations is not None:
-            point.accelerations = trajectory.accelerations[index].tolist()
-        message.points.append(point)
-    return message

@@ -4,6 +4,7 @@
 
 import argparse
 import asyncio
+import contextlib
 import dataclasses
 import gc
 import logging
@@ -37,6 +38,10 @@ from epson_driver.simple_message import ByteOrder, Dialect
 from epson_driver.spel import Program, build, read_project, with_defines
 
 _PORTS = Ports()
+
+PANEL = (sys.executable, '-m', 'epson_driver.cli', 'panel')
+"""A process of its own: the simulated controller needs no ROS, and must not wait for a browser."""
+
 STATE_PERIOD = number(0.001, 3600.0, 's')
 SEED = count(0, 2**63 - 1)
 
@@ -81,7 +86,15 @@ def main() -> int:
     try:
         network = None if spel is None else spel.network
         servers = partial(ControllerServers, controller, planner, network, dict(args.program_port))
-        return asyncio.run(_run(servers, args.host, ports, args.until_stdin_ends))
+        return asyncio.run(
+            _run(
+                servers,
+                args.host,
+                ports,
+                until_stdin_ends=args.until_stdin_ends,
+                panel=args.panel,
+            )
+        )
     finally:
         log.finish()
 
@@ -125,7 +138,12 @@ def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) ->
 
 
 async def _run(
-    new_servers: Callable[[], ControllerServers], host: str, ports: Ports, until_stdin_ends: bool
+    new_servers: Callable[[], ControllerServers],
+    host: str,
+    ports: Ports,
+    *,
+    until_stdin_ends: bool,
+    panel: bool,
 ) -> int:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
@@ -143,6 +161,7 @@ async def _run(
     gc.collect()
     gc.freeze()  # objects made at start-up are never freed: do not scan them in the motion cycle
     print('listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True)
+    beside = await asyncio.create_subprocess_exec(*PANEL) if panel else None
     moving = asyncio.create_task(servers.run())
     stopped = asyncio.create_task(stop.wait())
     try:
@@ -151,6 +170,10 @@ async def _run(
             await moving  # it ends only with an error, which is raised here
     finally:
         moving.cancel()
+        if beside is not None:
+            with contextlib.suppress(ProcessLookupError):  # it has ended, and said why
+                beside.terminate()
+            await beside.wait()
         await servers.close()
     return 0
 
@@ -294,6 +317,11 @@ def _parser() -> argparse.ArgumentParser:
         '--until-stdin-ends',
         action='store_true',
         help='end when standard input, a pipe, is closed: with the process that has started it',
+    )
+    parser.add_argument(
+        '--panel',
+        action='store_true',
+        help='start the browser panel as well, which shows the drivers that it finds in ROS',
     )
     parser.add_argument(
         '--start',

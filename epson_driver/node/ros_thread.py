@@ -5,6 +5,7 @@
 import threading
 from collections.abc import Callable
 
+from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 MAX_ERRORS = 100
@@ -21,13 +22,17 @@ answer a task of the second; and one to spare."""
 class RosThread:
     """Spins an executor until `leave`. `on_error` is called in the thread with what it raised.
 
+    `context`: that of the nodes; None: rclpy's default.
+
     It goes on then, for as long as it can: what is asked while the arms stop is answered still.
 
     Not `spin_until_future_complete`: rclpy leaves a callback in the future at every turn.
     """
 
-    def __init__(self, on_error: Callable[[str, BaseException], None]) -> None:
-        self.executor = SingleThreadedExecutor()
+    def __init__(
+        self, on_error: Callable[[str, BaseException], None], context: Context | None = None
+    ) -> None:
+        self.executor = SingleThreadedExecutor(context=context)
         self._on_error = on_error
         self._left = threading.Event()
         self._thread = threading.Thread(target=self._run, name='rclpy executor', daemon=True)

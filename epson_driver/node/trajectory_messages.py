@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories, tolerances and durations, read from ROS messages."""
+"""Trajectories, tolerances and durations, read from ROS messages; trajectories, written as one."""
 
 from collections.abc import Iterable, Sequence
 
@@ -113,3 +113,20 @@ def duration_in_s(message: Duration | Time) -> float:
     """Return a builtin_interfaces Duration or Time in s."""
     seconds: float = message.sec + message.nanosec * 1e-9
     return seconds
+
+
+def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
+    """Return a trajectory as the ROS message."""
+    message = JointTrajectory(joint_names=list(trajectory.joint_names))
+    for index, time_from_start in enumerate(trajectory.times):
+        sec, nanosec = divmod(round(float(time_from_start) * 1e9), 10**9)
+        point = JointTrajectoryPoint(
+            positions=trajectory.positions[index].tolist(),
+            time_from_start=Duration(sec=sec, nanosec=nanosec),
+        )
+        if trajectory.velocities is not None:
+            point.velocities = trajectory.velocities[index].tolist()
+        if trajectory.accelerations is not None:
+            point.accelerations = trajectory.accelerations[index].tolist()
+        message.points.append(point)
+    return message

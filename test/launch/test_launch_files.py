@@ -388,6 +388,16 @@ def test_a_misspelled_argument_is_named_with_the_nearest() -> None:
     ]
 
 
+@pytest.mark.parametrize('name', ['simulation', 'several_robots'])
+def test_the_panel_is_started_on_request_and_finds_every_robot(name: str) -> None:
+    assert not nodes(start(name), 'panel')
+    (panel,) = nodes(start(name, panel='true'), 'panel')
+    assert panel.package == 'epson_driver'
+    assert panel.namespace == ''
+    with pytest.raises(LaunchError, match='panel'):
+        start(name, panel='yes')
+
+
 def test_the_place_of_the_arm_is_published_on_request() -> None:
     def place(name: str, **given: str) -> list[list[str]]:
         return [each.command for each in nodes(start(name, **given), 'static_transform_publisher')]

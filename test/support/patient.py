@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver NAME …`, patient: the client's own time-outs are long.
+"""`epson_driver NAME …`, patient: the own time-outs of client and panel are long.
 
 They are there for controllers that do not answer, and for a person who waits. A machine that is
 busy with something else must not make the driver say that its controller is slow. Time-outs that
@@ -9,7 +9,7 @@ time-out itself are on a manual clock (test/client), or say how long it is.
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
@@ -37,17 +37,30 @@ TIMEOUTS = {
     'epson_driver.link.link': {'CONNECT_TIMEOUT_S': LONG},
 }
 
+PANEL_TIMEOUTS = {
+    'epson_driver.panel.robot_state': {
+        'MAX_AGES_S': dict.fromkeys(('joints', 'status', 'diagnostics', 'simulation'), LONG)
+    },
+    'epson_driver.panel.sim_pendant': {'ANSWER_TIMEOUT_S': LONG},
+    'epson_driver.panel.ros_side': {'GOAL_PATIENCE_S': 8.0},
+}
 
-def be_patient(assign: Callable[[object, str, float], object] = setattr) -> None:
+
+def be_patient(
+    assign: Callable[[object, str, object], object] = setattr,
+    timeouts: Mapping[str, Mapping[str, object]] = TIMEOUTS,
+) -> None:
     """Make the client's own time-outs long, in this process; `assign` is setattr or the like."""
-    for name, constants in TIMEOUTS.items():
+    for name, constants in timeouts.items():
         module = import_module(name)
         for constant, seconds in constants.items():
-            assert isinstance(getattr(module, constant), float)
+            assert isinstance(getattr(module, constant), type(seconds))
             assign(module, constant, seconds)
 
 
 if __name__ == '__main__':
     if sys.argv[1:2] == ['client']:
         be_patient()
+    elif sys.argv[1:2] == ['panel']:
+        be_patient(timeouts=PANEL_TIMEOUTS)
     sys.exit(main())

@@ -21,18 +21,33 @@ UNDECLARED = (
     'PIL',
     'embreex',
     'manifold3d',
+    'msgspec',
     'ompl',
     'pinocchio',
+    'playwright',
     'py_opw_kinematics',
     'rosdep2',
     'toppra',
     'trimesh',
+    'viser',
+    'websockets',
+    'zstandard',
 )
 """Modules that some tests need and package.xml does not name: rosdep has no key for them, or for
 another thing."""
 
 OF_A_DESKTOP = re.compile('rviz|rqt|gui|visualization|desktop|gazebo')
-EXECUTABLES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth', 'spel')
+EXECUTABLES = (
+    'client',
+    'demo',
+    'panel',
+    'pendant',
+    'replay',
+    'robots',
+    'sim_controller',
+    'smooth',
+    'spel',
+)
 
 BIN = Path(sys.executable).parent
 

@@ -1,0 +1,118 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver panel`: the robots in a browser."""
+
+import argparse
+import logging
+import secrets
+import signal
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from rclpy.utilities import remove_ros_args
+
+from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.inputs import InputError, printable
+from epson_driver.motion import Trajectory
+from epson_driver.panel.access import is_loopback
+from epson_driver.share import share_folder
+
+PORT = 8080
+
+INSTALL = (
+    "the panel needs viser: pip install 'epson_driver[panel]' (in the source tree: "
+    'make demo ARGS=--panel)'
+)
+
+TOKEN_BYTES = 24
+
+
+def main() -> int:
+    """Serve the page until SIGINT or SIGTERM. Return 0 then, 1 if it cannot be served."""
+    parser = _parser()
+    options = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    if missing():
+        print(f'epson_driver panel: {INSTALL}', file=sys.stderr)
+        return 1
+    logging.basicConfig(level=logging.INFO, format='%(message)s')
+    logging.getLogger('websockets').setLevel(logging.ERROR)
+    from epson_driver.panel.panel import Panel, address  # imports viser
+    from epson_driver.panel.web_server import WebServerError
+
+    token = None if is_loopback(options.host) else secrets.token_urlsafe(TOKEN_BYTES)
+    try:
+        panel = Panel(
+            options.host,
+            options.port,
+            token,
+            sys.argv,
+            options.robot,
+            _trajectories(options.trajectory),
+            allow_motion=options.allow_motion,
+        )
+    except (WebServerError, InputError, OSError, RuntimeError, ValueError) as error:
+        print(f'epson_driver panel: {printable(error)}', file=sys.stderr)
+        return 1
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: panel.stop())
+    print(f'panel {address(options.host, panel.web.port, token)}', flush=True)
+    return panel.run()
+
+
+def missing() -> bool:
+    """Return whether the extra is not installed."""
+    return find_spec('viser') is None
+
+
+def _trajectories(files: list[Path]) -> dict[str, Trajectory]:
+    """Read trajectories: those of this package if no file is named. Raises InputError, OSError."""
+    paths = files or sorted(share_folder('config', 'trajectories').glob('*.yaml'))
+    return {path.stem: read_trajectory(path) for path in paths}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='epson_driver panel',
+        description='The robots in a browser: what they report, in 3D and as curves, and buttons. '
+        'SIGINT or SIGTERM ends it. ROS arguments as everywhere.',
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        '--host',
+        type=host,
+        default='127.0.0.1',
+        help='address to listen on (%(default)s); another than of this machine alone needs the '
+        'token that is printed then',
+    )
+    parser.add_argument(
+        '--port',
+        type=argument(FREE_PORT),
+        default=PORT,
+        help='port to listen on, 0 for any free one (%(default)s)',
+    )
+    parser.add_argument(
+        '--robot',
+        action='append',
+        metavar='NODE',
+        help="a driver's node, such as /left/epson_driver; may be repeated (all that are found)",
+    )
+    parser.add_argument(
+        '--trajectory',
+        type=Path,
+        action='append',
+        default=[],
+        metavar='FILE',
+        help='a JointTrajectory as YAML to execute; may be repeated (those of this package)',
+    )
+    parser.add_argument(
+        '--allow-motion',
+        action='store_true',
+        help='allow to move robots that are not simulated',
+    )
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,159 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Who is let in: the panel's own page, under its own address, and with the token if there is one.
+
+Every page that is open in the same browser can send requests to this port. What tells them apart
+is the header Origin, which no page can set: only the panel's own origin may open the websocket,
+and nobody who sends none. HTTP requests carry no Origin when a person follows a link, so there a
+missing one is allowed, but not the address of somebody else in Host (DNS rebinding).
+"""
+
+import hmac
+import ipaddress
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from typing import NamedTuple
+from urllib.parse import parse_qs, urlsplit
+
+FORBIDDEN = 403
+
+LOOPBACK_NAMES = frozenset({'127.0.0.1', 'localhost', '[::1]'})
+
+
+class Rejection(NamedTuple):
+    """The status of the answer to a request that is not let in, and its text."""
+
+    status: int
+    text: str
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine can reach an address to listen on."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == 'localhost'
+
+
+def own_names(host: str) -> frozenset[str]:
+    """Return the names under which a page served at `host` may be opened, in lower case.
+
+    The address at which a connection arrived is added by `Access` for each connection.
+    """
+    if is_loopback(host):
+        return LOOPBACK_NAMES
+    return LOOPBACK_NAMES | {
+        bracketed(host),
+        socket.gethostname().lower(),
+        socket.getfqdn().lower(),
+    }
+
+
+def bracketed(address: str) -> str:
+    """Return an address as URLs have it: IPv6 in brackets."""
+    return f'[{address}]' if ':' in address else address.lower()
+
+
+@dataclass(frozen=True)
+class Access:
+    """The rules for one panel. `names`: see `own_names`; `token` None: none is needed."""
+
+    port: int
+    names: frozenset[str]
+    token: str | None = None
+
+    def rejection(
+        self, path: str, headers: Mapping[str, str], arrived_at: str
+    ) -> Rejection | None:
+        """Return why a request is not let in; None if it is.
+
+        `headers` with lower-case names, each value once; `arrived_at`: the address of this machine
+        at which the connection arrived.
+        """
+        names = self.names | {bracketed(arrived_at)}
+        own = {f'{name}:{self.port}' for name in names}
+        if self.port == 80:
+            own |= names
+        host = headers.get('host', '').lower()
+        if host not in own:
+            return Rejection(FORBIDDEN, f'this panel is not {shown(host)}')
+        origin = headers.get('origin')
+        if origin is None and is_upgrade(headers):
+            return Rejection(FORBIDDEN, 'a websocket without an Origin is not let in')
+        if origin is not None and origin.lower() not in {f'http://{each}' for each in own}:
+            return Rejection(FORBIDDEN, f'{shown(origin)} is not the page of this panel')
+        if self.token is not None and not self._has_token(path, headers):
+            return Rejection(
+                FORBIDDEN, 'a token is needed: open the address that the panel has printed'
+            )
+        return None
+
+    @property
+    def cookie(self) -> str:
+        """The name of the cookie with the token. Cookies are for all ports of a host."""
+        return f'epson_driver_panel_{self.port}'
+
+    def new_headers(self, path: str) -> dict[str, str]:
+        """Return what is added to the headers of a page that is served."""
+        headers = {
+            'Content-Security-Policy': CONTENT_SECURITY_POLICY,
+            'X-Frame-Options': 'DENY',
+            'X-Content-Type-Options': 'nosniff',
+            'Referrer-Policy': 'no-referrer',
+            'Cross-Origin-Opener-Policy': 'same-origin',
+            'Cache-Control': 'no-store',
+        }
+        if self.token is not None and _token_of(path) is not None:
+            headers['Set-Cookie'] = (
+                f'{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict'
+            )
+        return headers
+
+    def _has_token(self, path: str, headers: Mapping[str, str]) -> bool:
+        given = [_token_of(path)]
+        try:
+            cookies = SimpleCookie(headers.get('cookie', ''))
+        except CookieError:
+            cookies = SimpleCookie()
+        if self.cookie in cookies:
+            given.append(cookies[self.cookie].value)
+        wanted = str(self.token).encode()
+        return any(
+            each is not None and hmac.compare_digest(each.encode(), wanted) for each in given
+        )
+
+
+CONTENT_SECURITY_POLICY = '; '.join(
+    (
+        "default-src 'none'",
+        "script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:",
+        "worker-src 'self' blob:",
+        "style-src 'self' 'unsafe-inline' blob:",
+        "img-src 'self' data: blob:",
+        "font-src 'self' data:",
+        "connect-src 'self' data: blob:",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+"""The page may ask its own origin only, and no other page may show it in a frame.
+
+viser's page unpacks itself by a script, from a blob."""
+
+
+def is_upgrade(headers: Mapping[str, str]) -> bool:
+    """Return whether a request asks for a websocket."""
+    return headers.get('upgrade', '').lower() == 'websocket'
+
+
+def shown(text: str) -> str:
+    """Return what somebody has sent, short and printable."""
+    return repr(text[:100])
+
+
+def _token_of(path: str) -> str | None:
+    tokens = parse_qs(urlsplit(path).query).get('token', [])
+    return tokens[0] if len(tokens) == 1 else None

@@ -1,0 +1,305 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a person may do to one robot from the panel, and under which conditions.
+
+`stop` and `disable` are always there. Everything that moves the arm, or lets it move, or moves
+what hangs on an output, wants an armed browser; and arming wants data that is fresh, and a
+controller that is simulated or a panel that was started with `--allow-motion`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.motion import Trajectory
+from epson_driver.panel.arming import Arming
+from epson_driver.panel.request_error import RequestError
+from epson_driver.panel.robot_state import Simulation
+from epson_driver.panel.ros_robot import ERROR, INFO, WARN, RosRobot
+from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread, SimPendant
+from epson_driver.robots import RobotModel, load_robot_model
+
+START_TOLERANCE_RAD = 0.02
+"""The driver's own default of `start_tolerance`; it checks again."""
+
+SLOW_SHARE = 0.2
+"""Of the joints' velocity and acceleration limits, on the way to the start of a trajectory."""
+
+MIN_DURATION_S = 1.0
+POINT_PERIOD_S = 0.1
+
+PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
+"""Of the polynomial of fifth degree that rests at both ends, for a way of 1 in 1 s."""
+
+
+@dataclass(frozen=True)
+class Press:
+    """A thing to do at the simulated pendant. `moves`: it lets the arm move."""
+
+    command: str
+    moves: bool = False
+
+
+PENDANT: dict[str, dict[str, Press]] = {
+    'E-stop': {'press': Press('Sim,estop,press'), 'release': Press('Sim,estop,release')},
+    'Door': {'open': Press('Sim,door,open'), 'close': Press('Sim,door,close')},
+    'Tasks': {
+        'pause': Press('Pause'),
+        'continue': Press('Continue', moves=True),
+        'stop': Press('Stop'),
+        'start': Press('Start,0', moves=True),
+    },
+    'Motors': {'on': Press('SetMotorsOn,1', moves=True), 'off': Press('SetMotorsOff,1')},
+    'Key': {'auto': Press('Sim,mode,auto'), 'manual': Press('Sim,mode,manual')},
+    'Error': {'reset': Press('Reset')},
+}
+"""By what is pressed, and how. A closed door alone lets nothing move: that takes continue."""
+
+
+class RobotControl:
+    """One robot, for all browsers. Methods may be called in any thread, and wait for nothing.
+
+    They raise RequestError with a sentence for the person. `on_error` is called with anything else
+    that a click has raised.
+    """
+
+    def __init__(
+        self,
+        robot: RosRobot,
+        pendants: PendantThread,
+        clock: Callable[[], float],
+        *,
+        on_error: Callable[[str, BaseException], None],
+        allow_motion: bool,
+    ) -> None:
+        self.on_error = on_error
+        self.robot = robot
+        self.model: RobotModel | None = None
+        self.plan: Trajectory | None = None
+        """The last trajectory that was sent from here."""
+        self.arming = Arming(self._forbidden, self._on_disarmed)
+        self._model_name = ''
+        """As the driver has it: a path, or short."""
+        self._pendants = pendants
+        self._pendant: SimPendant | None = None
+        self._pendant_at: tuple[str, int] | None = None
+        self._clock = clock
+        self._allow_motion = allow_motion
+        self._speed_wanted: float | None = None
+        self._speed_asked = False
+
+    # --- who it is --------------------------------------------------------------------------
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a simulated controller has said so, lately."""
+        return self.robot.state.fresh('simulation', self._clock()) and (
+            self.robot.state.simulation is not None
+        )
+
+    def look(self) -> None:
+        """Take over what has become known of driver and controller. In the panel's own thread."""
+        parameters = self.robot.parameters
+        at = None
+        if parameters:
+            at = (str(parameters['robot_ip']), int(parameters['remote_port']))
+            if parameters['robot_model'] != self._model_name:
+                self._load(str(parameters['robot_model']))
+        if at != self._pendant_at:
+            if self._pendant is not None:
+                self._pendant.end()
+            self._pendant_at = at
+            self._pendant = None if at is None else self._pendants.pendant(*at)
+        latest = None if self._pendant is None else self._pendant.latest
+        self._take_over(latest)
+        self.arming.watch()
+
+    def _load(self, name: str) -> None:
+        self._model_name = name
+        try:
+            self.model = load_robot_model(name)
+        except (OSError, ValueError) as error:
+            self.model = None
+            self.robot.log(f'no picture of the arm: {error}', WARN)
+
+    def _take_over(self, latest: tuple[Simulation, float] | None) -> None:
+        state = self.robot.state
+        if latest is None:
+            state.simulation = None
+            state.times.pop('simulation', None)
+        else:
+            state.simulation, state.times['simulation'] = latest
+
+    def _forbidden(self) -> str | None:
+        now, state = self._clock(), self.robot.state
+        for name, text in (
+            ('diagnostics', 'the driver does not report'),
+            ('joints', 'there are no joint states'),
+            ('status', 'there is no robot_status'),
+        ):
+            if not state.fresh(name, now):
+                return f'{text}: nothing may be moved that cannot be seen'
+        if state.link != 'connected':
+            return 'there is no link to the controller'
+        if state.times.get('parameters', 0.0) < state.times['first joints']:
+            return 'the driver has not said yet which robot it has now'
+        if not self._allow_motion and not self.simulated:
+            return (
+                'this robot is real, or nobody says that it is simulated: only a panel that was '
+                'started with --allow-motion may move it'
+            )
+        return None
+
+    def _on_disarmed(self, why: str) -> None:
+        self.robot.log(f'panel disarmed: {why}', INFO)
+        if self.robot.cancel_goals():
+            self.robot.log('the goal of the panel is canceled', WARN)
+
+    # --- always -----------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """Stop the arm. Raises NoDriverError."""
+        self.robot.trigger('stop', self.robot.log)
+
+    def disable(self) -> None:
+        """Stop the arm and keep it still. Raises NoDriverError."""
+        self.robot.trigger('disable', self.robot.log)
+
+    # --- for the armed browser --------------------------------------------------------------
+
+    def enable(self, browser: int) -> None:
+        """Let the arm move."""
+        with self.arming.held(browser):
+            self.robot.trigger('enable', self.robot.log)
+
+    def reset_error(self, browser: int) -> None:
+        """Reset the controller's error; the arm stays disabled."""
+        with self.arming.held(browser):
+            self.robot.trigger('reset_error', self.robot.log)
+
+    def set_speed(self, browser: int, factor: float) -> None:
+        """Set the speed; while one request is under way, only the last wish is kept."""
+        with self.arming.held(browser):
+            self._speed_wanted = factor
+            if not self._speed_asked:
+                self._ask_speed()
+
+    def _ask_speed(self) -> None:
+        factor, self._speed_wanted = self._speed_wanted, None
+        if factor is None:
+            return
+        self._speed_asked = True
+
+        def answered(text: str, level: int) -> None:
+            if level >= WARN:
+                self.robot.log(text, level)
+            self._speed_asked = False
+            try:
+                self._ask_speed()
+            except RequestError as error:
+                self.robot.log(str(error), ERROR)
+
+        try:
+            self.robot.set_speed(factor, answered)
+        except RequestError:
+            self._speed_asked = False
+            raise
+
+    def write_output(self, browser: int, index: int, value: int) -> None:
+        """Set a digital output."""
+        with self.arming.held(browser):
+            self.robot.write_output(index, value, self.robot.log)
+
+    def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
+        """Execute a trajectory, whose joints are those of the robot in another name."""
+        with self.arming.held(browser):
+            self._send(name, self._renamed(trajectory))
+
+    def go_to_start(self, browser: int, name: str, trajectory: Trajectory) -> None:
+        """Go slowly and straight, in joint space, to where a trajectory begins."""
+        with self.arming.held(browser):
+            if self.model is None:
+                raise RequestError('the robot model is not known')
+            here = self.robot.state.positions
+            there = self._renamed(trajectory)
+            goal = there.positions[0]
+            limits = self.model.limits
+            way = np.abs(goal - here)
+            duration = max(
+                MIN_DURATION_S,
+                float(np.max(PEAK_VELOCITY * way / (SLOW_SHARE * limits.velocity))),
+                float(
+                    np.sqrt(np.max(PEAK_ACCELERATION * way / (SLOW_SHARE * limits.acceleration)))
+                ),
+            )
+            s = np.linspace(0.0, 1.0, max(3, round(duration / POINT_PERIOD_S) + 1))[:, None]
+            self._send(
+                f'to the start of {name}',
+                Trajectory(
+                    there.joint_names,
+                    duration * s[:, 0],
+                    here + (goal - here) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
+                    (goal - here) * 30.0 * (s * (1.0 - s)) ** 2 / duration,
+                ),
+            )
+
+    def distance_to_start(self, trajectory: Trajectory) -> float | None:
+        """Return how far the joint that is farthest from a trajectory's start is from it, rad."""
+        here = self.robot.state.positions
+        if len(here) != trajectory.positions.shape[1]:
+            return None
+        return float(np.max(np.abs(trajectory.positions[0] - here)))
+
+    def _renamed(self, trajectory: Trajectory) -> Trajectory:
+        names = self.robot.state.joint_names
+        if trajectory.positions.shape[1] != len(names):
+            raise RequestError(
+                f'the trajectory is for {trajectory.positions.shape[1]} joints, the robot has '
+                f'{len(names)}'
+            )
+        return Trajectory(
+            names,
+            trajectory.times,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
+        )
+
+    def _send(self, name: str, trajectory: Trajectory) -> None:
+        self.robot.execute(trajectory, name, self.robot.log)
+        self.plan = trajectory
+        self.robot.log(f'goal sent: {name}', INFO)
+
+    # --- at the simulated pendant -----------------------------------------------------------
+
+    def press(self, browser: int, what: str, how: str) -> None:
+        """Press something at the simulated pendant; what lets the arm move, only when armed."""
+        press = PENDANT[what][how]
+        if press.moves:
+            with self.arming.held(browser):
+                self._press(press.command, f'pendant: {what} {how}')
+        else:
+            self._press(press.command, f'pendant: {what} {how}')
+
+    def start_fault(self, text: str) -> None:
+        """Make the simulated controller fail: a fault as `pendant fault` takes it."""
+        words = ','.join(text.replace(',', ' ').split())
+        self._press(f'Sim,fault,{words}', f'fault: {text}')
+
+    def clear_faults(self) -> None:
+        """End all faults."""
+        self._press('Sim,fault,clear', 'faults cleared')
+
+    def set_input(self, index: int, value: int) -> None:
+        """Set a digital input of the simulated controller, as if it were wired so."""
+        self._press(f'Sim,io,DI,{index},{value}', f'input {index}: {"on" if value else "off"}')
+
+    def _press(self, command: str, text: str) -> None:
+        if self._pendant is None:
+            raise NotSimulatedError('no simulated controller is known')
+
+        def say(why: str, done: bool) -> None:
+            self.robot.log(text if done else f'{text}: refused: {why}', INFO if done else WARN)
+
+        self._pendant.press(command, say)

@@ -1,0 +1,121 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot's driver has reported, with the times of arrival, and how old that may get."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from epson_driver.motion import Array
+
+MAX_EVENTS = 200
+
+SAME_NEWS_S = 2.0
+MAX_COMPARED = 5
+"""What an answer says, the driver has often written to its log as well: lines so near to each
+other, s, with the same words after the first colon are one."""
+
+MAX_AGES_S = {'joints': 1.0, 'status': 2.5, 'diagnostics': 3.5, 'simulation': 3.0}
+"""After what time without news something is no longer taken for true, s: three of the periods in
+which the driver sends it, or more."""
+
+
+class Tri(Enum):
+    """A yes/no that may be unknown."""
+
+    UNKNOWN = -1
+    NO = 0
+    YES = 1
+
+
+@dataclass(frozen=True)
+class Status:
+    """A robot_status. `mode`: 'AUTO', 'MANUAL' or ''."""
+
+    e_stopped: Tri = Tri.UNKNOWN
+    motors_on: Tri = Tri.UNKNOWN
+    motion_possible: Tri = Tri.UNKNOWN
+    in_motion: Tri = Tri.UNKNOWN
+    in_error: Tri = Tri.UNKNOWN
+    mode: str = ''
+    error_codes: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What the simulated controller says of itself: its condition by region, its active faults."""
+
+    condition: Mapping[str, str]
+    faults: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class IoRange:
+    """Points of one type of epson_msgs/IoPoint that follow one another."""
+
+    type: int
+    start: int
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A line of the log. `level`: that of rcl_interfaces/Log; `at`: s since the epoch."""
+
+    at: float
+    level: int
+    text: str
+
+
+@dataclass(eq=False)
+class RobotState:
+    """The last of everything. `times`: when it arrived by the panel's clock, s, by name.
+
+    Joints in the order of `joint_names`: shape (n,), rad or m, and per s.
+    """
+
+    joint_names: tuple[str, ...] = ()
+    positions: Array = field(default_factory=lambda: np.zeros(0))
+    velocities: Array = field(default_factory=lambda: np.zeros(0))
+    status: Status = field(default_factory=Status)
+    link: str = ''
+    gate_open: bool | None = None
+    gate_reason: str = ''
+    goal_running: bool = False
+    arm_text: str = ''
+    error_text: str = ''
+    remedy: str = ''
+    reference: Array | None = None
+    tracking_error: Array | None = None
+    speed: float | None = None
+    io: tuple[IoRange, ...] = ()
+    io_reason: str = 'nothing was reported yet'
+    simulation: Simulation | None = None
+    events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
+    times: dict[str, float] = field(default_factory=dict)
+
+    def add_event(self, event: Event) -> None:
+        """Add a line to the log, unless the driver and the panel both say the same."""
+        news = _news(event)
+        for other in list(self.events)[-MAX_COMPARED:]:
+            if abs(other.at - event.at) < SAME_NEWS_S and _news(other) == news:
+                return
+        self.events.append(event)
+
+    def age(self, name: str, now: float) -> float | None:
+        """Return how old something is, s; None if there was none yet."""
+        at = self.times.get(name)
+        return None if at is None else now - at
+
+    def fresh(self, name: str, now: float) -> bool:
+        """Return whether something is young enough to be taken for true."""
+        age = self.age(name, now)
+        return age is not None and age <= MAX_AGES_S[name]
+
+
+def _news(event: Event) -> str:
+    first, _, rest = event.text.partition(': ')
+    return rest or first

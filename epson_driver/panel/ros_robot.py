@@ -1,0 +1,343 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One driver, used over its topics, services and action; for several, one of these each.
+
+Topics are not taken by callbacks: rclpy spends more time on 180 of them a second than on all the
+rest of the panel. The subscriptions keep the last message, and `sample` takes it as often as
+somebody can see a difference.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState
+from diagnostic_msgs.msg import DiagnosticStatus
+from epson_msgs.msg import IoPoint, IoStates
+from epson_msgs.srv import SetSpeedScaling, WriteIo
+from industrial_msgs.msg import RobotMode, RobotStatus
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+from std_srvs.srv import Trigger
+
+from epson_driver.motion import Trajectory
+from epson_driver.node.trajectory_messages import trajectory_message
+from epson_driver.panel.request_error import RequestError
+from epson_driver.panel.robot_state import Event, IoRange, RobotState, Status, Tri
+
+LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort: the driver neither waits for the panel nor repeats anything for it."""
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+ANSWER_TIMEOUT_S = 15.0
+"""Longer than the driver takes to switch motors on, s."""
+
+PARAMETERS_TIMEOUT_S = 3.0
+"""A driver that has died in between never answers, and another may have come in its place, s."""
+
+PARAMETERS = ('robot_model', 'joint_names', 'robot_ip', 'remote_port', 'controller')
+
+INFO, WARN, ERROR = 20, 30, 40
+"""Levels of the log, as in rcl_interfaces/Log."""
+
+TRIGGERS = ('stop', 'enable', 'disable', 'reset_error')
+
+Say = Callable[[str, int], object]
+"""Takes a sentence about what became of a request, and its level."""
+
+
+class NoDriverError(RequestError):
+    """Nobody serves a request; the text says what was asked of whom."""
+
+
+def take(subscription: Any) -> Any:
+    """Return the next message of a subscription that no executor serves; None if there is none."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return None if taken is None else taken[0]
+
+
+class Goal:
+    """A goal that the panel has sent. It can be canceled even before it is accepted."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.ended = threading.Event()
+        self._lock = threading.Lock()
+        self._handle: Any = None
+        self._unwanted = False
+
+    def cancel(self) -> None:
+        """Have the driver stop the arm and end the goal."""
+        with self._lock:
+            self._unwanted = True
+            handle = self._handle
+        if handle is not None and not self.ended.is_set():
+            handle.cancel_goal_async()
+
+    def accepted(self, handle: Any) -> None:
+        """Take note of its handle; cancel it if that was asked for meanwhile."""
+        with self._lock:
+            self._handle = handle
+            unwanted = self._unwanted
+        if unwanted:
+            handle.cancel_goal_async()
+
+
+class RosRobot:
+    """A driver by the name of its node, such as /left/epson_driver.
+
+    `node` is served by an executor and gets the answers; `sampled` belongs to no executor.
+    Requests may come from any thread and wait for nothing; `sample` from one.
+    """
+
+    def __init__(self, node: Node, sampled: Node, name: str) -> None:
+        self.name = name
+        self.namespace = name.rpartition('/')[0]
+        self.state = RobotState()
+        self.parameters: dict[str, Any] = {}
+        """Those of PARAMETERS, once the driver has told them. It is asked again and again: another
+        driver of this name may have come."""
+        self._triggers = {each: node.create_client(Trigger, f'{name}/{each}') for each in TRIGGERS}
+        self._set_speed = node.create_client(SetSpeedScaling, f'{name}/set_speed_scaling')
+        self._write_io = node.create_client(WriteIo, f'{name}/write_io')
+        self._get_parameters = node.create_client(GetParameters, f'{name}/get_parameters')
+        self._asking: Any = None
+        self._asked = 0.0
+        self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
+        self._goals: list[Goal] = []
+        self._goals_lock = threading.Lock()
+        subscribe = sampled.create_subscription
+        topics: tuple[tuple[Any, str, Callable[[Any, float], None], QoSProfile], ...] = (
+            (JointState, f'{self.namespace}/joint_states', self._on_joints, LATEST),
+            (RobotStatus, f'{self.namespace}/robot_status', self._on_status, LATEST),
+            (
+                JointTrajectoryControllerState,
+                f'{name}/controller_state',
+                self._on_controller_state,
+                LATEST,
+            ),
+            (String, f'{name}/link_state', self._on_link_state, LATCHED),
+            (Float64, f'{name}/speed_scaling', self._on_speed, LATCHED),
+            (IoStates, f'{name}/io_states', self._on_io, LATCHED),
+        )
+        self._topics = [
+            (subscribe(kind, topic, _never, qos), handle) for kind, topic, handle, qos in topics
+        ]
+
+    # --- what the driver reports ------------------------------------------------------------
+
+    def sample(self, now: float) -> None:
+        """Take what is new on the topics. `now`: the panel's clock, s."""
+        for subscription, handle in self._topics:
+            message = take(subscription)
+            if message is not None:
+                handle(message, now)
+
+    def look_for_driver(self, now: float) -> None:
+        """Ask for the parameters when a driver is there; forget them when it is gone.
+
+        ROS may take a driver that was killed for present for 20 s; its diagnostics end at once.
+        """
+        silent = 'diagnostics' in self.state.times and not self.state.fresh('diagnostics', now)
+        if silent or not self._get_parameters.service_is_ready():
+            self.parameters = {}
+            self._give_up_asking()
+            for goal in self.goals:
+                self._forget(goal)
+                self.log(
+                    f'{goal.text}: the driver is gone, and what became of it is not known', WARN
+                )
+            return
+        if self._asking is not None and now - self._asked > PARAMETERS_TIMEOUT_S:
+            self._give_up_asking()
+        if self._asking is None or self._asking.done():
+            self._asked = now
+            request = GetParameters.Request(names=list(PARAMETERS))
+            self._asking = self._get_parameters.call_async(request)
+            self._asking.add_done_callback(partial(self._on_parameters, now))
+
+    def _give_up_asking(self) -> None:
+        if self._asking is not None:
+            self._get_parameters.remove_pending_request(self._asking)
+            self._asking = None
+
+    def on_diagnostics(self, status: DiagnosticStatus, now: float) -> None:
+        """Take over the status `NAME: arm` of /diagnostics."""
+        values = {each.key: each.value for each in status.values}
+        state = self.state
+        state.arm_text = status.message
+        state.gate_open = values.get('arm gate') == 'open'
+        state.gate_reason = values.get('arm gate reason', '')
+        state.goal_running = values.get('goal running') == 'True'
+        state.error_text = values.get('error', '')
+        state.remedy = values.get('remedy', '')
+        state.times['diagnostics'] = now
+
+    def _on_parameters(self, asked: float, future: Any) -> None:
+        answer = future.result()
+        if future is not self._asking or answer is None:
+            return
+        if len(answer.values) != len(PARAMETERS):
+            return
+        found = {}
+        for name, value in zip(PARAMETERS, answer.values, strict=True):
+            kinds = {2: 'integer_value', 4: 'string_value', 9: 'string_array_value'}
+            if value.type not in kinds:
+                return
+            found[name] = getattr(value, kinds[value.type])
+        self.parameters = found
+        self.state.times['parameters'] = asked
+
+    def _on_joints(self, message: Any, now: float) -> None:
+        state = self.state
+        names = tuple(message.name)
+        positions, velocities = np.array(message.position), np.array(message.velocity)
+        if len(positions) != len(names) or not np.all(np.isfinite(positions)):
+            return
+        if len(velocities) != len(names):
+            velocities = np.zeros(len(names))
+        state.joint_names, state.positions, state.velocities = names, positions, velocities
+        if not state.fresh('joints', now):
+            state.times['first joints'] = now
+        state.times['joints'] = now
+
+    def _on_status(self, message: Any, now: float) -> None:
+        modes = {RobotMode.AUTO: 'AUTO', RobotMode.MANUAL: 'MANUAL'}
+        self.state.status = Status(
+            _tri(message.e_stopped),
+            _tri(message.drives_powered),
+            _tri(message.motion_possible),
+            _tri(message.in_motion),
+            _tri(message.in_error),
+            modes.get(message.mode.val, ''),
+            tuple(message.error_codes),
+        )
+        self.state.times['status'] = now
+
+    def _on_controller_state(self, message: Any, now: float) -> None:
+        reference = np.array(message.reference.positions)
+        error = np.array(message.error.positions)
+        if len(reference) == len(error) == len(message.joint_names):
+            order = self._order(tuple(message.joint_names))
+            if order is not None:
+                self.state.reference, self.state.tracking_error = reference[order], error[order]
+                self.state.times['reference'] = now
+
+    def _order(self, names: Sequence[str]) -> list[int] | None:
+        wanted = self.state.joint_names
+        return [names.index(name) for name in wanted] if set(names) == set(wanted) else None
+
+    def _on_link_state(self, message: Any, _now: float) -> None:
+        self.state.link = message.data
+
+    def _on_speed(self, message: Any, _now: float) -> None:
+        self.state.speed = message.data
+
+    def _on_io(self, message: Any, _now: float) -> None:
+        self.state.io = tuple(
+            IoRange(each.type, each.start, tuple(each.values)) for each in message.ranges
+        )
+        self.state.io_reason = '' if message.valid else message.message
+
+    # --- what is asked of it: each returns at once, `say` is called with what became of it ----
+
+    def trigger(self, name: str, say: Say) -> None:
+        """Call ~/stop, ~/enable, ~/disable or ~/reset_error. Raises NoDriverError."""
+        self._call(self._triggers[name], Trigger.Request(), f'~/{name}', say)
+
+    def set_speed(self, factor: float, say: Say) -> None:
+        """Set the speed of trajectories, as a share of the plan. Raises NoDriverError."""
+        request = SetSpeedScaling.Request(factor=factor)
+        self._call(self._set_speed, request, '~/set_speed_scaling', say)
+
+    def write_output(self, index: int, value: int, say: Say) -> None:
+        """Set a digital output. Raises NoDriverError."""
+        point = IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=index, value=value)
+        self._call(self._write_io, WriteIo.Request(points=[point]), '~/write_io', say)
+
+    def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
+        """Send a trajectory as a goal. Raises NoDriverError."""
+        if not self._action.server_is_ready():
+            raise NoDriverError(f'nobody serves {self.name}/follow_joint_trajectory')
+        goal = Goal(text)
+        with self._goals_lock:
+            self._goals.append(goal)
+        message = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
+
+        def ended(say_what: str, level: int) -> None:
+            self._forget(goal)
+            say(f'{text}: {say_what}', level)
+
+        def on_result(future: Any) -> None:
+            answer = future.result()
+            succeeded = answer.status == GoalStatus.STATUS_SUCCEEDED
+            ended(answer.result.error_string or 'ended', INFO if succeeded else WARN)
+
+        def on_handle(future: Any) -> None:
+            handle = future.result()
+            if not handle.accepted:
+                ended('rejected', ERROR)
+                return
+            handle.get_result_async().add_done_callback(on_result)
+            goal.accepted(handle)
+
+        self._action.send_goal_async(message).add_done_callback(on_handle)
+
+    @property
+    def goals(self) -> list[Goal]:
+        """The goals that the panel has sent, and that have not ended."""
+        with self._goals_lock:
+            return list(self._goals)
+
+    def cancel_goals(self) -> list[Goal]:
+        """Cancel every goal that the panel has sent; return those that have not ended yet."""
+        goals = self.goals
+        for goal in goals:
+            goal.cancel()
+        return goals
+
+    def _forget(self, goal: Goal) -> None:
+        goal.ended.set()
+        with self._goals_lock:
+            if goal in self._goals:
+                self._goals.remove(goal)
+
+    def _call(self, client: Any, request: Any, name: str, say: Say) -> None:
+        if not client.service_is_ready():
+            raise NoDriverError(f'nobody serves {client.srv_name}')
+        future = client.call_async(request)
+        late = threading.Timer(
+            ANSWER_TIMEOUT_S, say, (f'{name}: no answer in {ANSWER_TIMEOUT_S:g} s', ERROR)
+        )
+        late.daemon = True
+        late.start()
+
+        def on_answer(done: Any) -> None:
+            late.cancel()
+            answer = done.result()
+            say(f'{name}: {answer.message}', INFO if answer.success else ERROR)
+
+        future.add_done_callback(on_answer)
+
+    def log(self, text: str, level: int) -> None:
+        """Put a line of the panel's own among those of the driver."""
+        self.state.add_event(Event(time.time(), level, text))
+
+
+def _never(_message: Any) -> None:
+    raise RuntimeError('this subscription is sampled, not served')
+
+
+def _tri(value: Any) -> Tri:
+    return Tri(value.val) if value.val in (0, 1) else Tri.UNKNOWN

@@ -1,0 +1,162 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The finger at the pendant of a simulated controller, over its remote port.
+
+Whether a controller is a simulated one decides whether its arm may be moved without
+`--allow-motion`. Only its own answer to `$Sim` says so, and only for as long as it keeps coming.
+A real controller serves one remote client at a time, which should be the driver: nobody but a
+controller on this machine is asked, and one that is real only once.
+"""
+
+import asyncio
+import threading
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from epson_driver.panel.access import is_loopback
+from epson_driver.panel.request_error import RequestError
+from epson_driver.panel.robot_state import Simulation
+from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
+from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+
+POLL_PERIOD_S = 0.4
+ANSWER_TIMEOUT_S = 3.0
+LOGIN_LASTS_S = 3000.0
+"""After this time the panel logs in anew, s: `logged_in` wants an end."""
+
+RETRY_PERIOD_S = 1.0
+
+Say = Callable[[str, bool], object]
+"""Takes what became of a command, and whether it was done."""
+
+
+class NotSimulatedError(RequestError):
+    """There is no simulated controller to press anything at; the text says so."""
+
+
+class SimPendant:
+    """The pendant of one controller. Make it with `PendantThread.pendant`; for any thread."""
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, host: str, port: int, clock: Callable[[], float]
+    ) -> None:
+        self.host, self.port = host, port
+        self.real = False
+        """Whether it has said that it is no simulation."""
+        self.latest: tuple[Simulation, float] | None = None
+        """What it said last, and when by the panel's clock, s."""
+        self._loop = loop
+        self._clock = clock
+        self._commands: asyncio.Queue[tuple[str, Say]] = asyncio.Queue()
+        self._task: asyncio.Task[None] | None = None
+        loop.call_soon_threadsafe(self._start)
+
+    def press(self, command: str, say: Say) -> None:
+        """Give a command such as `Sim,estop,press`; `say` is called, in another thread."""
+        if self.latest is None:
+            raise NotSimulatedError('no simulated controller answers')
+        self._loop.call_soon_threadsafe(self._commands.put_nowait, (command, say))
+
+    def end(self) -> None:
+        """Log out."""
+        self._loop.call_soon_threadsafe(lambda: self._task and self._task.cancel())
+
+    def _start(self) -> None:
+        self._task = self._loop.create_task(self._run())
+
+    async def _run(self) -> None:
+        while not self.real:
+            try:
+                async with logged_in(self.host, self.port, LOGIN_LASTS_S) as ask:
+                    await self._serve(ask)
+            except RemoteError as error:
+                self.real = error.number == RemoteErrorNumber.BAD_COMMAND
+            except (ConnectionError, TimeoutError, ValueError):
+                pass  # not there, or not in time: `latest` grows old, which the panel shows
+            self.latest = None
+            self._refuse_waiting()
+            await asyncio.sleep(RETRY_PERIOD_S)
+
+    async def _serve(self, ask: Ask) -> None:
+        """Ask for the condition again and again, and give the commands in between."""
+        while True:
+            await self._poll(ask)
+            try:
+                command, say = await asyncio.wait_for(self._commands.get(), POLL_PERIOD_S)
+            except TimeoutError:
+                continue
+            try:
+                await _in_time(ask(command))
+            except RemoteError as error:
+                say(await self._reason(ask, error), False)
+            except BaseException:
+                say(f'{command}: the controller did not answer', False)
+                raise
+            else:
+                say('', True)
+
+    async def _poll(self, ask: Ask) -> None:
+        condition = dict(
+            part.split('=', 1) for part in (await _in_time(ask('Sim,condition'))).split(';')
+        )
+        faults = await _in_time(ask('Sim,fault,list'))
+        self.latest = (
+            Simulation(condition, tuple(each for each in faults.split(';') if each)),
+            self._clock(),
+        )
+
+    async def _reason(self, ask: Ask, error: RemoteError) -> str:
+        try:
+            return await _in_time(ask('Sim,why')) or str(error)
+        except RemoteError:
+            return str(error)
+
+    def _refuse_waiting(self) -> None:
+        while not self._commands.empty():
+            command, say = self._commands.get_nowait()
+            say(f'{command}: no simulated controller answers', False)
+
+
+class PendantThread:
+    """One thread with an event loop for all pendants. `on_error` is called with what failed."""
+
+    def __init__(
+        self, clock: Callable[[], float], on_error: Callable[[str, BaseException], None]
+    ) -> None:
+        self._clock = clock
+        self._on_error = on_error
+        self._loop = asyncio.new_event_loop()
+        self._loop.set_exception_handler(self._on_loop_error)
+        self._thread = threading.Thread(target=self._run, name='pendants', daemon=True)
+        self._thread.start()
+
+    def pendant(self, host: str, port: int) -> SimPendant | None:
+        """Return the pendant of a controller; None for one that must not be asked."""
+        if not port or not is_loopback(host):
+            return None
+        return SimPendant(self._loop, host, port, self._clock)
+
+    def end(self) -> None:
+        """End the thread."""
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(1.0)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_forever()
+            tasks = asyncio.all_tasks(self._loop)
+            for task in tasks:
+                task.cancel()
+            self._loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
+        except BaseException as error:  # noqa: BLE001 - it is told
+            self._on_error('the thread of the pendants ended', error)
+
+    def _on_loop_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        self._on_error(
+            'a pendant failed', context.get('exception') or RuntimeError(context['message'])
+        )
+
+
+async def _in_time(answer: Awaitable[str]) -> str:
+    return await asyncio.wait_for(answer, ANSWER_TIMEOUT_S)

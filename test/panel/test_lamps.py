@@ -1,0 +1,226 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""From what was reported to lamps and advice; what is old is grey."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from epson_driver.panel import page_html
+from epson_driver.panel.lamps import BAD, GOOD, UNKNOWN, WARN, advice, lamps
+from epson_driver.panel.robot_state import (
+    MAX_AGES_S,
+    Event,
+    IoRange,
+    RobotState,
+    Simulation,
+    Status,
+    Tri,
+)
+
+NOW = 100.0
+
+FINE = Status(
+    e_stopped=Tri.NO,
+    motors_on=Tri.YES,
+    motion_possible=Tri.YES,
+    in_motion=Tri.NO,
+    in_error=Tri.NO,
+    mode='AUTO',
+)
+
+
+def state(status: Status = FINE, **changes: object) -> RobotState:
+    found = RobotState(
+        joint_names=('a', 'b'),
+        positions=np.zeros(2),
+        velocities=np.zeros(2),
+        status=status,
+        link='connected',
+        gate_open=True,
+        simulation=Simulation({'door': 'closed', 'tasks': 'running'}),
+        times=dict.fromkeys(MAX_AGES_S, NOW),
+    )
+    for name, value in changes.items():
+        setattr(found, name, value)
+    return found
+
+
+def colours(found: RobotState, now: float = NOW) -> dict[str, str]:
+    return {lamp.name: lamp.colour for lamp in lamps(found, now)}
+
+
+def test_a_robot_that_is_ready_has_no_bad_lamp() -> None:
+    shown = colours(state())
+    assert set(shown) == {
+        'Link', 'Motors', 'E-stop', 'Door', 'Error', 'Mode', 'Motion', 'Arm gate',
+    }  # fmt: skip
+    assert set(shown.values()) <= {GOOD, 'off'}
+    assert advice(state(), NOW).colour == GOOD
+
+
+def test_what_was_never_reported_is_unknown() -> None:
+    assert set(colours(RobotState()).values()) == {UNKNOWN}
+    assert 'does not report' in advice(RobotState(), NOW).reason
+
+
+@pytest.mark.invariant(6)
+def test_what_is_old_turns_grey_whatever_it_was() -> None:
+    later = NOW + max(MAX_AGES_S.values()) + 0.1
+    assert set(colours(state(replace(FINE, e_stopped=Tri.YES)), later).values()) == {UNKNOWN}
+    assert all(lamp.text in ('?', 'no driver', 'not reported') for lamp in lamps(state(), later))
+
+
+@pytest.mark.invariant(6)
+@pytest.mark.parametrize(
+    ('name', 'grey'),
+    [
+        ('status', {'Motors', 'E-stop', 'Error', 'Mode', 'Motion'}),
+        ('diagnostics', {'Link', 'Arm gate'}),
+        ('simulation', {'Door'}),
+    ],
+)
+def test_each_lamp_is_grey_when_its_own_source_is_silent(name: str, grey: set[str]) -> None:
+    found = state()
+    found.times[name] = NOW - MAX_AGES_S[name] - 0.01
+    assert {lamp for lamp, colour in colours(found).items() if colour == UNKNOWN} == grey
+    found.times[name] = NOW - MAX_AGES_S[name] + 0.01
+    assert UNKNOWN not in colours(found).values()
+
+
+@pytest.mark.invariant(6)
+def test_a_link_without_joint_states_is_not_green() -> None:
+    found = state()
+    found.times['joints'] = NOW - MAX_AGES_S['joints'] - 0.01
+    assert colours(found)['Link'] == BAD
+    assert advice(found, NOW).colour == BAD
+
+
+@pytest.mark.parametrize(
+    ('changes', 'lamp', 'colour', 'reason', 'remedy'),
+    [
+        ({'status': replace(FINE, e_stopped=Tri.YES)}, 'E-stop', BAD, 'E-stop', 'Reset error'),
+        ({'link': 'backing_off'}, 'Link', BAD, 'backing off', 'robot_ip'),
+        (
+            {
+                'status': replace(FINE, in_error=Tri.YES, error_codes=(4031,)),
+                'error_text': 'a bad thing',
+                'remedy': 'mend it',
+            },
+            'Error',
+            BAD,
+            'error 4031: a bad thing',
+            'mend it',
+        ),
+        ({'gate_open': False, 'gate_reason': 'so it is'}, 'Arm gate', WARN, 'so it is', 'Enable'),
+        (
+            {'status': replace(FINE, mode='MANUAL', motion_possible=Tri.NO)},
+            'Mode',
+            WARN,
+            'at MANUAL',
+            'turn it to AUTO',
+        ),
+        (
+            {'simulation': Simulation({'door': 'open'})},
+            'Door',
+            BAD,
+            'door is open',
+            'close the door',
+        ),
+    ],
+)
+def test_each_condition_has_its_lamp_its_reason_and_what_to_do(
+    changes: dict[str, object], lamp: str, colour: str, reason: str, remedy: str
+) -> None:
+    found = state(**changes)  # type: ignore[arg-type]
+    assert colours(found)[lamp] == colour
+    said = advice(found, NOW)
+    assert reason in said.reason
+    assert remedy in said.remedy
+
+
+def test_a_stop_that_did_not_work_comes_before_everything_else() -> None:
+    alarm = 'STOP did not work: not answered within 2 s; the arm still moves'
+    said = advice(state(arm_text=alarm, link='backing_off'), NOW)
+    assert said.reason == alarm
+    assert 'E-stop' in said.remedy
+    assert said.colour == BAD
+
+
+@pytest.mark.parametrize(
+    ('condition', 'reason', 'remedy'),
+    [
+        ({'estop': 'pressed', 'tasks': 'aborted'}, 'E-stop is pressed', 'release the E-stop'),
+        ({'estop': 'released, not reset', 'tasks': 'aborted'}, 'not reset', 'Reset error, then'),
+        ({'estop': 'not active', 'tasks': 'stopped'}, 'program is stopped', 'start'),
+        ({'estop': 'not active', 'tasks': 'running'}, 'no link', 'robot_ip'),
+        ({'estop': 'not active', 'tasks': 'paused'}, 'no link', 'robot_ip'),
+    ],
+)
+def test_a_link_that_ended_with_the_simulated_program_has_that_as_its_reason(
+    condition: dict[str, str], reason: str, remedy: str
+) -> None:
+    said = advice(state(link='backing_off', simulation=Simulation(condition)), NOW)
+    assert reason in said.reason
+    assert remedy in said.remedy
+    later = state(link='backing_off', simulation=Simulation(condition))
+    later.times['simulation'] = NOW - MAX_AGES_S['simulation'] - 0.1
+    assert 'no link' in advice(later, NOW).reason
+
+
+def test_what_is_not_enabled_is_said_once() -> None:
+    reason = 'not enabled since the driver started'
+    assert advice(state(gate_open=False, gate_reason=reason), NOW).reason == reason
+
+
+def test_unknown_is_not_taken_for_no() -> None:
+    shown = {lamp.name: lamp for lamp in lamps(state(Status()), NOW)}
+    assert shown['E-stop'].colour == UNKNOWN
+    assert shown['E-stop'].text == 'unknown'
+
+
+# --- as HTML ------------------------------------------------------------------------------------
+
+
+def test_the_page_greys_itself_when_nothing_new_comes() -> None:
+    assert 'animation:ed-stale' in page_html.STYLE
+    shown = lamps(state(), NOW)
+    ages = [('joints', 0.0)]
+    first = page_html.lamps_html(shown, advice(state(), NOW), ages, 1)
+    assert 'ed-live' in first
+    assert first != page_html.lamps_html(shown, advice(state(), NOW), ages, 2)  # starts it again
+
+
+def test_what_others_say_is_text_and_no_html() -> None:
+    bad = '<script>alert(1)</script>"'
+    found = state(gate_open=False, gate_reason=bad, link=bad)
+    parts = [
+        page_html.lamps_html(lamps(found, NOW), advice(found, NOW), [], 0),
+        page_html.log_html([Event(0.0, 20, bad)]),
+        page_html.io_html([], bad),
+        page_html.joints_html(
+            [bad], np.zeros(1), -np.ones(1), np.ones(1), np.ones(1), ['°'], True
+        ),
+    ]
+    assert not any('<script' in part for part in parts)
+
+
+def test_io_is_shown_by_its_values() -> None:
+    text = page_html.io_html([IoRange(1, 8, (0, 1)), IoRange(3, 0, (1200,))], '')
+    assert '<span class="off">8</span><span class="on">9</span>' in text
+    assert '1200' in text
+
+
+def test_a_line_that_driver_and_panel_both_say_is_shown_once() -> None:
+    found = RobotState()
+    found.add_event(Event(10.0, 20, '~/enable: the arm is enabled'))
+    found.add_event(Event(10.5, 20, 'enable: the arm is enabled'))
+    found.add_event(Event(14.0, 20, '~/enable: the arm is enabled'))
+    assert [event.at for event in found.events] == [10.0, 14.0]
+
+
+def test_ages_are_shown() -> None:
+    text = page_html.lamps_html([], advice(state(), NOW), [('joints', 0.04), ('x', None)], 0)
+    assert 'joints 0.0 s' in text
+    assert 'x none yet' in text

@@ -1,0 +1,116 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What fails in any part of the panel ends it: a page that looks alive and is not misleads."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip('viser')
+
+from support.panel_client import PanelClient
+from support.ros_peer import PATIENCE
+
+from epson_driver.cli import processes
+from epson_driver.panel.panel import Panel
+
+ROBOT = '/nobody'
+
+
+class Running:
+    """A panel in a thread of this process, for a driver that is not there."""
+
+    def __init__(self) -> None:
+        self.panel = Panel('127.0.0.1', 0, None, [], [ROBOT], {}, allow_motion=True)
+        self.code: int | None = None
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        self.code = self.panel.run()
+
+    def end(self) -> int | None:
+        """Wait for its end and return its exit code."""
+        self._thread.join(PATIENCE)
+        return self.code
+
+    def window(self) -> PanelClient:
+        client = PanelClient(self.panel.web.port)
+        client.wait(lambda: client.buttons('Arm'), 'its controls')
+        return client
+
+
+@pytest.fixture
+def running(monkeypatch: pytest.MonkeyPatch) -> Iterator[Running]:
+    for name, value in processes.ros_environment(processes.free_ros_domain()).items():
+        monkeypatch.setenv(name, value)
+    found = Running()
+    yield found
+    found.panel.stop()
+    found.end()
+
+
+def fails(*_: object, **__: object) -> None:
+    raise ZeroDivisionError('made for this test')
+
+
+def closed(running: Running) -> bool:
+    try:
+        PanelClient(running.panel.web.port).close()
+    except OSError:
+        return True
+    return False
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize('part', ['drawing', 'a button', 'serving ROS', 'disarming'])
+def test_a_failure_of_any_part_ends_the_panel(
+    part: str, running: Running, caplog: pytest.LogCaptureFixture
+) -> None:
+    client = running.window()
+    page = running.panel._pages[ROBOT]
+    ends: dict[str, Callable[[], Any]] = {
+        'drawing': lambda: setattr(page, 'draw_text', fails),
+        'a button': lambda: (setattr(page.control.robot, 'trigger', fails), client.click('STOP')),
+        'serving ROS': lambda: running.panel.ros._thread.executor.create_task(fails),
+        'disarming': lambda: (setattr(page.control.arming, 'disconnect', fails), client.close()),
+    }
+    ends[part]()
+    assert running.end() == 1
+    assert closed(running)
+    assert 'the panel ends' in caplog.text
+    assert 'made for this test' in caplog.text
+    client.close()
+
+
+def test_without_a_failure_it_ends_with_0(running: Running) -> None:
+    with running.window() as client:
+        client.wait_for_lamp('Link', 'unknown')
+        running.panel.stop()
+        assert running.end() == 0
+    assert closed(running)
+
+
+def test_what_vanishes_with_its_browser_is_no_failure(running: Running) -> None:
+    client = running.window()
+    (handle,) = running.panel.web.viser.get_clients().values()
+    with pytest.raises(KeyError), running.panel._unless_gone(handle):
+        raise KeyError
+    client.close()
+    until = threading.Event()
+    while handle.client_id in running.panel.web.viser.get_clients():
+        until.wait(0.01)
+    with running.panel._unless_gone(handle):
+        raise KeyError
+    running.window().close()
+
+
+def test_a_stop_that_nobody_can_carry_out_is_said_and_no_failure(running: Running) -> None:
+    with running.window() as client:
+        client.click('STOP')
+        client.wait_for_notification('nobody serves /nobody/stop')
+        client.click('Arm')
+        client.wait_for_notification('the driver does not report')
+        running.window().close()

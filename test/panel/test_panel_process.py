@@ -1,0 +1,430 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The panel beside a real driver and a simulated controller, all processes of their own."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('viser')
+
+from support.cell import START, Cell, cell_with
+from support.fleet import Fleet
+from support.panel_client import PanelClient
+from support.panel_process import PanelProcess
+from support.ros_peer import PATIENCE
+from websockets.exceptions import InvalidStatus
+
+from epson_driver.cli import processes
+
+
+@pytest.fixture(scope='module')
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    found = Cell(tmp_path_factory.mktemp('cell'))
+    try:
+        yield found.ready()
+    finally:
+        found.close()
+
+
+@pytest.fixture(scope='module')
+def shared(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
+    found = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain)
+    yield found
+    assert found.end() == 0
+
+
+@pytest.fixture
+def panel(shared: PanelProcess, cell: Cell) -> PanelProcess:
+    """The panel, with the arm disabled, at rest where it began."""
+    cell.peer.call('disable')
+    return shared
+
+
+def moving(cell: Cell, panel: PanelProcess) -> PanelClient:
+    """Open a window, arm it, enable the arm and execute the swing from it."""
+    client = panel.armed()
+    enable(client)
+    client.click('Execute')
+    cell.peer.wait_for_motion()
+    return client
+
+
+def enable(client: PanelClient) -> None:
+    """Press Enable and wait for the answer, which comes before the lamp changes."""
+    client.click('Enable')
+    client.wait(lambda: '~/enable: the arm is enabled' in client.newest_log(), 'enabled')
+
+
+def back(cell: Cell, start: list[float] = START) -> None:
+    """Bring the controller's arm to where the swing begins, or elsewhere: it is another one."""
+    cell.controller.end()
+    cell.restart_controller(start)
+    cell.peer.wait_until_ready()
+
+
+def test_it_shows_the_robot(cell: Cell, panel: PanelProcess) -> None:
+    with panel.window() as client:
+        client.wait(lambda: 'joint_6' in client.html('joints'), 'joints')
+        client.wait(lambda: {'MeshMessage', 'GridMessage'} <= client.kinds, 'an arm')
+        client.wait_for_lamp('Mode', 'good')
+        client.wait_for_lamp('E-stop', 'good')
+        client.wait_for_lamp('Door', 'good')
+        client.wait_for_lamp('Arm gate', 'warn')
+        assert '→ press Enable' in client.html('advice')
+        assert 'Inputs' in client.html('io')
+
+
+@pytest.mark.invariant(6)
+def test_an_estop_turns_the_lamp_and_says_what_to_do(cell: Cell, panel: PanelProcess) -> None:
+    with panel.window() as client:
+        client.set('E-stop', 'press')
+        client.wait_for_lamp('E-stop', 'bad')
+        client.wait(lambda: 'release the E-stop' in client.html('advice'), 'advice')
+        client.wait_for_log('pendant: E-stop press')
+        client.set('E-stop', 'release')
+        cell.pendant('reset')
+        client.wait_for_lamp('E-stop', 'good')
+        client.set('Door', 'open')
+        client.wait_for_lamp('Door', 'bad')
+        client.set('Door', 'close')
+        client.wait_for_lamp('Door', 'good')
+        cell.pendant('continue')
+
+
+@pytest.mark.invariant(1)
+def test_nothing_moves_until_the_window_is_armed(cell: Cell, panel: PanelProcess) -> None:
+    cell.peer.enable()
+    with panel.window() as client:
+        for label in ('Enable', 'Reset error', 'Execute', 'Go to its start, slowly'):
+            assert [each['disabled'] for each in client.first if each.get('label') == label] == [
+                True
+            ]
+            client.notifications.clear()
+            client.click(label)
+            client.wait_for_notification('not armed')
+        for name, value in (('Tasks', 'continue'), ('Motors', 'on'), ('Speed [%]', 50)):
+            client.notifications.clear()
+            client.set(name, value)
+            client.wait_for_notification('not armed')
+        cell.peer.assert_still()
+        assert set(cell.peer.speed_scaling) <= {1.0}
+
+
+@pytest.mark.invariant(1)
+def test_one_window_cannot_press_the_buttons_of_another(cell: Cell, panel: PanelProcess) -> None:
+    cell.peer.enable()
+    with panel.armed() as armed, panel.window() as other:
+        for label in ('Execute', 'Go to its start, slowly'):
+            other.click_id(armed.buttons(label)[0])
+        other.click('Arm')
+        other.wait_for_notification('another window of the panel is armed')
+        cell.peer.assert_still()
+
+
+@pytest.mark.invariant(3)
+def test_any_window_stops_the_arm_at_once(cell: Cell, panel: PanelProcess) -> None:
+    with moving(cell, panel) as client, panel.window() as other:
+        other.click('STOP')
+        client.wait_for_log('swing: ')
+        cell.peer.assert_still()
+        client.wait_for_log('~/stop: ')
+    back(cell)
+
+
+@pytest.mark.invariant(3)
+def test_a_window_that_is_gone_takes_its_goal_with_it(cell: Cell, panel: PanelProcess) -> None:
+    moving(cell, panel).close()
+    with panel.window() as other:
+        other.wait_for_log('the armed window of the panel is gone')
+        other.wait_for_log('swing: ')
+        cell.peer.assert_still()
+        assert other.disabled('Execute')
+    back(cell)
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize(
+    'number', [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
+def test_a_panel_that_ends_takes_its_goal_with_it(
+    cell: Cell, tmp_path: Path, number: signal.Signals
+) -> None:
+    cell.peer.call('disable')
+    panel = PanelProcess(tmp_path, cell.domain)
+    try:
+        client = moving(cell, panel)
+        assert panel.process.end(number) == 0
+        cell.peer.assert_still()
+        with pytest.raises(ConnectionError):
+            PanelClient(panel.port)
+        client.close()
+    finally:
+        panel.end()
+    back(cell)
+
+
+@pytest.mark.invariant(6)
+def test_a_controller_that_vanishes_turns_the_lamps_and_disarms(
+    cell: Cell, panel: PanelProcess
+) -> None:
+    with panel.armed() as client:
+        cell.controller.kill()
+        client.wait_for_lamp('Link', 'bad')
+        client.wait_for_lamp('Door', 'unknown')
+        client.wait_for_log('panel disarmed')
+        client.wait(lambda: client.disabled('Enable'), 'disarmed')
+        cell.restart_controller()
+        cell.peer.wait_until_ready()
+        client.wait_for_lamp('Link', 'good')
+        client.wait_for_lamp('Door', 'good')
+        assert client.disabled('Enable')
+
+
+def test_speed_outputs_and_faults(cell: Cell, panel: PanelProcess) -> None:
+    with panel.armed() as client:
+        client.set('Speed [%]', 40)
+        cell.peer.wait_for(lambda: cell.peer.speed_scaling[-1] == 0.4, 'the speed')
+        client.set('Switch output', '3')
+        client.wait(lambda: '<span class="on">3</span>' in client.html('io'), 'output 3 on')
+        client.set('Switch output', '3')
+        client.wait(lambda: '<span class="on">3</span>' not in client.html('io'), 'it off')
+        client.set('Input', 5)
+        client.click('Switch this input')
+        client.wait(lambda: '<span class="on">5</span>' in client.html('io'), 'input 5 on')
+        client.set('Fault', 'delay')
+        client.set('Details', 'seconds=nonsense')
+        client.click('Start this fault')
+        client.wait_for_log('nonsense')
+        client.set('Details', 'seconds=0.01 for=1')
+        client.click('Start this fault')
+        client.wait_for_log('fault: delay seconds=0.01 for=1')
+        client.click('Clear all faults')
+        client.wait_for_log('faults cleared')
+        client.set('Speed [%]', 100)
+        cell.peer.wait_for(lambda: cell.peer.speed_scaling[-1] == 1.0, 'the speed')
+        client.click('Disarm')
+        client.wait(lambda: client.disabled('Enable'), 'disarmed')
+
+
+@pytest.mark.slow
+def test_a_goal_from_elsewhere_in_the_room_is_refused_at_the_wrong_place(
+    cell: Cell, panel: PanelProcess
+) -> None:
+    back(cell, [0.5, *START[1:]])
+    with panel.armed() as client:
+        enable(client)
+        client.click('Execute')
+        client.wait_for_notification('28.6° away from the start of swing: go there first')
+        client.click('Go to its start, slowly')
+        client.wait_for_log('to the start of swing: at the goal')
+        assert abs(cell.peer.position()[0]) < 0.02
+
+
+@pytest.mark.slow
+def test_windows_that_come_and_go_disturb_nobody(panel: PanelProcess) -> None:
+    """Their controls are made and refreshed while they vanish."""
+    with panel.window() as client:
+        for number in range(60):
+            window = PanelClient(panel.port)
+            if number % 3:
+                window.wait(lambda window=window: window.buttons('Arm'), 'a part of its controls')
+            if number % 3 == 2:
+                window.wait(lambda window=window: 'Tasks' in window.labels, 'the pendant begun')
+            window.close()
+        client.click('Arm')
+        client.wait(lambda: not client.disabled('Enable'), 'armed')
+        client.click('Disarm')
+
+
+def test_no_other_page_gets_in(panel: PanelProcess) -> None:
+    for origin in ('http://evil.example', None):
+        with pytest.raises(InvalidStatus) as refused:
+            PanelClient(panel.port, origin)
+        assert refused.value.response.status_code == 403
+
+
+def run(*arguments: str, before: str = '') -> subprocess.CompletedProcess[str]:
+    code = f'import sys; {before}\nfrom epson_driver.cli.__main__ import main; sys.exit(main())'
+    return subprocess.run(
+        [sys.executable, '-c', code, 'panel', *arguments],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+
+
+def test_a_taken_port_is_an_error_with_a_sentence(panel: PanelProcess) -> None:
+    found = run(f'--port={panel.port}')
+    assert found.returncode == 1
+    assert f'epson_driver panel: port {panel.port} of 127.0.0.1 cannot be opened' in found.stderr
+    assert '--port' in found.stderr
+    assert 'Traceback' not in found.stderr
+
+
+def test_without_the_extra_it_says_how_to_get_it() -> None:
+    found = run(before='sys.modules["viser"] = None')
+    assert found.returncode == 1
+    assert "pip install 'epson_driver[panel]'" in found.stderr
+    assert 'make demo ARGS=--panel' in found.stderr
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        (['--port=70000'], '70000'),
+        pytest.param(['--host=999.1.1.1'], '999.1.1.1', marks=pytest.mark.slow),
+        pytest.param(
+            ['--trajectory=/no/such/file.yaml'], '/no/such/file.yaml', marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_bad_arguments_are_named(arguments: list[str], said: str) -> None:
+    found = run('--port=0', *arguments)
+    assert found.returncode in (1, 2)
+    assert said in found.stderr
+    assert 'Traceback' not in found.stderr
+
+
+@pytest.mark.slow
+def test_beyond_this_machine_the_address_has_a_token(tmp_path: Path) -> None:
+    panel = PanelProcess(tmp_path, processes.free_ros_domain(), '--host=0.0.0.0')
+    try:
+        assert '?token=' in panel.address
+        token = panel.address.partition('?token=')[2]
+        assert len(token) >= 32
+        with pytest.raises(InvalidStatus):
+            PanelClient(panel.port)
+        cookie = f'epson_driver_panel_{panel.port}={token}'
+        PanelClient(panel.port, headers={'Cookie': cookie}).close()
+    finally:
+        assert panel.end() == 0
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(1)
+def test_a_robot_that_may_be_real_is_moved_only_if_the_panel_may(tmp_path: Path) -> None:
+    """Without a remote port nobody says that it is simulated."""
+    cell = Cell(tmp_path, remote_port=0)
+    panels = []
+    try:
+        cell.ready()
+        for number, arguments in enumerate(((), ('--allow-motion',))):
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            panels.append(PanelProcess(folder, cell.domain, *arguments))
+        careful, bold = panels
+        with careful.window() as client:
+            client.click('Arm')
+            client.wait_for_notification('--allow-motion')
+            assert client.disabled('Enable')
+            assert not client.buttons('Start this fault')
+            client.wait_for_lamp('Door', 'unknown')
+        with bold.window() as client:
+            client.click('Arm')
+            client.wait(lambda: not client.disabled('Enable'), 'armed')
+    finally:
+        for panel in panels:
+            panel.end()
+        cell.close()
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(3, 4)
+def test_the_program_for_real_controllers_is_driven_in_the_same_way(tmp_path: Path) -> None:
+    """Its E-stop aborts the program: what the panel shows next, the restarted program sends."""
+    cell = cell_with(tmp_path, 'spel')
+    try:
+        cell.ready()
+        panel = PanelProcess(tmp_path, cell.domain)
+        try:
+            with moving(cell, panel) as client:
+                client.click('STOP')
+                client.wait_for_log('swing: ')
+                cell.peer.assert_still()
+                client.set('E-stop', 'press')
+                client.wait_for_lamp('E-stop', 'bad')
+                client.wait(lambda: 'release the E-stop' in client.html('advice'), 'advice')
+                client.set('E-stop', 'release')
+                client.wait_for_log('pendant: E-stop release')
+                panel.arm(client)
+                client.click('Reset error')
+                client.wait_for_lamp('E-stop', 'good')
+                cell.peer.assert_still()
+                panel.arm(client)
+                enable(client)
+                client.wait_for_lamp('Arm gate', 'good')
+        finally:
+            assert panel.end() == 0
+    finally:
+        cell.close()
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(1)
+def test_a_driver_that_comes_back_for_another_controller_is_asked_again(tmp_path: Path) -> None:
+    """ROS takes the driver that was killed for present yet, and nothing says that it changed."""
+    cell = Cell(tmp_path)
+    try:
+        cell.ready()
+        panel = PanelProcess(tmp_path, cell.domain, patience=False)
+        try:
+            with panel.armed() as client:
+                cell.client.kill()
+                client.wait(lambda: client.disabled('Enable'), 'disarmed')
+                cell._parameters |= {'remote_port': 0}  # as with a real controller
+                cell.restart_client()
+                while not any('--allow-motion' in each for each in client.notifications):
+                    client.notifications.clear()
+                    client.click('Arm')
+                    client.wait(
+                        lambda: client.notifications or not client.disabled('Enable'), 'an answer'
+                    )
+                    assert client.disabled('Enable')
+                    time.sleep(0.2)
+                client.wait_for_lamp('Link', 'good')
+                client.wait_for_lamp('Door', 'unknown')
+        finally:
+            assert panel.end() == 0
+    finally:
+        cell.close()
+
+
+@pytest.mark.slow
+def test_several_robots_are_in_one_panel(tmp_path: Path) -> None:
+    fleet = Fleet(tmp_path, together=True, names=('left', 'right'))
+    try:
+        fleet.ready()
+        panel = PanelProcess(tmp_path, fleet.domain)
+        try:
+            with PanelClient(panel.port) as client:
+                client.wait(lambda: len(client.buttons('Arm')) == 2, 'controls of two robots')
+                labels = [
+                    each['_tab_labels']
+                    for each in client.elements.values()
+                    if each.get('_tab_labels')
+                ]
+                assert {tuple(sorted(each)) for each in labels} == {('left', 'right')}
+                fleet.pendant('right', 'estop', 'press')
+                parts = ('data-lamp="E-stop" data-colour="bad"', 'E-stop" data-colour="good"')
+                for part in parts:
+                    client.wait(
+                        lambda part=part: (
+                            sum(
+                                part in each.get('content', '')
+                                for each in client.elements.values()
+                            )
+                            == 1
+                        ),
+                        f'{part} of one robot',
+                    )
+        finally:
+            assert panel.end() == 0
+    finally:
+        fleet.close()

@@ -1,0 +1,138 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which robot the panel takes it for, and whether it may be moved."""
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from epson_driver.panel.arming import NotArmedError
+from epson_driver.panel.robot_control import RobotControl
+from epson_driver.panel.robot_state import MAX_AGES_S, RobotState, Simulation
+from epson_driver.panel.sim_pendant import PendantThread
+
+PARAMETERS = {'robot_model': 'c3_a601s', 'robot_ip': '192.0.2.1', 'remote_port': 0}
+NOW = 100.0
+
+
+class Robot:
+    """What a driver has said, without ROS."""
+
+    def __init__(self) -> None:
+        self.state = RobotState(positions=np.zeros(6), link='connected')
+        self.state.times = dict.fromkeys((*MAX_AGES_S, 'first joints', 'parameters'), NOW)
+        self.parameters: dict[str, Any] = dict(PARAMETERS)
+        self.logged: list[str] = []
+
+    def log(self, text: str, _level: int) -> None:
+        self.logged.append(text)
+
+    def cancel_goals(self) -> list[Any]:
+        return []
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def fail(what: str, error: BaseException) -> None:
+    raise AssertionError(what) from error
+
+
+@pytest.fixture
+def pendants() -> Iterator[PendantThread]:
+    found = PendantThread(time.monotonic, fail)
+    yield found
+    found.end()
+
+
+def controlled(robot: Robot, pendants: PendantThread, *, allow_motion: bool) -> RobotControl:
+    found = RobotControl(
+        robot,  # type: ignore[arg-type]
+        pendants,
+        lambda: NOW,
+        on_error=fail,
+        allow_motion=allow_motion,
+    )
+    found.arming.connect(1)
+    return found
+
+
+@pytest.fixture
+def control(robot: Robot, pendants: PendantThread) -> RobotControl:
+    return controlled(robot, pendants, allow_motion=True)
+
+
+@pytest.mark.parametrize('name', ['c3_a601s', 'C3-A601S', 'vt6'])
+def test_a_model_is_loaded_once_however_the_driver_calls_it(
+    name: str, robot: Robot, control: RobotControl
+) -> None:
+    robot.parameters['robot_model'] = name
+    control.look()
+    model = control.model
+    assert model is not None
+    control.look()
+    assert control.model is model
+
+
+def test_a_model_that_is_not_there_is_said_once_and_is_not_shown_as_the_one_before(
+    robot: Robot, control: RobotControl
+) -> None:
+    control.look()
+    robot.parameters['robot_model'] = '/no/such/file.yaml'
+    for _ in range(3):
+        control.look()
+    assert control.model is None
+    (said,) = robot.logged
+    assert '/no/such/file.yaml' in said
+    robot.parameters['robot_model'] = 'c3_a601s'
+    control.look()
+    assert control.model is not None
+
+
+@pytest.mark.invariant(1)
+def test_after_joint_states_that_were_missing_the_driver_is_asked_first_which_robot_it_has(
+    robot: Robot, control: RobotControl
+) -> None:
+    """Another driver of the same name may have come, for a robot that is not simulated."""
+    robot.state.times['first joints'] = NOW - 1.0
+    robot.state.times['parameters'] = NOW - 1.5
+    with pytest.raises(NotArmedError, match='which robot'):
+        control.arming.arm(1)
+    robot.state.times['parameters'] = NOW - 0.5
+    control.arming.arm(1)
+    assert control.arming.holder == 1
+    robot.state.times['first joints'] = NOW
+    control.look()
+    assert control.arming.holder is None
+
+
+@pytest.mark.invariant(1)
+@pytest.mark.parametrize('silent', ['joints', 'status', 'diagnostics'])
+def test_what_cannot_be_seen_is_not_moved(
+    silent: str, robot: Robot, control: RobotControl
+) -> None:
+    control.arming.arm(1)
+    robot.state.times[silent] -= MAX_AGES_S[silent] + 0.01
+    control.look()
+    assert control.arming.holder is None
+    with pytest.raises(NotArmedError, match='cannot be seen'):
+        control.arming.arm(1)
+
+
+@pytest.mark.invariant(1)
+def test_a_robot_that_nobody_says_is_simulated_is_moved_only_if_the_panel_may(
+    robot: Robot, pendants: PendantThread
+) -> None:
+    careful = controlled(robot, pendants, allow_motion=False)
+    with pytest.raises(NotArmedError, match='--allow-motion'):
+        careful.arming.arm(1)
+    robot.state.simulation = Simulation({'estop': 'not active'})
+    careful.arming.arm(1)
+    robot.state.times['simulation'] -= MAX_AGES_S['simulation'] + 0.01
+    careful.arming.watch()
+    assert careful.arming.holder is None

@@ -1,0 +1,154 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""viser behind the panel's rules, over real sockets."""
+
+import http.client
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip('viser')
+
+from support.panel_client import PanelClient
+from websockets.exceptions import InvalidStatus
+
+from epson_driver.panel import web_server
+from epson_driver.panel.web_server import WebServer, WebServerError
+
+HERE = '127.0.0.1'
+
+
+@pytest.fixture
+def server() -> Iterator[WebServer]:
+    found = WebServer(HERE, 0, None)
+    yield found
+    found.stop()
+
+
+def get(port: int, path: str = '/', **headers: str) -> tuple[int, str, Any]:
+    """Return status, body and headers of the answer to a GET."""
+    connection = http.client.HTTPConnection(HERE, port, timeout=60)
+    connection.request('GET', path, headers=headers)
+    answer = connection.getresponse()
+    found = answer.status, answer.read().decode(errors='replace'), answer.headers
+    connection.close()
+    return found
+
+
+def listens_on(port: int) -> set[str]:
+    """Return the addresses at which a port of this machine is open, as /proc has them."""
+    rows = []
+    for name in ('tcp', 'tcp6'):
+        text = Path('/proc/net', name).read_text(encoding='ascii')
+        rows += [line.split() for line in text.splitlines()[1:]]
+    return {
+        row[1].split(':')[0] for row in rows if row[1].endswith(f':{port:04X}') and row[3] == '0A'
+    }
+
+
+def test_it_listens_on_this_machine_alone(server: WebServer) -> None:
+    assert listens_on(server.port) == {'0100007F'}
+
+
+def test_the_own_page_connects(server: WebServer) -> None:
+    status, body, headers = get(server.port)
+    assert status == 200
+    assert '<html' in body
+    assert "default-src 'none'" in headers['Content-Security-Policy']
+    server.viser.gui.add_button('there')
+    with PanelClient(server.port) as client:
+        client.wait(lambda: client.buttons('there'), 'a button')
+
+
+@pytest.mark.parametrize('origin', ['http://evil.example', 'http://127.0.0.1:1', None])
+def test_no_other_page_gets_a_websocket(server: WebServer, origin: str | None) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        PanelClient(server.port, origin)
+    assert refused.value.response.status_code == 403
+
+
+def test_no_other_page_gets_the_page(server: WebServer) -> None:
+    assert get(server.port, Origin='http://evil.example')[0] == 403
+    assert get(server.port, Host='evil.example')[0] == 403
+    assert get(server.port, '/../../etc/passwd')[0] == 404
+
+
+def test_a_header_that_is_there_twice_cannot_be_read_in_two_ways(server: WebServer) -> None:
+    request = (
+        f'GET / HTTP/1.1\r\nHost: {HERE}:{server.port}\r\nOrigin: http://{HERE}:{server.port}\r\n'
+        'Origin: http://evil.example\r\n\r\n'
+    )
+    with socket.create_connection((HERE, server.port), timeout=60) as connection:
+        connection.sendall(request.encode())
+        assert connection.recv(100).startswith(b'HTTP/1.1 400 ')
+
+
+def test_the_tunnel_to_the_internet_has_no_handler(
+    server: WebServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    for name in ('request_share_url', 'disconnect_share_url'):
+        monkeypatch.setattr(server.viser, name, lambda *_, name=name: asked.append(name))
+    pressed = threading.Event()
+    button = server.viser.gui.add_button('after that')
+    button.on_click(lambda _: pressed.set())
+    with PanelClient(server.port) as client:
+        client.send({'type': 'ShareUrlRequest'})
+        client.send({'type': 'ShareUrlDisconnect'})
+        client.click('after that')
+        assert pressed.wait(60)
+    assert asked == []
+
+
+def test_a_port_that_is_taken_is_an_error_and_not_another_port(server: WebServer) -> None:
+    with pytest.raises(WebServerError, match=f'port {server.port} .* cannot be opened: .*--port'):
+        WebServer(HERE, server.port, None)
+
+
+@pytest.mark.parametrize('host', ['192.0.2.1', 'no.such.host.invalid'])
+def test_an_address_of_somebody_else_is_an_error(host: str) -> None:
+    with pytest.raises(WebServerError, match=host):
+        WebServer(host, 0, 'secret')
+
+
+def test_other_machines_are_let_in_with_a_token_only() -> None:
+    with pytest.raises(WebServerError, match='a token is needed'):
+        WebServer('0.0.0.0', 0, None)
+    server = WebServer('0.0.0.0', 0, 'secret')
+    try:
+        assert get(server.port)[0] == 403
+        status, _, headers = get(server.port, '/?token=secret')
+        assert status == 200
+        cookie = headers['Set-Cookie'].partition(';')[0]
+        assert get(server.port, Cookie=cookie)[0] == 200
+        with pytest.raises(InvalidStatus):
+            PanelClient(server.port)
+        PanelClient(server.port, headers={'Cookie': cookie}).close()
+    finally:
+        server.stop()
+
+
+def test_another_viser_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web_server.viser, '__version__', '1.2.0')
+    with pytest.raises(
+        WebServerError, match=r'1\.2\.0 is installed: .*pip install viser==1\.1\.1'
+    ):
+        WebServer(HERE, 0, None)
+
+
+def test_a_viser_that_serves_in_another_way_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web_server.viser, 'ViserServer', lambda **_: None)
+    with pytest.raises(WebServerError, match='did not start its server as expected'):
+        WebServer(HERE, 0, None)
+
+
+def test_the_port_is_free_again_afterwards() -> None:
+    server = WebServer(HERE, 0, None)
+    assert server.alive
+    server.stop()
+    assert listens_on(server.port) == set()
+    assert not server.alive
