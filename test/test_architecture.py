@@ -77,6 +77,11 @@ PACKAGES = {
     'driver': Package(2, BOTTOM | {'link', 'remote_ethernet', 'trace'}, frozenset({'numpy'})),
     'node': Package(3, BOTTOM | {'link', 'remote_ethernet', 'trace', 'driver'}, ANY, ros=True),
     'planning': Package(3, BOTTOM, ANY),
+    'report': Package(
+        3,
+        BOTTOM | {'link', 'trace', 'driver'},
+        frozenset({'numpy', 'rosbags'}),
+    ),
     'bringup': Package(3, frozenset({'inputs', 'robots', 'share'}), frozenset({'xacro'})),
     'cli': Package(
         4,
@@ -90,6 +95,7 @@ PACKAGES = {
             'driver',
             'node',
             'planning',
+            'report',
         },
         ANY,
         ros=True,
@@ -148,11 +154,16 @@ SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
 """Of packages with packages of their own: what each of these, or file beside them, may import."""
 
 ROS_ENDINGS = ('_msgs', '_srvs', '_interfaces', '_ros')
+WITHOUT_ROS = ('rosbags',)
+"""Libraries of others that only sound like it: pure Python, no ROS installation."""
+
 ROS_BEGINNINGS = ('ament_', 'launch', 'rcl', 'ros2', 'rosbag', 'rosidl_', 'tf2', 'tracetools')
 
 
 def is_ros(library: str) -> bool:
     """Return whether a top-level module belongs to ROS."""
+    if library in WITHOUT_ROS:
+        return False
     return library.endswith(ROS_ENDINGS) or library.startswith(ROS_BEGINNINGS)
 
 

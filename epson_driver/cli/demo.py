@@ -14,7 +14,7 @@ import socket
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
@@ -23,21 +23,22 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument, picture
+from epson_driver.cli.arguments import argument, page, picture
 from epson_driver.cli.cell import running_controller, running_driver
-from epson_driver.cli.demo_report import (
-    MAX_DEVIATION_RAD,
-    Drawn,
-    Figures,
-    Recording,
-    draw,
-    measure,
-)
+from epson_driver.cli.demo_report import Drawn, draw
 from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.processes import Ports, RunError
+from epson_driver.cli.report import write_report
 from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
+from epson_driver.report.figures import figures
+from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
+from epson_driver.report.run import Run as WireRun
+from epson_driver.report.run import RunError as ReportError
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
@@ -54,6 +55,10 @@ INSTALL = (
 )
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+ROBOT = 'c3_a601s'
+
+TRACE = 'demo.pcap'
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth'}
 
@@ -87,7 +92,7 @@ def main() -> int:
             with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder:
                 runs.append(_run(motion, trajectory, Path(folder), console))
         return _report(arguments, trajectory, runs, console)
-    except (RunError, InputError, OSError) as error:
+    except (RunError, ReportError, InputError, OSError) as error:
         console.print(f'[bold red]demo failed:[/] {escape(printable(error))}', highlight=False)
         return 1
     except KeyboardInterrupt:
@@ -122,6 +127,13 @@ def _arguments() -> argparse.Namespace:
         metavar='FILE',
         default=Path('demo-report.png'),
         help='where to draw positions and velocities (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--report',
+        type=page,
+        metavar='FILE',
+        default=Path('demo-report.html'),
+        help='where to write the page with the arm and all figures (default: %(default)s)',
     )
     parser.add_argument(
         '--plan',
@@ -165,6 +177,8 @@ class Run:
     text: str
     latencies: dict[str, str]
     round_trips: list[float]
+    wire: WireRun
+    """What went over the wire: of it the page is made."""
 
     @property
     def faults(self) -> list[str]:
@@ -192,6 +206,8 @@ def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) ->
             trajectory.joint_names,
             console,
             allow_nonzero_velocity_at_trajectory_end='true',
+            trace_folder=str(folder),
+            trace_file=TRACE,
         ) as user:
             console.print(f'robot ready after {time.monotonic() - began:.1f} s')
             text, succeeded = user.execute(trajectory, console)
@@ -200,7 +216,9 @@ def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) ->
             latencies = user.reply_latencies()
             run = user.recording()
         round_trips = _ping(ports)  # with the controller to itself
-    return Run(motion, run, measure(trajectory, run), text, latencies, round_trips)
+    wire = read_trace(folder / TRACE, trajectory.joint_names, load_error_texts())
+    wire = replace(wire, source=f'demo, {TITLES[motion]}')
+    return Run(motion, run, measure(trajectory, run), text, latencies, round_trips, wire)
 
 
 def _report(
@@ -210,6 +228,9 @@ def _report(
     drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
     draw(arguments.picture, trajectory, drawn)
     console.print(f'picture: {arguments.picture}', highlight=False)
+    write_report(
+        [(run.wire, figures(run.wire)) for run in runs], load_robot_model(ROBOT), arguments.report
+    )
     faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
     if faults:
         console.print(f'[bold red]the motion was not as planned:[/] {"; ".join(faults)}')

@@ -19,12 +19,12 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from epson_driver.cli.cell import running_controller, running_driver
-from epson_driver.cli.demo_report import Recording, measure
 from epson_driver.cli.plan_report import Executed, draw
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.planning.plan import Plan, PlanningError, plan_task
 from epson_driver.planning.task import HOME_RAD, draw_task
 from epson_driver.planning.verdict import judge
+from epson_driver.report.measure import Recording, measure
 from epson_driver.robots import RobotModel, load_robot_model
 
 ROBOT = 'c3_a601s'

@@ -1,0 +1,46 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Velocities and accelerations from positions that arrive at uneven times."""
+
+import math
+
+import numpy as np
+
+from epson_driver.motion import Array
+
+HALF_WINDOW_S = 0.03
+"""How far a window reaches before and after a sample, s: against the jitter of arrival times."""
+
+MIN_NEIGHBOURS, MAX_NEIGHBOURS = 2, 25
+CHUNK = 20_000
+"""Samples that are fitted together: it bounds the memory."""
+
+
+def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
+    """Return velocities and accelerations, each of shape (k, m): of the parabola through a window.
+
+    times: shape (k,), s, ascending. It is fitted to the samples up to HALF_WINDOW_S around each,
+    two at least on either side; towards the ends the windows shrink to one side. With fewer than
+    five samples both are 0.
+    """
+    count = len(times)
+    if count < 2 * MIN_NEIGHBOURS + 1:
+        return np.zeros_like(positions), np.zeros_like(positions)
+    reach = math.ceil(HALF_WINDOW_S / max(float(np.median(np.diff(times))), 1e-6))
+    reach = min(max(reach, MIN_NEIGHBOURS), MAX_NEIGHBOURS, (count - 1) // 2)
+    velocities, accelerations = np.empty_like(positions), np.empty_like(positions)
+    offsets = np.arange(-reach, reach + 1)
+    for begin in range(0, count, CHUNK):
+        here = np.arange(begin, min(begin + CHUNK, count))
+        window = np.clip(here, reach, count - 1 - reach)[:, None] + offsets
+        since = times[window] - times[here, None]
+        scale = np.abs(since).max(axis=1, keepdims=True)
+        scale[scale == 0.0] = 1.0
+        share = since / scale  # within ±2: the normal equations stay well conditioned
+        powers = np.stack([np.ones_like(share), share, share**2], axis=2)
+        normal = np.einsum('kwi,kwj->kij', powers, powers) + 1e-12 * np.eye(3)
+        right = np.einsum('kwi,kwm->kim', powers, positions[window] - positions[here, None])
+        fitted = np.linalg.solve(normal, right)
+        velocities[here] = fitted[:, 1] / scale
+        accelerations[here] = 2.0 * fitted[:, 2] / scale**2
+    return velocities, accelerations
