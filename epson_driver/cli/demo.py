@@ -82,7 +82,7 @@ def main() -> int:
 
             first = arguments.seed or 1
             seeds = range(first, first + (arguments.seeds or 1))
-            return demo_plan.run(seeds, arguments.picture, console)
+            return demo_plan.run(seeds, arguments.picture, arguments.report, console)
         trajectory = read_trajectory(arguments.trajectory)
         motions = ('ptp', 'smooth') if arguments.compare else (arguments.motion,)
         runs = []
@@ -132,8 +132,7 @@ def _arguments() -> argparse.Namespace:
         '--report',
         type=page,
         metavar='FILE',
-        default=Path('demo-report.html'),
-        help='where to write the page with the arm and all figures (default: %(default)s)',
+        help='where to write the page with arm and figures (default: beside the picture)',
     )
     parser.add_argument(
         '--plan',
@@ -153,6 +152,7 @@ def _arguments() -> argparse.Namespace:
         help='how many tasks --plan executes, one seed after the other (default: 1)',
     )
     arguments = parser.parse_args()
+    arguments.report = arguments.report or arguments.picture.with_suffix('.html')
     if arguments.plan and (arguments.compare or arguments.motion != 'smooth'):
         parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
     if not arguments.plan and (arguments.seed is not None or arguments.seeds is not None):

@@ -20,6 +20,8 @@ from epson_driver.report.run import Run, RunError
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import RobotModel, load_robot_model
 
+INSTALL = "pip install 'epson_driver[report]'"
+
 
 def main() -> int:
     """Write the reports. Returns 0, or exits with 2 and a sentence if a file has no run in it."""
@@ -45,6 +47,10 @@ def main() -> int:
             write_report(group, model, arguments.output or default_output(group))
     except (OSError, InputError, RunError) as error:
         parser.error(printable(error))
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition('.')[0] != 'rosbags':
+            raise
+        parser.error(f'bags need the library rosbags: {INSTALL}')
     except KeyboardInterrupt:
         return INTERRUPTED
     return 0

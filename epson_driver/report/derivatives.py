@@ -12,8 +12,32 @@ HALF_WINDOW_S = 0.03
 """How far a window reaches before and after a sample, s: against the jitter of arrival times."""
 
 MIN_NEIGHBOURS, MAX_NEIGHBOURS = 2, 25
+LATE_PERIODS = 5.0
+"""A joint state that comes so many periods after the one before is much too late."""
+
 CHUNK = 20_000
 """Samples that are fitted together: it bounds the memory."""
+
+
+def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
+    """Return velocities and accelerations by the times of sending, shape (k, m).
+
+    Around a joint state that came much too late nobody knows whether it was held up or sent late:
+    there, of what follows from either time, the smaller counts.
+    """
+    found = derivatives(sent, positions)
+    if len(came) < 2:
+        return found
+    gaps = np.diff(came)
+    late = np.flatnonzero(gaps > LATE_PERIODS * np.median(gaps))
+    doubtful = np.zeros(len(came), dtype=bool)
+    for at in late.tolist():
+        doubtful[max(at - MAX_NEIGHBOURS, 0) : at + 1 + MAX_NEIGHBOURS] = True
+    bare = derivatives(came, positions)
+    for ours, theirs in zip(found, bare, strict=True):
+        smaller = doubtful[:, None] & (np.abs(theirs) < np.abs(ours))
+        ours[smaller] = theirs[smaller]
+    return found
 
 
 def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:

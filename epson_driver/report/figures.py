@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from epson_driver.motion import Array, Trajectory
-from epson_driver.report.derivatives import derivatives
+from epson_driver.report.derivatives import likely_derivatives
 from epson_driver.report.measure import Recording, measure
 from epson_driver.report.run import NANOSECONDS, Event, Plan, Run
 from epson_driver.robots import RobotModel
@@ -82,10 +82,11 @@ class Figures:
 def figures(run: Run) -> Figures:
     """Return the figures of a run. Velocities are the measured ones if there are any."""
     sent = run.times if run.sent is None else run.sent
-    fitted, accelerations = derivatives(sent, run.positions)
+    fitted, accelerations = likely_derivatives(sent, run.times, run.positions)
     velocities = fitted if run.velocities is None else run.velocities
     motions, stops = [], []
-    for plan, until in zip(run.plans, _ends(run), strict=True):
+    for number, plan in enumerate(run.plans, start=1):
+        until = run.plans[number].sent if number < len(run.plans) else math.inf
         motion = _motion(plan, until, run, velocities, accelerations)
         motions.append(motion)
         if motion.began is not None and motion.moved is not None:
@@ -103,10 +104,6 @@ def figures(run: Run) -> Figures:
         tuple(motions),
         tuple(stops),
     )
-
-
-def _ends(run: Run) -> list[float]:
-    return [*(plan.sent for plan in run.plans[1:]), math.inf]
 
 
 def _between(times: Array) -> Timing:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make demo`, as a newcomer runs it."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -29,6 +30,13 @@ def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
     assert 'the arm did what was planned' in run.stdout
     assert picture.read_bytes().startswith(b'\x89PNG')
+    page = picture.with_suffix('.html').read_text(encoding='utf-8')
+    assert 'Content-Security-Policy' in page
+    figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
+    (motion,) = figures['motions']
+    assert motion['points'] == 11
+    assert motion['stops'] == 0
+    assert motion['waypoint_deviation'] < 0.02
 
 
 def test_demo_says_what_is_wrong_with_a_file(tmp_path: Path) -> None:
@@ -76,3 +84,10 @@ def test_smooth_and_point_to_point_side_by_side(tmp_path: Path) -> None:
     (stops,) = (line for line in run.stdout.splitlines() if 'stops on the way' in line)
     assert [int(cell) for cell in stops.split('│')[2:4]] == [9, 0]
     assert picture.read_bytes().startswith(b'\x89PNG')
+    page = picture.with_suffix('.html').read_text(encoding='utf-8')
+    assert 'Content-Security-Policy' in page
+    figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
+    (motion,) = figures['motions']
+    assert motion['points'] == 11
+    assert motion['stops'] == 0
+    assert motion['waypoint_deviation'] < 0.02
