@@ -19,6 +19,7 @@ NAME = 'epson_driver'
 NAMES = (
     'client',
     'demo',
+    'doctor',
     'pendant',
     'replay',
     'report',
@@ -124,6 +125,9 @@ setup(
     data_files=list(data_files()),
     scripts=EXECUTABLES if BY_COLCON else [],
     cmdclass={'build_scripts': BuildScripts},
-    entry_points={'console_scripts': [f'{NAME} = {NAME}.cli.__main__:main']},
+    entry_points={
+        'console_scripts': [f'{NAME} = {NAME}.cli.__main__:main'],
+        'ros2doctor.checks': [f'EpsonDriverCheck = {NAME}.cli.ros2_doctor:EpsonDriverCheck'],
+    },
     zip_safe=False,
 )

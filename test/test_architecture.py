@@ -82,6 +82,7 @@ PACKAGES = {
         BOTTOM | {'link', 'trace', 'driver'},
         frozenset({'numpy', 'rosbags'}),
     ),
+    'doctor': Package(3, BOTTOM | {'remote_ethernet'}, frozenset({'numpy', 'yaml'})),
     'bringup': Package(3, frozenset({'inputs', 'robots', 'share'}), frozenset({'xacro'})),
     'cli': Package(
         4,
@@ -96,6 +97,7 @@ PACKAGES = {
             'node',
             'planning',
             'report',
+            'doctor',
         },
         ANY,
         ros=True,
