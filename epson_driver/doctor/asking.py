@@ -175,7 +175,8 @@ async def ask_io_port(host: str, port: int, state: Conversation, findings: Findi
         findings.wrong('I/O port', f'{host}:{port}: {error}', remedy)
         return {}
     if reply is None or not isinstance(reply.message, IoInfoReply):
-        how = link.heard.ended or f'no answer within {REPLY_TIMEOUT_S:g} s'
+        silent = link.heard.ended or f'no answer within {REPLY_TIMEOUT_S:g} s'
+        how = silent if reply is None else 'refused: its task does not run, or is stopped'
         remedy = f'stop the other client, or {RESTART}; without I/O: io_port 0'
         findings.wrong('I/O port', f'IO_INFO: {how}', remedy)
         return {}

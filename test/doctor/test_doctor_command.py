@@ -55,7 +55,7 @@ def test_this_machine_is_in_order():
         ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, (Level.WRONG, 'discovery range'), 'OFF'),
         ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'MARS'}, (Level.WRONG, 'discovery range'), 'is none'),
         ({'ROS_LOCALHOST_ONLY': '1'}, (Level.NOTE, 'discovery range'), 'overrides'),
-        ({'RMW_IMPLEMENTATION': 'rmw_none'}, (Level.WRONG, 'rclpy'), 'rmw_none'),
+        ({'RMW_IMPLEMENTATION': 'rmw_none'}, (Level.WRONG, 'ROS'), 'rmw_none'),
     ],
 )
 def test_what_is_wrong_with_this_machine_is_named(changes, key, said):
