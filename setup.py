@@ -20,6 +20,7 @@ NAMES = (
     'client',
     'demo',
     'doctor',
+    'exercise',
     'pendant',
     'replay',
     'report',

@@ -98,6 +98,7 @@ PACKAGES = {
             'planning',
             'report',
             'doctor',
+            'exercise',
         },
         ANY,
         ros=True,
@@ -105,7 +106,16 @@ PACKAGES = {
     ),
 }
 
+PACKAGES['exercise'] = Package(
+    4,
+    BOTTOM | {'cli', 'remote_ethernet', 'report', 'sim_controller'},
+    frozenset({'numpy', 'pytest'}),
+)
+"""It starts the executables as processes, and is the library of one of them."""
+
 BESIDE = {
+    ('cli', 'exercise'),
+    ('exercise', 'cli'),
     ('robots', 'inputs'),
     ('robots', 'motion'),
     ('robots', 'share'),
