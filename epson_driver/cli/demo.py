@@ -216,7 +216,7 @@ def _run(motion: str, trajectory: Trajectory, folder: Path, console: Console) ->
             latencies = user.reply_latencies()
             run = user.recording()
         round_trips = _ping(ports)  # with the controller to itself
-    wire = read_trace(folder / TRACE, trajectory.joint_names, load_error_texts())
+    wire = read_trace(folder / TRACE, load_robot_model(ROBOT).limits, load_error_texts())
     wire = replace(wire, source=f'demo, {TITLES[motion]}')
     return Run(motion, run, measure(trajectory, run), text, latencies, round_trips, wire)
 

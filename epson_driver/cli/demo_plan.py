@@ -88,7 +88,7 @@ def run(seeds: range, picture: Path, report: Path, console: Console) -> int:
     model = load_robot_model(ROBOT)
     with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name:
         outcomes = _outcomes(seeds, model, Path(name), console)
-        wire = read_trace(Path(name, TRACE), model.joint_names, load_error_texts())
+        wire = read_trace(Path(name, TRACE), model.limits, load_error_texts())
     code = _report(outcomes, seeds, model, picture, console)
     wire = replace(wire, source='demo, pick and place')
     write_report([(wire, figures(wire))], model, report)

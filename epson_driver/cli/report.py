@@ -95,7 +95,7 @@ def _read(file: Path, model: RobotModel, arguments: argparse.Namespace) -> tuple
 
         run = read_bag(file, texts, arguments.namespace)
     else:
-        run = read_trace(file, model.joint_names, texts, arguments.address)
+        run = read_trace(file, model.limits, texts, arguments.address)
     if len(run.joint_names) != len(model.joint_names):
         raise RunError(
             f'{file}: {len(run.joint_names)} joints, the robot {model.name} has '

@@ -172,7 +172,7 @@ def _last_line(log: Path) -> str:
 def _trajectories(trace: Path, robot: str) -> int:
     """Return how many trajectories went over the wire."""
     try:
-        run = read_trace(trace, load_robot_model(robot).joint_names, load_error_texts())
+        run = read_trace(trace, load_robot_model(robot).limits, load_error_texts())
     except (InputError, RunError):
         return 0
     return len(run.plans)

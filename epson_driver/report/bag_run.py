@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
 
@@ -77,6 +78,7 @@ class _Bag:
         self._prefix = self._states.topic.rpartition('/')[0]
         self._began = 0
         self._names: tuple[str, ...] = ()
+        self._damaged = False
         self._times: list[float] = []
         self._positions: list[list[float]] = []
         self._velocities: list[list[float]] = []
@@ -157,6 +159,12 @@ class _Bag:
         if not self._names:
             self._names = tuple(message.name)
         if tuple(message.name) != self._names or len(message.position) != len(self._names):
+            return
+        if not (np.isfinite(message.position).all() and np.isfinite(message.velocity).all()):
+            if not self._damaged:
+                text = 'joint states in which not all are numbers'
+                self._events.append(Event(time, 'warning', text, 'look at who published them'))
+            self._damaged = True
             return
         if len(self._times) >= MAX_JOINT_STATES:
             raise RunError(f'{self._path}: more than {MAX_JOINT_STATES} joint states')

@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a run from the driver's own trace (docs/trace.md), or from a capture of tcpdump."""
 
+import math
 from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 
+from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, JointBounds
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.inputs import printable
 from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
+from epson_driver.motion import JointLimits
 from epson_driver.report.condition_events import condition_events
 from epson_driver.report.run import (
     NANOSECONDS,
@@ -55,6 +58,7 @@ LINK_LOST = (
     'check cable, network and controller; the driver connects again by itself, then ~/enable'
 )
 NO_FRAME = 'check that nothing else uses the port, and the network for devices that alter data'
+CANNOT_BE = 'check robot model and units (--robot), the encoder, and what alters bytes on the way'
 NO_REPLY = 'look at the program on the controller: it may hang or have ended'
 
 COMMANDS = {
@@ -66,11 +70,12 @@ COMMANDS = {
 
 
 def read_trace(
-    path: Path, joint_names: tuple[str, ...], texts: ErrorTexts, controller: str | None = None
+    path: Path, limits: JointLimits, texts: ErrorTexts, controller: str | None = None
 ) -> Run:
     """Return the run in a pcap file; a file that ends in the middle ends the run there.
 
-    joint_names: of the robot, as the wire has numbers only. controller: its address, needed if
+    limits: of the robot's joints; their names count, as the wire has numbers only, and what is
+    faster than a joint can be is left out, with an event. controller: its address, needed if
     the file has several. Raises RunError, or InputError if the file cannot be read.
     """
     try:
@@ -79,20 +84,22 @@ def read_trace(
     except (PcapError, ScriptError) as error:
         raise RunError(printable(f'{path}: {error}')) from error
     roles = {port: role for role, port in script.ports.items()}
-    reader = _Reader(len(joint_names), {n: roles.get(p, '') for n, p in script.port_of.items()})
+    reader = _Reader(limits, {n: roles.get(p, '') for n, p in script.port_of.items()})
     for entry in script.entries:
         reader.take(entry)
     if not reader.times:
         raise RunError(printable(f'{path}: no joint states are in it'))
     began = min(step.time for step in steps if step.number in script.port_of)
-    return reader.run(path.name, round(began * NANOSECONDS), joint_names, texts)
+    return reader.run(path.name, round(began * NANOSECONDS), limits.names, texts)
 
 
 class _Reader:
     """Collects a run, entry by entry."""
 
-    def __init__(self, joints: int, role_of: dict[int, str]) -> None:
-        self._joints = joints
+    def __init__(self, limits: JointLimits, role_of: dict[int, str]) -> None:
+        self._joints = joints = len(limits.names)
+        self._bounds = JointBounds(joints, limits, DEFAULT_MARGINS)
+        self._doubtful = False
         self._role_of = role_of
         self.times: list[float] = []
         self._positions: list[tuple[float, ...]] = []
@@ -150,13 +157,12 @@ class _Reader:
 
     def _take_topic(self, time: float, message: Message, arrivals: list[Arrival]) -> None:
         if isinstance(message, JointPosition):
-            arrivals.append(Arrival(time, joints=True))
-            self._state(time, message.joints, ())
+            arrivals.append(Arrival(time, joints=self._state(time, message.joints, ())))
         elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
             measured = message.valid_fields & ValidFields.VELOCITY
             timed = message.valid_fields & ValidFields.TIME
-            arrivals.append(Arrival(time, joints=True, told=message.time if timed else None))
-            self._state(time, message.positions, message.velocities if measured else ())
+            kept = self._state(time, message.positions, message.velocities if measured else ())
+            arrivals.append(Arrival(time, joints=kept, told=message.time if timed else None))
         elif isinstance(message, Status):
             arrivals.append(Arrival(time, joints=False))
             codes = (message.error_code,) if message.error_code else ()
@@ -172,18 +178,40 @@ class _Reader:
 
     def _state(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
-    ) -> None:
+    ) -> bool:
+        """Take joints; return whether they can be true."""
         since = self._silent_since
         if since is not None and time - since > SILENCE_S:
             text = f'no joint state for {time - since:.2f} s'
             remedy = "check the controller's state task and the network"
             self._events.append(Event(since, 'warning', text, remedy))
         self._silent_since = time
+        why = self._why_not(time, positions, velocities)
+        if why is not None:
+            if not self._doubtful:
+                text = f'joint states that cannot be true: {why}'
+                self._events.append(Event(time, 'warning', text, CANNOT_BE))
+            self._doubtful = True
+            return False
+        self._doubtful = False
         if self.times and time <= self.times[-1]:  # several in one piece: as if 1 µs apart
             time = self.times[-1] + 1e-6
         self.times.append(time)
         self._positions.append(positions[: self._joints])
         self._velocities.append(velocities[: self._joints])
+        return True
+
+    def _why_not(
+        self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
+    ) -> str | None:
+        """Return why the joints cannot be there; None if they can. Their signs are not known."""
+        here = positions[: self._joints]
+        if not all(math.isfinite(value) for value in (*here, *velocities[: self._joints])):
+            return 'not all are numbers'
+        if not self.times:
+            return None
+        elapsed = max(time - self.times[-1], 0.0)
+        return self._bounds.why_not_from(self._positions[-1], here, elapsed)
 
     def _take_request(self, entry: Entry, packet: Packet) -> None:
         message = packet.message
@@ -286,6 +314,12 @@ class _Plans:
         """Take a point; return whether it is the first of a trajectory."""
         if point.sequence < 0 or (point.sequence == self._last and point.sequence):
             return False  # how the trajectory comes; a point that was sent again
+        if isinstance(point, JointTrajPtFull):
+            positions, seconds = point.positions, point.time
+        else:
+            positions, seconds = point.joints, point.duration
+        if not all(map(math.isfinite, (*positions, seconds))):
+            return False
         first = point.sequence == 0 and not (len(self._points) == 1 and self._same(point))
         if first:
             self.end()
@@ -294,11 +328,9 @@ class _Plans:
             return False
         if isinstance(point, JointTrajPtFull):
             self._times.append(point.time)
-            positions = point.positions
         else:
             before = self._times[-1] if self._times else 0.0
             self._times.append(before + (0.0 if first else point.duration))
-            positions = point.joints
         self._last = point.sequence
         self._points.append(positions[: self._joints])
         return first

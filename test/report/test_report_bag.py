@@ -14,6 +14,7 @@ from epson_driver.error_texts import load_error_texts
 from epson_driver.report.figures import figures
 from epson_driver.report.run import FLAGS, RunError
 from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import load_robot_model
 
 rosbags = pytest.importorskip('rosbags', reason='the extra [report] is not installed')
 from rosbags.highlevel import AnyReader  # noqa: E402
@@ -24,6 +25,7 @@ from epson_driver.report.bag_run import read_bag  # noqa: E402
 from epson_driver.report.bag_types import INDUSTRIAL_MSGS, typestore  # noqa: E402
 
 NAMES = tuple(f'joint_{number}' for number in range(1, 7))
+LIMITS = load_robot_model('c3_a601s').limits
 TEXTS = load_error_texts()
 ROOT = Path(__file__).parents[2]
 
@@ -31,7 +33,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope='module')
 def run(tmp_path_factory):
     path = usual_run(estop=2.5).write(tmp_path_factory.mktemp('trace') / 'run.pcap')
-    return read_trace(path, NAMES, TEXTS)
+    return read_trace(path, LIMITS, TEXTS)
 
 
 @pytest.fixture(scope='module')

@@ -27,7 +27,7 @@ def pages(tmp_path_factory):
     runs = []
     for name, options in (('a', {}), ('b', {'estop': 2.0})):
         path = usual_run(**options).write(folder / f'{name}.pcap')
-        runs.append(read_trace(path, MODEL.joint_names, load_error_texts()))
+        runs.append(read_trace(path, MODEL.limits, load_error_texts()))
     one, both = folder / 'one.html', folder / 'both.html'
     one.write_text(page([(runs[1], figures(runs[1]))], MODEL), encoding='utf-8')
     both.write_text(page([(run, figures(run)) for run in runs], MODEL), encoding='utf-8')

@@ -28,7 +28,7 @@ ASSETS = ROOT / 'epson_driver/report/assets'
 
 def made(tmp_path, **options):
     path = usual_run(**options).write(tmp_path / 'run.pcap')
-    run = read_trace(path, MODEL.joint_names, load_error_texts())
+    run = read_trace(path, MODEL.limits, load_error_texts())
     return run, page([(run, figures(run))], MODEL)
 
 

@@ -21,16 +21,18 @@ from support.recorded_run import (
 from epson_driver.error_texts import load_error_texts
 from epson_driver.report.derivatives import derivatives
 from epson_driver.report.figures import STANDSTILL_RAD, figures
+from epson_driver.report.page import page
 from epson_driver.report.run import NO, YES, RunError
 from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import JointPosition, JointTrajPt, Status
 
-NAMES = tuple(f'joint_{number}' for number in range(1, 7))
+LIMITS = load_robot_model('c3_a601s').limits
 TEXTS = load_error_texts()
 
 
 def read(recorder: Recorder, folder: Path, **options):
-    return read_trace(recorder.write(folder / 'run.pcap'), NAMES, TEXTS, **options)
+    return read_trace(recorder.write(folder / 'run.pcap'), LIMITS, TEXTS, **options)
 
 
 def texts(run, level=None):
@@ -129,7 +131,7 @@ def test_a_trace_that_ends_in_the_middle_ends_the_run_there(tmp_path, share):
     whole = usual_run().content()
     path = tmp_path / 'cut.pcap'
     path.write_bytes(whole[: int(len(whole) * share)])
-    run = read_trace(path, NAMES, TEXTS)
+    run = read_trace(path, LIMITS, TEXTS)
     full = read(usual_run(), tmp_path)
     assert 0 < len(run.times) < len(full.times)
     assert np.array_equal(run.positions, full.positions[: len(run.times)])
@@ -153,6 +155,23 @@ def test_the_time_of_sending_takes_the_jitter_of_arrival_away(tmp_path):
     assert error < 0.25 * np.abs(bare[settled, 0] - 0.4).mean()
     assert error < 0.01
     assert np.all(run.sent <= run.times + 1e-5)
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('wrong', [float('nan'), float('inf'), 3e38, 2.5])
+def test_joints_that_cannot_be_are_an_event_and_no_figure(tmp_path, wrong):
+    recorder = usual_run()
+    recorder.says(4.004, 11002, JointPosition(0, (wrong,) * 10))
+    recorder.says(4.006, 11002, JointPosition(0, (wrong,) * 10))
+    recorder.asks(4.007, 11000, JointTrajPt(0, (wrong,) * 10))
+    run = read(recorder, tmp_path)
+    told = [text for text in texts(run, 'warning') if 'cannot be true' in text]
+    assert len(told) == 1
+    numbers = figures(run)
+    assert np.isfinite(numbers.velocities).all()
+    assert np.abs(numbers.velocities).max() < 1.1
+    assert len(run.sent) == len(run.times)
+    assert page([(run, numbers)], load_robot_model('c3_a601s'))  # json.dumps takes no NaN
 
 
 @pytest.mark.invariant(8)
@@ -183,7 +202,7 @@ def test_a_file_without_a_run_is_refused_with_the_reason(tmp_path, content, said
     path = tmp_path / 'bad.pcap'
     path.write_bytes(content)
     with pytest.raises(RunError, match=said) as error:
-        read_trace(path, NAMES, TEXTS)
+        read_trace(path, LIMITS, TEXTS)
     assert str(path) in str(error.value)
 
 
