@@ -320,17 +320,16 @@ class _Plans:
             positions, seconds = point.joints, point.duration
         if not all(map(math.isfinite, (*positions, seconds))):
             return False
-        first = point.sequence == 0 and not (len(self._points) == 1 and self._same(point))
+        again = len(self._points) == 1 and self._same(point)
+        first = not self._points or (point.sequence == 0 and not again)
         if first:
             self.end()
             self._sent = time
         elif point.sequence == 0:
             return False
-        if isinstance(point, JointTrajPtFull):
-            self._times.append(point.time)
-        else:
-            before = self._times[-1] if self._times else 0.0
-            self._times.append(before + (0.0 if first else point.duration))
+        if not isinstance(point, JointTrajPtFull):  # it says how long after the one before
+            seconds = 0.0 if first else self._times[-1] + seconds
+        self._times.append(seconds)
         self._last = point.sequence
         self._points.append(positions[: self._joints])
         return first
@@ -344,7 +343,8 @@ class _Plans:
         """End the trajectory that is being collected, if there is one."""
         if self._points:
             times = array(self._times)
-            keep = np.concatenate([[True], np.diff(times) > 0.0])
+            latest = np.maximum.accumulate(times)
+            keep = np.concatenate([[True], times[1:] > latest[:-1]])
             positions = array(self._points, self._joints)
             self._done.append(Plan(self._sent, times[keep] - times[0], positions[keep]))
         self._times, self._points, self._last = [], [], -1

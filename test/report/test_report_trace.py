@@ -158,6 +158,28 @@ def test_the_time_of_sending_takes_the_jitter_of_arrival_away(tmp_path):
 
 
 @pytest.mark.invariant(7)
+def test_points_out_of_order_leave_a_plan_whose_times_grow(tmp_path):
+    recorder = usual_run()
+    for number, duration in enumerate((0.0, 2.0, -1.5, 0.5, 4.0)):
+        point = JointTrajPt(number, (0.1 * number,) * 10, 0.5, duration)
+        recorder.asks(4.2 + 0.1 * number, 11000, point)
+    plan = read(recorder, tmp_path).plans[-1]
+    assert np.all(np.diff(plan.times) > 0.0)
+    assert len(plan.times) == len(plan.positions) == 3
+
+
+def test_a_trace_that_begins_in_the_middle_of_a_trajectory_has_the_rest_of_it(tmp_path):
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    recorder.connect(0.0, 11000)
+    recorder.says(0.01, 11002, JointPosition())
+    for number in (5, 6):
+        recorder.asks(0.1 * number, 11000, JointTrajPt(number, (0.1 * number,) * 10, 0.5, 0.4))
+    (plan,) = read(recorder, tmp_path).plans
+    assert plan.times == pytest.approx([0.0, 0.4])
+
+
+@pytest.mark.invariant(7)
 @pytest.mark.parametrize('wrong', [float('nan'), float('inf'), 3e38, 2.5])
 def test_joints_that_cannot_be_are_an_event_and_no_figure(tmp_path, wrong):
     recorder = usual_run()
