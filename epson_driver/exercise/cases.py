@@ -15,7 +15,8 @@ class Case:
     """One fault: how it begins, and what a person does about it a few seconds later.
 
     Nobody enables the arm again: that is the program's, or the person's after he has looked.
-    `stops`: it ends with an E-stop, after which nothing may move by itself.
+    `stops`: it ends with an E-stop, after which nothing may move by itself. `early`: it begins
+    before the program does, since it strikes a moment that would be over when the arm moves.
     """
 
     name: str
@@ -23,6 +24,7 @@ class Case:
     begin: tuple[Words, ...]
     person: tuple[Words, ...] = ()
     stops: bool = False
+    early: bool = False
 
 
 NO_FAULT = Case('no fault', 'nothing goes wrong', ())
@@ -36,12 +38,12 @@ _FAULT_WORDS = {
     'one_byte': 'one_byte for=5',
     'bit_errors': 'bit_errors rate=0.2 for=3',
     'wrong_length': 'wrong_length',
-    'lost_reply': 'lost_reply',
-    'late_reply': 'late_reply seconds=2',
+    'lost_reply': 'lost_reply skip=1',  # to the second point
+    'late_reply': 'late_reply seconds=2 skip=1',
     'wrong_byte_order': 'wrong_byte_order for=2',
     'frozen_encoder': 'frozen_encoder for=3',
     'servo_error': 'servo_error',
-    'estop_at_point': 'estop_at_point 1',
+    'estop_at_point': 'estop_at_point 2',  # the first one is where the arm stands
     'reboot': 'reboot for=3',
 }
 
@@ -81,6 +83,7 @@ CASES: dict[str, Case] = {
                 (f'fault {_FAULT_WORDS[name]}',),
                 _AFTERWARDS.get(name, ()),
                 stops=name == 'estop_at_point',
+                early=name in ('lost_reply', 'late_reply', 'estop_at_point'),
             )
             for name, kind in FAULTS.items()
         ),

@@ -89,6 +89,8 @@ def _watch(
     chance: random.Random,
     usual: Observed | None,
 ) -> Observed:
+    if case.early:
+        _do(cell, case.begin)
     began = time.monotonic()
     log = cell.folder / 'program.log'
     with log.open('wb') as output:
@@ -109,15 +111,16 @@ def _watch(
 
     waiting = threading.Thread(target=wait, name='program', daemon=True)
     waiting.start()
-    fault_began: float | None = None
-    moved_at = cell.witness.wait_for_motion(deadline, ended)
-    if moved_at is not None and case is not NO_FAULT:
+    fault_began = 0.0 if case.early else None
+    latest = deadline if usual is None or not case.early else began + usual.seconds
+    moved_at = cell.witness.wait_for_motion(latest, ended)
+    if moved_at is not None and not case.early and case is not NO_FAULT:
         ended.wait(max(moved_at + _delay(usual, chance) - time.monotonic(), 0.0))
         fault_began = time.monotonic() - began
         _do(cell, case.begin)
-        if case.person:
-            ended.wait(PERSON_COMES_S)
-            _do(cell, case.person)
+    if fault_began is not None and case.person:
+        ended.wait(PERSON_COMES_S)
+        _do(cell, case.person)
     ended.wait(max(deadline - time.monotonic(), 0.0))
     code = program.returncode if ended.is_set() else None
     seconds = time.monotonic() - began
@@ -133,7 +136,7 @@ def _watch(
         said=said,
         trajectories=0,
         end=np.asarray(positions[-1]) if len(positions) else None,
-        moved=moved_at is not None,
+        moved=moved_at is not None or case.early,
         moved_after_stop=cell.witness.moved_after_stop(),
         fault_began=fault_began,
     )
