@@ -15,6 +15,9 @@ MIN_NEIGHBOURS, MAX_NEIGHBOURS = 2, 25
 LATE_PERIODS = 5.0
 """A joint state that comes so many periods after the one before is much too late."""
 
+UNLIKELY_SHARE = 0.3
+"""A velocity that is off by a larger share of the one that many samples show is not believed."""
+
 CHUNK = 20_000
 """Samples that are fitted together: it bounds the memory."""
 
@@ -22,22 +25,27 @@ CHUNK = 20_000
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
     """Return velocities and accelerations by the times of sending, shape (k, m).
 
-    Around a joint state that came much too late nobody knows whether it was held up or sent late:
-    there, of what follows from either time, the smaller counts.
+    Around a joint state that came much too late nobody knows whether it was held up or sent late.
+    There, what differs much from a fit to MAX_NEIGHBOURS on either side, by the times of arrival,
+    is replaced by that.
     """
-    found = derivatives(sent, positions)
-    if len(came) < 2:
-        return found
+    velocities, accelerations = derivatives(sent, positions)
+    if len(came) < 2 * MIN_NEIGHBOURS + 1:
+        return velocities, accelerations
     gaps = np.diff(came)
     late = np.flatnonzero(gaps > LATE_PERIODS * np.median(gaps))
     doubtful = np.zeros(len(came), dtype=bool)
     for at in late.tolist():
         doubtful[max(at - MAX_NEIGHBOURS, 0) : at + 1 + MAX_NEIGHBOURS] = True
-    bare = derivatives(came, positions)
-    for ours, theirs in zip(found, bare, strict=True):
-        smaller = doubtful[:, None] & (np.abs(theirs) < np.abs(ours))
-        ours[smaller] = theirs[smaller]
-    return found
+    if not doubtful.any():
+        return velocities, accelerations
+    reach = min(MAX_NEIGHBOURS, (len(came) - 1) // 2)
+    slopes, _ = _fitted(came, positions, reach, degree=1)
+    _, bends = _fitted(came, positions, reach, degree=2)
+    unlikely = np.abs(velocities - slopes) > UNLIKELY_SHARE * np.abs(slopes)
+    unlikely &= doubtful[:, None]
+    velocities[unlikely], accelerations[unlikely] = slopes[unlikely], bends[unlikely]
+    return velocities, accelerations
 
 
 def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
@@ -52,7 +60,13 @@ def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
         return np.zeros_like(positions), np.zeros_like(positions)
     reach = math.ceil(HALF_WINDOW_S / max(float(np.median(np.diff(times))), 1e-6))
     reach = min(max(reach, MIN_NEIGHBOURS), MAX_NEIGHBOURS, (count - 1) // 2)
-    velocities, accelerations = np.empty_like(positions), np.empty_like(positions)
+    return _fitted(times, positions, reach, degree=2)
+
+
+def _fitted(times: Array, positions: Array, reach: int, degree: int) -> tuple[Array, Array]:
+    """Return both derivatives of the polynomial of a degree through `reach` on either side."""
+    count = len(times)
+    velocities, accelerations = np.empty_like(positions), np.zeros_like(positions)
     offsets = np.arange(-reach, reach + 1)
     for begin in range(0, count, CHUNK):
         here = np.arange(begin, min(begin + CHUNK, count))
@@ -61,10 +75,11 @@ def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
         scale = np.abs(since).max(axis=1, keepdims=True)
         scale[scale == 0.0] = 1.0
         share = since / scale  # within ±2: the normal equations stay well conditioned
-        powers = np.stack([np.ones_like(share), share, share**2], axis=2)
-        normal = np.einsum('kwi,kwj->kij', powers, powers) + 1e-12 * np.eye(3)
+        powers = share[:, :, None] ** np.arange(degree + 1)
+        normal = np.einsum('kwi,kwj->kij', powers, powers) + 1e-12 * np.eye(degree + 1)
         right = np.einsum('kwi,kwm->kim', powers, positions[window] - positions[here, None])
         fitted = np.linalg.solve(normal, right)
         velocities[here] = fitted[:, 1] / scale
-        accelerations[here] = 2.0 * fitted[:, 2] / scale**2
+        if degree > 1:
+            accelerations[here] = 2.0 * fitted[:, 2] / scale**2
     return velocities, accelerations
