@@ -475,7 +475,7 @@
       cursor: { sync: { key: 'time' }, points: { show: false }, drag: { x: true, y: false } },
       scales: { x: { time: false, range: (_, low, high) => [low ?? first, high ?? last] }, y: options.y || {} },
       axes: [{ ...axis, size: 24, values: (_, ticks) => ticks.map((t) => `${+t.toFixed(4)} s`) }, { ...axis, size: 52 }],
-      series: [{}, ...series.map((each) => ({ spanGaps: each.gaps === undefined, width: 1.4, points: { show: false }, ...each.style }))],
+      series: [{}, ...series.map((each) => ({ width: 1.4, points: { show: false }, ...each.style }))],
       hooks: {
         draw: options.draw ? [options.draw] : [],
         setScale: [(self, key) => {
@@ -515,7 +515,7 @@
   if (runs.some((run) => run.plans.length)) addPlot('Behind or ahead of the plan', 'rad · measured − planned, counted from the first motion', jointSeries((run) => run.error), { perJoint: true, height: 130 });
   addPlot('Between two joint states', 'ms', runs.map((run, r) => ({ x: run.gaps.map((gap) => gap[0] - run.shift), y: run.gaps.map((gap) => gap[1]), style: { stroke: RUN_COLOURS[r], width: 1 } })), { height: 110, y: { range: (_, low, high) => [0, Math.max(high * 1.1, 1)] } });
   if (runs.some((run) => run.replies.length)) addPlot('Time to a reply', 'ms', runs.map((run, r) => ({
-    x: run.replies.map((each) => each[0] - run.shift), y: run.replies.map((each) => each[1] * 1e3), gaps: true,
+    x: run.replies.map((each) => each[0] - run.shift), y: run.replies.map((each) => each[1] * 1e3),
     style: { stroke: RUN_COLOURS[r], width: 0, paths: () => null, points: { show: true, size: 5, stroke: RUN_COLOURS[r], fill: `${RUN_COLOURS[r]}55` } },
   })), { height: 110, y: { range: (_, low, high) => [0, Math.max((high || 0) * 1.1, 1)] } });
   new ResizeObserver(() => { for (const { u, box } of plots) u.setSize({ width: box.clientWidth - 16, height: u.height }); drawLanes(); }).observe($('plots'));
