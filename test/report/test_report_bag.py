@@ -121,14 +121,14 @@ def test_no_topic_of_the_bag_is_one_that_the_driver_obeys(bag):
     }
 
 
-def other_bag(folder, *names, messages=True, status=False):
+def other_bag(folder, *names, messages=True, status=False, storage=StoragePlugin.MCAP):
     """Write a bag as a person's own recording may be: of some robots, or of none."""
     store = typestore()
     kind = 'sensor_msgs/msg/JointState'
     state, header = store.types[kind], store.types['std_msgs/msg/Header']
     time = store.types['builtin_interfaces/msg/Time']
     empty = np.array([], dtype=float)
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(folder, version=9, storage_plugin=storage) as writer:
         connections = [writer.add_connection(name, kind, typestore=store) for name in names]
         if status:
             log = 'std_msgs/msg/String'
@@ -172,6 +172,16 @@ def test_one_of_several_robots_is_chosen_by_its_namespace(tmp_path):
     assert any('no plan' in note for note in run.notes)
     with pytest.raises(RunError, match=r'no /c/joint_states in it .*/a/joint_states'):
         read_bag(bag, TEXTS, 'c')
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+def test_a_bag_is_read_from_its_folder_and_from_its_file(tmp_path, storage):
+    bag = other_bag(tmp_path / 'bag', '/left/joint_states', storage=storage)
+    (file,) = {*bag.iterdir()} - {bag / 'metadata.yaml'}
+    for path in (bag, file):
+        run = read_bag(path, TEXTS)
+        assert run.positions[:, 0] == pytest.approx(0.01 * np.arange(40))
+        assert figures(run).velocities[20] == pytest.approx(np.ones(6), rel=1e-3)
 
 
 @pytest.mark.parametrize('share', [0.0, 0.3, 0.7])
