@@ -103,7 +103,8 @@ def simulated_cell(
         domain = processes.free_ros_domain()
         given: dict[str, Any] = {
             'joint_names': f'[{",".join(model.joint_names)}]',
-            'robot_model': model.name,
+            'robot_model': robot,
+            'controller': controller,
             'trace_folder': str(folder),
             'trace_file': TRACE,
         }

@@ -54,6 +54,15 @@ def test_three_programs_are_told_apart(tmp_path, name, expected, code):
 
 
 @pytest.mark.slow
+def test_the_driver_is_told_of_the_kind_of_controller(tmp_path):
+    junit = tmp_path / 'junit.xml'
+    words = ['--controller=motoman', '--fault=cut', '--timeout=150', f'--junit={junit}']
+    run = exercise(*words, *program('good'))
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert verdicts(junit) == {'cut': 'passed'}
+
+
+@pytest.mark.slow
 def test_a_program_that_repeats_after_a_lost_reply_is_told(tmp_path):
     junit = tmp_path / 'junit.xml'
     run = exercise('--fault=cut', '--timeout=150', f'--junit={junit}', *program('repeats'))
