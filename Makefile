@@ -105,7 +105,7 @@ pictures: $(VENV)/.dev
 	$(if $(ARGS),,OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.animation)
 
 clean:
-	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png
+	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png demo-report.html demo-report.json
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The steps of the installation, each with a stamp. install.py prints the progress.

@@ -16,7 +16,19 @@ from setuptools import find_packages, setup  # before distutils, which it provid
 from distutils.command.build_scripts import build_scripts  # isort: skip
 
 NAME = 'epson_driver'
-NAMES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth', 'spel')
+NAMES = (
+    'client',
+    'demo',
+    'doctor',
+    'exercise',
+    'pendant',
+    'replay',
+    'report',
+    'robots',
+    'sim_controller',
+    'smooth',
+    'spel',
+)
 EXECUTABLES = [f'scripts/{name}' for name in NAMES]
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
@@ -87,13 +99,13 @@ setup(
     maintainer='epson_driver developers',
     maintainer_email='epson-driver@example.org',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'report/assets/*']},
     python_requires='>=3.11',
     # ROS packages are not listed: on a ROS machine they are not Python distributions.
     # requirements/runtime.txt has them for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
-        'report': ['matplotlib'],
+        'report': ['matplotlib', 'rosbags'],
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
         'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],
@@ -114,6 +126,9 @@ setup(
     data_files=list(data_files()),
     scripts=EXECUTABLES if BY_COLCON else [],
     cmdclass={'build_scripts': BuildScripts},
-    entry_points={'console_scripts': [f'{NAME} = {NAME}.cli.__main__:main']},
+    entry_points={
+        'console_scripts': [f'{NAME} = {NAME}.cli.__main__:main'],
+        'ros2doctor.checks': [f'EpsonDriverCheck = {NAME}.cli.ros2_doctor:EpsonDriverCheck'],
+    },
     zip_safe=False,
 )

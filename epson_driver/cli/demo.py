@@ -14,7 +14,7 @@ import socket
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
@@ -23,23 +23,24 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument, picture
+from epson_driver.cli.arguments import argument, page, picture
 from epson_driver.cli.cell import running_controller, running_driver
-from epson_driver.cli.demo_report import (
-    MAX_DEVIATION_RAD,
-    Drawn,
-    Figures,
-    Recording,
-    draw,
-    measure,
-)
+from epson_driver.cli.demo_report import Drawn, draw
 from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.processes import Ports, RunError
+from epson_driver.cli.report import write_report
 from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
+from epson_driver.report.figures import figures
+from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
+from epson_driver.report.run import Run as WireRun
+from epson_driver.report.run import RunError as ReportError
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
@@ -56,6 +57,10 @@ INSTALL = (
 )
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+ROBOT = 'c3_a601s'
+
+TRACE = 'demo.pcap'
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 
@@ -82,7 +87,7 @@ def main() -> int:
 
             first = arguments.seed or 1
             seeds = range(first, first + (arguments.seeds or 1))
-            return demo_plan.run(seeds, arguments.picture, console)
+            return demo_plan.run(seeds, arguments.picture, arguments.report, console)
         trajectory = read_trajectory(arguments.trajectory)
         motions = _motions(arguments)
         runs = []
@@ -96,7 +101,7 @@ def main() -> int:
         return _report(arguments, trajectory, runs, console)
     except _GoalError as error:
         return _judged(console, [str(error)], error.missed, 0.0)
-    except (RunError, InputError, OSError) as error:
+    except (RunError, ReportError, InputError, OSError) as error:
         said = f'[bold red]demo failed:[/] {escape(printable(error))}'
         console.print(said, highlight=False, soft_wrap=True)
         return 1
@@ -142,6 +147,12 @@ def _arguments() -> argparse.Namespace:
         help='where to draw positions and velocities (default: %(default)s)',
     )
     parser.add_argument(
+        '--report',
+        type=page,
+        metavar='FILE',
+        help='where to write the page with arm and figures (default: beside the picture)',
+    )
+    parser.add_argument(
         '--plan',
         action='store_true',
         help='plan a pick and place around obstacles, execute it, and check it for collisions',
@@ -159,6 +170,7 @@ def _arguments() -> argparse.Namespace:
         help='how many tasks --plan executes, one seed after the other (default: 1)',
     )
     arguments = parser.parse_args()
+    arguments.report = arguments.report or arguments.picture.with_suffix('.html')
     if arguments.plan and (arguments.compare or arguments.motion == 'ptp'):
         parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
     if arguments.plan and arguments.controller != NATIVE:
@@ -201,6 +213,8 @@ class Run:
     round_trips: list[float]
     missed: int
     """Deadlines that the controller missed meanwhile."""
+    wire: WireRun
+    """What went over the wire: of it the page is made."""
 
     @property
     def faults(self) -> list[str]:
@@ -242,6 +256,8 @@ def _run(
             console,
             controller=controller,
             allow_nonzero_velocity_at_trajectory_end='true',
+            trace_folder=str(folder),
+            trace_file=TRACE,
         ) as user:
             missed = deadlines_missed(ports.remote)
             console.print(f'robot ready after {time.monotonic() - began:.1f} s')
@@ -252,7 +268,9 @@ def _run(
             latencies = user.reply_latencies()
             run = user.recording()
         round_trips = _ping(ports)  # with the controller to itself
-    return Run(motion, run, measure(trajectory, run), text, latencies, round_trips, missed)
+    wire = read_trace(folder / TRACE, load_robot_model(ROBOT).limits, load_error_texts())
+    wire = replace(wire, source=f'demo, {TITLES[motion]}')
+    return Run(motion, run, measure(trajectory, run), text, latencies, round_trips, missed, wire)
 
 
 def _report(
@@ -262,6 +280,9 @@ def _report(
     drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
     draw(arguments.picture, trajectory, drawn)
     console.print(f'picture: {arguments.picture}', highlight=False)
+    write_report(
+        [(run.wire, figures(run.wire)) for run in runs], load_robot_model(ROBOT), arguments.report
+    )
     faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
     gap = max(run.figures.longest_gap for run in runs)
     return _judged(console, faults, sum(run.missed for run in runs), gap)

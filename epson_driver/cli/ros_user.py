@@ -25,9 +25,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.cli.demo_report import Recording
 from epson_driver.cli.processes import RunError
 from epson_driver.motion import Trajectory
+from epson_driver.report.measure import Recording
 
 READY_TIMEOUT_S = 30.0
 """How long anything but the motion itself may take, s."""

@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from epson_driver.cli.demo_report import MAX_DEVIATION_RAD, Drawn, Recording, draw, measure
+from epson_driver.cli.demo_report import Drawn, draw
 from epson_driver.motion import Trajectory
+from epson_driver.report.measure import MAX_DEVIATION_RAD, Recording, measure
 
 NAMES = ('a', 'b')
 PERIOD = 0.005

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make demo`, as a newcomer runs it."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -36,6 +37,13 @@ def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
     run = demo(f'--picture={picture}')
     assert_judged(run)
     assert picture.read_bytes().startswith(b'\x89PNG')
+    page = picture.with_suffix('.html').read_text(encoding='utf-8')
+    assert 'Content-Security-Policy' in page
+    figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
+    (motion,) = figures['motions']
+    assert motion['points'] == 11
+    assert motion['stops'] == 0
+    assert motion['waypoint_deviation'] < 0.02
 
 
 @pytest.mark.slow
@@ -108,3 +116,10 @@ def test_smooth_and_point_to_point_side_by_side(tmp_path: Path) -> None:
     assert at_points == 9
     assert smooth == 0 or run.returncode == TOO_BUSY
     assert picture.read_bytes().startswith(b'\x89PNG')
+    page = picture.with_suffix('.html').read_text(encoding='utf-8')
+    assert 'Content-Security-Policy' in page
+    figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
+    (motion,) = figures['motions']
+    assert motion['points'] == 11
+    assert motion['stops'] == 0
+    assert motion['waypoint_deviation'] < 0.02

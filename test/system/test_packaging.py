@@ -21,9 +21,13 @@ UNDECLARED = (
     'PIL',
     'embreex',
     'manifold3d',
+    'mcap',
+    'mcap_ros2',
     'ompl',
     'pinocchio',
+    'playwright',
     'py_opw_kinematics',
+    'rosbags',
     'rosdep2',
     'toppra',
     'trimesh',
@@ -32,7 +36,19 @@ UNDECLARED = (
 another thing."""
 
 OF_A_DESKTOP = re.compile('rviz|rqt|gui|visualization|desktop|gazebo')
-EXECUTABLES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth', 'spel')
+EXECUTABLES = (
+    'client',
+    'demo',
+    'doctor',
+    'exercise',
+    'pendant',
+    'replay',
+    'report',
+    'robots',
+    'sim_controller',
+    'smooth',
+    'spel',
+)
 
 BIN = Path(sys.executable).parent
 

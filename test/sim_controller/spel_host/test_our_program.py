@@ -13,7 +13,7 @@ from support.controller_harness import FAILURE, MODEL, STOP, SUCCESS, point, spl
 from support.program_bench import STEP_S, OurProgramBench
 from support.sim_process import COMMAND
 
-from epson_driver.cli.demo_report import Recording, measure
+from epson_driver.report.measure import Recording, measure
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
 from epson_driver.inputs import InputError
