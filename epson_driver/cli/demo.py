@@ -14,7 +14,7 @@ import socket
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
@@ -25,13 +25,12 @@ from rich.table import Table
 
 from epson_driver.cli.arguments import argument, page, picture
 from epson_driver.cli.cell import running_controller, running_driver
-from epson_driver.cli.demo_report import Drawn, draw
+from epson_driver.cli.demo_report import TRACE, Drawn, draw, recorded_run
 from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.processes import Ports, RunError
 from epson_driver.cli.report import write_report
 from epson_driver.cli.trajectory_file import read_trajectory
-from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
@@ -39,7 +38,6 @@ from epson_driver.report.figures import figures
 from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
 from epson_driver.report.run import Run as WireRun
 from epson_driver.report.run import RunError as ReportError
-from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
@@ -59,8 +57,6 @@ INSTALL = (
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 ROBOT = 'c3_a601s'
-
-TRACE = 'demo.pcap'
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 
@@ -100,7 +96,7 @@ def main() -> int:
                 runs.append(_run(motion, controller, trajectory, Path(folder), console))
         return _report(arguments, trajectory, runs, console)
     except _GoalError as error:
-        return _judged(console, [str(error)], error.missed, 0.0)
+        return _unfinished(error, arguments.report, console)
     except (RunError, ReportError, InputError, OSError) as error:
         said = f'[bold red]demo failed:[/] {escape(printable(error))}'
         console.print(said, highlight=False, soft_wrap=True)
@@ -234,9 +230,10 @@ class Run:
 class _GoalError(RunError):
     """The goal was not reached; meanwhile the controller missed so many deadlines."""
 
-    def __init__(self, text: str, missed: int) -> None:
+    def __init__(self, text: str, missed: int, wire: WireRun) -> None:
         super().__init__(text)
         self.missed = missed
+        self.wire = wire
 
 
 def _run(
@@ -263,13 +260,12 @@ def _run(
             console.print(f'robot ready after {time.monotonic() - began:.1f} s')
             text, succeeded = user.execute(trajectory, console)
             missed = deadlines_missed(ports.remote) - missed
+            wire = recorded_run(folder / TRACE, load_robot_model(ROBOT), TITLES[motion])
             if not succeeded:
-                raise _GoalError(f'the goal was not reached: {text}', missed)
+                raise _GoalError(f'the goal was not reached: {text}', missed, wire)
             latencies = user.reply_latencies()
             run = user.recording()
         round_trips = _ping(ports)  # with the controller to itself
-    wire = read_trace(folder / TRACE, load_robot_model(ROBOT).limits, load_error_texts())
-    wire = replace(wire, source=f'demo, {TITLES[motion]}')
     return Run(motion, run, measure(trajectory, run), text, latencies, round_trips, missed, wire)
 
 
@@ -280,12 +276,23 @@ def _report(
     drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
     draw(arguments.picture, trajectory, drawn)
     console.print(f'picture: {arguments.picture}', highlight=False)
-    write_report(
-        [(run.wire, figures(run.wire)) for run in runs], load_robot_model(ROBOT), arguments.report
-    )
+    _write_report(arguments.report, *(run.wire for run in runs))
     faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
     gap = max(run.figures.longest_gap for run in runs)
     return _judged(console, faults, sum(run.missed for run in runs), gap)
+
+
+def _unfinished(error: _GoalError, report: Path, console: Console) -> int:
+    """Report what went over the wire until the goal failed: it shows why."""
+    try:
+        _write_report(report, error.wire)
+    except OSError as why:
+        console.print(f'no report: {escape(printable(why))}', highlight=False)
+    return _judged(console, [str(error)], error.missed, 0.0)
+
+
+def _write_report(report: Path, *runs: WireRun) -> None:
+    write_report([(run, figures(run)) for run in runs], load_robot_model(ROBOT), report)
 
 
 def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int:

@@ -9,7 +9,7 @@ the recorded joint states are checked against the obstacles: only that decides.
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,22 +19,19 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from epson_driver.cli.cell import running_controller, running_driver
+from epson_driver.cli.demo_report import TRACE, recorded_run
 from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.plan_report import Executed, draw
 from epson_driver.cli.report import write_report
 from epson_driver.cli.ros_user import RosUser
-from epson_driver.error_texts import load_error_texts
 from epson_driver.planning.plan import Plan, PlanningError, plan_task
 from epson_driver.planning.task import HOME_RAD, draw_task
 from epson_driver.planning.verdict import judge
 from epson_driver.report.figures import figures
 from epson_driver.report.measure import Recording, measure
-from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import RobotModel, load_robot_model
 
 ROBOT = 'c3_a601s'
-
-TRACE = 'demo.pcap'
 
 VACUUM_OUTPUT = 8
 """The digital output that would switch the gripper's valve."""
@@ -90,22 +87,10 @@ def run(seeds: range, picture: Path, report: Path, console: Console) -> int:
     Returns 0 only if nothing was wrong with any, TOO_BUSY if nobody can tell.
     """
     model = load_robot_model(ROBOT)
-    with tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name:
-        outcomes, missed = _outcomes(seeds, model, Path(name), console)
-        wire = read_trace(Path(name, TRACE), model.limits, load_error_texts())
-    code = _report(outcomes, seeds, model, picture, console, missed)
-    wire = replace(wire, source='demo, pick and place')
-    write_report([(wire, figures(wire))], model, report)
-    return code
-
-
-def _outcomes(
-    seeds: range, model: RobotModel, folder: Path, console: Console
-) -> tuple[list[Outcome], int]:
-    """Return the result for each seed, and the deadlines that the controller missed."""
     outcomes = []
     with (
-        running_controller(folder, HOME_RAD, f'--robot={model.name}') as ports,
+        tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name,
+        running_controller(folder := Path(name), HOME_RAD, f'--robot={model.name}') as ports,
         running_driver(
             folder,
             ports,
@@ -131,7 +116,10 @@ def _outcomes(
                 break  # every plan begins at home
         progress.update(bar, description='done')
         missed = deadlines_missed(ports.remote) - missed
-    return outcomes, missed
+        wire = recorded_run(folder / TRACE, model, 'pick and place')
+    code = _report(outcomes, seeds, model, picture, console, missed)
+    write_report([(wire, figures(wire))], model, report)
+    return code
 
 
 def _attempt(

@@ -1,15 +1,43 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of a demo run, from the joint states that were received."""
+"""The picture of a demo run, from the joint states that were received, and what the wire shows."""
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from epson_driver.cli.smooth_report import COLOURS
+from epson_driver.error_texts import load_error_texts
 from epson_driver.motion import Trajectory
 from epson_driver.report.measure import Figures, Recording
+from epson_driver.report.run import Run
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import RobotModel
+
+TRACE = 'demo.pcap'
+"""The driver's trace, in the folder of the demo's logs."""
+
+WRITTEN_S = 0.3
+"""The driver writes what it has recorded a little more often, s."""
+
+MAX_READS = 10
+
+
+def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
+    """Return the demo's run until now, from the trace of a driver that still records.
+
+    `what` was run. It is read again until what came before this call is in it, a few times at
+    most: where nothing comes any more, it ends with the last message. Raises report.run.RunError.
+    """
+    until = time.time_ns()
+    for _ in range(MAX_READS):
+        time.sleep(WRITTEN_S)
+        run = read_trace(trace, model.limits, load_error_texts())
+        if run.nanoseconds(run.ended) >= until:
+            break
+    return replace(run, source=f'demo, {what}')
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import NoReturn
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -126,8 +127,8 @@ def _colour(result: Result) -> str:
 
 
 def _matrix(results: Sequence[Result]) -> Table:
-    table = Table(title='What it did', title_justify='left')
-    for column in ('fault', 'it', 's', ''):
+    table = Table(box=SIMPLE_HEAD, show_edge=False)
+    for column in ('fault', 'what it did', 's', 'its last words'):
         table.add_column(column, justify='right' if column == 's' else 'left')
     for each in results:
         table.add_row(

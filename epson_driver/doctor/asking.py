@@ -40,6 +40,9 @@ MAX_CLIENTS = 20
 SLOW_VELOCITY = 0.01
 SLOW_DURATION_S = 5.0
 
+RUNNING_FLAG = -2
+"""Place of Running in the answer to GetStatus; Ready is behind it."""
+
 RESTART = 'start the program on the controller again'
 
 IO_KEYS = {
@@ -202,4 +205,10 @@ async def ask_remote_port(host: str, port: int, password: str, findings: Finding
         findings.wrong('remote port', text, remedy)
         return {}
     findings.ok('remote port', f'Remote Ethernet answers: status {status}')
-    return {'ports.remote': port, 'program.motors': 'remote_ethernet'}
+    flags = status.partition(',')[0]
+    runs = flags[RUNNING_FLAG:][:1] == '1'  # counted from the end: RC+ 5 sends one less
+    if runs:
+        text = 'a program runs, and keeps the controller from switching motors and from a reset'
+        findings.note('remote port', text, 'the driver stops and starts it: program.motors restart')
+    motors = 'restart' if runs else 'remote_ethernet'
+    return {'ports.remote': port, 'program.motors': motors}

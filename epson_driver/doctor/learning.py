@@ -14,6 +14,7 @@ from epson_driver.profiles.profile_rules import RULES
 _MOTION = 'it takes a motion to see it, and the doctor moves nothing'
 _WRONG_MESSAGE = 'it takes a wrong message to see it, which can end a program'
 _PERSON = 'only a person knows'
+_CHOICE = 'what the driver sends of a plan is the choice of a person'
 _EDGE = 'it takes an error, an E-stop or a lost link to see it'
 
 NOT_FOUND: Mapping[str, str] = {
@@ -47,6 +48,9 @@ NOT_FOUND: Mapping[str, str] = {
     'program.special_sequences': 'not asked (see --ask), or it has no special sequences',
     'program.skip_first': _MOTION,
     'program.motors': 'not asked, see --remote-port and --ask',
+    'program.smoothing': _CHOICE,
+    'program.resample_period': _CHOICE,
+    'program.thin_deviation': _CHOICE,
     'program.download.': _MOTION,
     'state.period': 'too few messages came',
     'state.joint_positions_per_status': 'too few messages came',
@@ -62,6 +66,7 @@ NOT_FOUND: Mapping[str, str] = {
     'server.lost_client': 'it takes a motion and a lost client to see it',
     'server.state_clients': 'not asked (see --ask), or 20 at once are served',
     'server.io_clients': 'outputs may change when an I/O client leaves: not tried again and again',
+    'spel.': 'the simulation only: a SPEL+ program is in its files, not on the wire',
     'io': 'not asked, see --io',
     'remote.': 'not asked: a session would have to be left alone until it ends',
 }
@@ -103,6 +108,8 @@ def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
             inner[last] = _rounded(facts[key])
     lines = [f'# Made by epson_driver doctor --learn: {about}.', '#', '# Not found out:']
     lines += [f'# * {key}: {why_not(key)}' for key in missing]
+    if 'io' in facts:
+        lines.append(f'# * io: of it the numbers of points only; what else it has is as on {like}')
     body = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
     return '\n'.join(lines) + '\n' + body
 
@@ -117,12 +124,16 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
         same = held == value
         if isinstance(value, float) and isinstance(held, float):
             same = abs(value - held) <= PERIOD_TOLERANCE_SHARE * held
-        if key == 'server.state_clients' or (key == 'program.motors' and held == 'none'):
+        if key == 'server.state_clients' or (key, held) in _SEEN_IN_PART:
             continue
         if not same:
             found.append((key, value, held))
     return found
 
+
+_SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}
+"""Remote Ethernet is there, but whether a driver should use it, a person knows; that a running
+program must be stopped first shows only while it runs."""
 
 PERIOD_TOLERANCE_SHARE = 0.05
 """How far a measured period may be off."""

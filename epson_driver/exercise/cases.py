@@ -52,6 +52,9 @@ _AFTERWARDS = {
     'estop_at_point': ('estop release', 'reset'),
 }
 
+STOPPED_FIRST = ('motors off', 'reset')
+"""What a controller does not take while a SPEL+ program runs: a person stops that first."""
+
 CASES: dict[str, Case] = {
     each.name: each
     for each in (
@@ -90,3 +93,14 @@ CASES: dict[str, Case] = {
     )
 }
 """All cases: what people do, then every fault of the simulated controller."""
+
+
+def said(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
+    """Return what a person says for these actions; `spel`: a SPEL+ program runs the controller."""
+    if not spel:
+        return actions
+    return tuple(
+        words
+        for action in actions
+        for words in (('stop', action) if action in STOPPED_FIRST else (action,))
+    )

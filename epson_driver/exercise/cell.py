@@ -16,8 +16,9 @@ from epson_driver.cli.pendant_words import request
 from epson_driver.cli.processes import Ports, Process, RunError
 from epson_driver.exercise.witness import Witness
 from epson_driver.motion import Array
+from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.client import execute
-from epson_driver.robots import load_robot_model
+from epson_driver.robots import RobotModel, load_robot_model
 
 PENDANT_TIMEOUT_S = 30.0
 READY_TIMEOUT_S = 120.0
@@ -31,13 +32,16 @@ class SimulatedCell:
     been closed.
     """
 
-    def __init__(self, ports: Ports, domain: int, folder: Path, joints: int) -> None:
+    def __init__(
+        self, ports: Ports, domain: int, folder: Path, model: RobotModel, password: str
+    ) -> None:
         self.ports = ports
         self.domain = domain
         self.folder = folder
         self.trace = folder / TRACE
         self.environment = processes.ros_environment(domain)
-        self.witness = Witness(ports.state, joints)
+        self.witness = Witness(ports.remote, model, password)
+        self._password = password
 
     def pendant(self, words: str) -> None:
         """Do what a person does at the controller: `estop press`, `motors off`, `fault cut 2`.
@@ -45,7 +49,8 @@ class SimulatedCell:
         Raises UsageError for words that mean nothing, RemoteError if the controller refuses.
         """
         command = request(words.split()).commands[0]
-        asyncio.run(execute('127.0.0.1', self.ports.remote, [command], PENDANT_TIMEOUT_S))
+        port, limit = self.ports.remote, PENDANT_TIMEOUT_S
+        asyncio.run(execute('127.0.0.1', port, [command], limit, self._password))
 
     def fault(self, words: str) -> None:
         """Begin a fault, as in `cut 2` or `lost_reply skip=4`; `clear` ends all."""
@@ -73,7 +78,7 @@ class SimulatedCell:
         """
         _, positions = self.witness.seen
         if not len(positions):
-            raise RunError('no joint states')
+            raise RunError('the controller has not said yet where the joints are')
         return np.asarray(positions[-1])
 
 
@@ -112,9 +117,10 @@ def simulated_cell(
             folder / 'client.log', ports, domain, **given | dict(parameters or {})
         )
         started.append(driver)
-        cell = SimulatedCell(ports, domain, folder, len(model.joint_names))
+        password = load_controller_profile(controller).remote.password
+        cell = SimulatedCell(ports, domain, folder, model, password)
         if not cell.witness.wait_for_state(READY_TIMEOUT_S):
-            raise RunError(f'no joint states within {READY_TIMEOUT_S:g} s')
+            raise RunError(f'no answer at the remote port within {READY_TIMEOUT_S:g} s')
         if enabled:
             cell.enable()
         driver.check_alive()

@@ -25,6 +25,7 @@ class Verdict(StrEnum):
     HUNG = 'hung'
     MOVED_AFTER_ESTOP = 'moved after E-stop'
     NO_MOTION = 'no motion'
+    NO_FAULT = 'no fault'
 
 
 GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
@@ -37,6 +38,7 @@ class Observed:
 
     `code` is its exit code, None if it had to be killed after `seconds`; `said` its last line.
     `trajectories`: how many it had sent to the controller. `end`: where the arm stood then.
+    `refused`: why the controller did not take the fault, empty if it did.
     """
 
     case: str
@@ -48,6 +50,7 @@ class Observed:
     moved: bool = True
     moved_after_stop: bool = False
     fault_began: float | None = None
+    refused: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +77,8 @@ def judge(seen: Observed, usual: Observed) -> Result:
 def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
     if seen.moved_after_stop:
         return Verdict.MOVED_AFTER_ESTOP, 'the arm stood after the E-stop, and moved again'
+    if seen.refused:
+        return Verdict.NO_FAULT, f'the controller did not take it: {seen.refused}'
     if seen.code is None:
         return Verdict.HUNG, f'killed after {seen.seconds:.0f} s; last said: {seen.said or "-"}'
     if not seen.moved:

@@ -10,16 +10,17 @@ import subprocess
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from epson_driver.error_texts import load_error_texts
-from epson_driver.exercise.cases import NO_FAULT, Case
+from epson_driver.exercise.cases import NO_FAULT, Case, said
 from epson_driver.exercise.cell import SimulatedCell, simulated_cell
 from epson_driver.exercise.judge import Observed
 from epson_driver.inputs import InputError, printable
+from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.report.run import RunError
 from epson_driver.report.trace_run import read_trace
@@ -59,6 +60,8 @@ def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | Non
     or driver do not start.
     """
     folder.mkdir(parents=True)
+    spel = bool(load_controller_profile(exercise.controller).spel.project)
+    case = replace(case, begin=said(case.begin, spel=spel), person=said(case.person, spel=spel))
     chance = random.Random(f'{exercise.seed}/{case.name}')  # noqa: S311 - no secret
     with simulated_cell(
         folder,
@@ -79,6 +82,7 @@ def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | Non
         moved=seen.moved,
         moved_after_stop=case.stops and seen.moved_after_stop,
         fault_began=seen.fault_began,
+        refused=seen.refused,
     )
 
 
@@ -89,8 +93,7 @@ def _watch(
     chance: random.Random,
     usual: Observed | None,
 ) -> Observed:
-    if case.early:
-        _do(cell, case.begin)
+    refused = _begin(cell, case) if case.early else ''
     began = time.monotonic()
     log = cell.folder / 'program.log'
     with log.open('wb') as output:
@@ -114,17 +117,17 @@ def _watch(
     fault_began = 0.0 if case.early else None
     latest = deadline if usual is None or not case.early else began + usual.seconds
     moved_at = cell.witness.wait_for_motion(latest, ended)
-    if moved_at is not None and not case.early and case is not NO_FAULT:
+    if moved_at is not None and not case.early and case.name != NO_FAULT.name:
         ended.wait(max(moved_at + _delay(usual, chance) - time.monotonic(), 0.0))
         fault_began = time.monotonic() - began
-        _do(cell, case.begin)
+        refused = _begin(cell, case)
     if fault_began is not None and case.person:
         ended.wait(PERSON_COMES_S)
-        _do(cell, case.person)
+        _help(cell, case)
     ended.wait(max(deadline - time.monotonic(), 0.0))
     code = program.returncode if ended.is_set() else None
     seconds = time.monotonic() - began
-    said = _last_line(log)
+    last = _last_line(log)
     time.sleep(AFTERWARDS_S)  # a program that has ended may have left a goal behind
     _kill(program)
     waiting.join()
@@ -133,12 +136,13 @@ def _watch(
         case=case.name,
         code=code,
         seconds=seconds,
-        said=said,
+        said=last,
         trajectories=0,
         end=np.asarray(positions[-1]) if len(positions) else None,
         moved=moved_at is not None or case.early,
         moved_after_stop=cell.witness.moved_after_stop(),
         fault_began=fault_began,
+        refused=refused,
     )
 
 
@@ -147,9 +151,19 @@ def _delay(usual: Observed | None, chance: random.Random) -> float:
     return share * min(usual.seconds if usual is not None else 1.0, LATEST_BEGIN_S)
 
 
-def _do(cell: SimulatedCell, actions: Sequence[str]) -> None:
+def _begin(cell: SimulatedCell, case: Case) -> str:
+    """Begin the fault; return why the controller does not take it, empty if it does."""
+    try:
+        for words in case.begin:
+            cell.pendant(words)
+    except RemoteError as error:
+        return str(error)
+    return ''
+
+
+def _help(cell: SimulatedCell, case: Case) -> None:
     """Do what a person does; what the controller refuses (there is no error to reset) is so."""
-    for words in actions:
+    for words in case.person:
         with contextlib.suppress(RemoteError):
             cell.pendant(words)
 

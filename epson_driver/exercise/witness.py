@@ -1,31 +1,32 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A witness at the controller's state port: where the arm was, and whether it was stopped.
+"""A witness at the controller's remote port: where the arm was, and whether it was stopped.
 
-It is a client of its own beside the driver, so that what it says depends on neither driver nor
-program. A fault of the state port is one for it, too: then it connects again.
+It asks as a person at the pendant does, so that what it says depends on neither driver nor
+program, it takes no place from the driver at a state port that serves one client, and no fault of
+the messages changes it. When the controller boots, it logs in again.
 """
 
+import asyncio
 import contextlib
-import socket
 import threading
 import time
 
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.simple_message import (
-    Framer,
-    JointFeedback,
-    JointPosition,
-    SimpleMessageError,
-    Status,
-    TriState,
-    decode,
-)
+from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
+from epson_driver.robots import RobotModel
+
+HOST = '127.0.0.1'
+PERIOD_S = 0.02
+"""The simulated controller is asked so often: its remote port sends nothing by itself."""
 
 RETRY_S = 0.2
-READ_TIMEOUT_S = 0.2
+SESSION_S = 86_400.0
+ESTOP_FLAG = 6
+"""Its place in the answer to GetStatus."""
+
 MOVED = 0.002
 """A joint that is so far from where it stood has moved, rad or m."""
 
@@ -34,23 +35,28 @@ STANDS_S = 0.2
 
 
 class Witness:
-    """Listens in a thread until `close`. Times are s on the monotonic clock."""
+    """Looks on in a thread until `close`. Times are s on the monotonic clock."""
 
-    def __init__(self, port: int, joints: int) -> None:
+    def __init__(self, port: int, model: RobotModel, password: str = '') -> None:
         self._port = port
-        self._joints = joints
+        self._password = password
+        self._joints = joints = len(model.joint_names)
+        self._question = 'Sim,print,' + ','.join(f'Agl({n})' for n in range(1, joints + 1))
+        self._units = [float(each) for each in model.shown_per_unit]
         self._lock = threading.Lock()
         self._times: list[float] = []
         self._positions: list[tuple[float, ...]] = []
         self._stopped: list[tuple[float, bool]] = []
         self._news = threading.Condition(self._lock)
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._listen, name='witness', daemon=True)
+        self._closing = False
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._look_on()), name='witness', daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
-        """Stop listening."""
-        self._closing.set()
+        """Stop looking."""
+        self._closing = True
         self._thread.join()
 
     @property
@@ -66,7 +72,7 @@ class Witness:
             return next((at for at, stopped in self._stopped if stopped), None)
 
     def wait_for_state(self, timeout: float) -> bool:
-        """Wait for a first joint state; return whether one came."""
+        """Wait for a first look at the arm; return whether there was one."""
         with self._news:
             return bool(self._news.wait_for(lambda: self._times, timeout))
 
@@ -99,44 +105,28 @@ class Witness:
             return False
         return bool(np.any(np.abs(positions[stands:] - positions[stands]).max(axis=1) > MOVED))
 
-    def _listen(self) -> None:
-        while not self._closing.is_set():
-            with (
-                contextlib.suppress(OSError, SimpleMessageError),
-                socket.create_connection(('127.0.0.1', self._port), timeout=5.0) as link,
-            ):
-                link.settimeout(READ_TIMEOUT_S)
-                self._read(link)
-            self._closing.wait(RETRY_S)
+    async def _look_on(self) -> None:
+        while not self._closing:
+            with contextlib.suppress(RemoteError, ConnectionError, TimeoutError):
+                async with logged_in(HOST, self._port, SESSION_S, self._password) as ask:
+                    while not self._closing:
+                        await self._look(ask)
+                        await asyncio.sleep(PERIOD_S)
+            if not self._closing:
+                await asyncio.sleep(RETRY_S)
 
-    def _read(self, link: socket.socket) -> None:
-        framer = Framer()
-        while not self._closing.is_set():
-            try:
-                data = link.recv(65536)
-            except TimeoutError:
-                continue
-            if not data:
-                return
-            framer.receive_data(data)
-            while (frame := framer.next_frame()) is not None:
-                self._take(decode(frame).message)
-
-    def _take(self, message: object) -> None:
+    async def _look(self, ask: Ask) -> None:
+        shown = (await ask(self._question)).split()
+        joints = tuple(
+            float(value) / unit for value, unit in zip(shown, self._units, strict=True)
+        )
+        stopped = (await ask('GetStatus'))[ESTOP_FLAG : ESTOP_FLAG + 1] == '1'
         now = time.monotonic()
         with self._news:
-            if isinstance(message, JointPosition | JointFeedback):
-                joints = positions_of(message)
-                self._times.append(now)
-                self._positions.append(joints[: self._joints])
-                self._news.notify_all()
-            elif isinstance(message, Status) and message.e_stopped != TriState.UNKNOWN:
-                self._stopped.append((now, message.e_stopped == TriState.TRUE))
-
-
-def positions_of(message: JointPosition | JointFeedback) -> tuple[float, ...]:
-    """Return the ten joint values of a message."""
-    return message.joints if isinstance(message, JointPosition) else message.positions
+            self._times.append(now)
+            self._positions.append(joints)
+            self._stopped.append((now, stopped))
+            self._news.notify_all()
 
 
 def standstill(times: Array, positions: Array) -> int | None:

@@ -11,15 +11,23 @@ import pytest
 from support.driver_harness import MODEL, simulated
 from support.event_loop import run
 
+from epson_driver.doctor.asking import IO_KEYS
 from epson_driver.doctor.controller_checks import Question, check_controller
 from epson_driver.doctor.findings import Findings, Level
 from epson_driver.doctor.learning import profile_text, unknown, value_of, why_not
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
+from epson_driver.share import share_file
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
 
-NAMES = ('abb', 'fanuc', 'generic', 'motoman', 'rc620', 'rc700a', 'thesis')
+NAMES = ('abb', 'fanuc', 'generic', 'motoman', 'rc620', 'rc700a', 'spel', 'thesis')
+KINDS = [
+    pytest.param(name, marks=() if name == 'rc620' else pytest.mark.slow) for name in NAMES
+]
+
+IO_OF_SPEL = {'flags': 64}
+"""The memory bits that the program serves, IO_MEMORY_BYTES of config.inc; the controller has 512."""
 
 SEEN = {
     'byte_order',
@@ -78,11 +86,21 @@ def examined(profile='rc620', prepare=None, meanwhile=None, **options):
     return result['facts'], findings
 
 
+def points_of(profile):
+    """Return how many points there are of each type."""
+    return {name: getattr(profile, name) for name in IO_KEYS.values()}
+
+
 def told(findings, level):
     return {each.about: each.found for each in findings.all if each.level is level}
 
 
-@pytest.mark.parametrize('name', NAMES)
+def test_every_profile_is_learned():
+    folder = share_file('config', 'controllers', 'rc620.yaml').parent
+    assert sorted(path.stem for path in folder.glob('*.yaml')) == sorted(NAMES)
+
+
+@pytest.mark.parametrize('name', KINDS)
 def test_a_learned_profile_has_the_keys_of_the_original_or_says_why_not(tmp_path, name):
     original = load_controller_profile(name)
     facts, _ = examined(name, may_ask=True, may_use_io=True, once=True)
@@ -100,12 +118,30 @@ def test_a_learned_profile_has_the_keys_of_the_original_or_says_why_not(tmp_path
         if key == 'state.period':
             assert found == pytest.approx(true, rel=0.02), key
         elif key == 'program.motors' and name != 'motoman':
-            assert (found, true) == ('remote_ethernet', original.program.motors)
+            seen = 'restart' if name == 'spel' else 'remote_ethernet'
+            assert (found, true) == (seen, original.program.motors)
+        elif key == 'io':
+            ours, theirs = points_of(found), points_of(true)
+            assert ours == (theirs | IO_OF_SPEL if name == 'spel' else theirs)
         else:
             assert found == true, key
     text = path.read_text(encoding='utf-8')
     for key in missing:
         assert f'# * {key}: {why_not(key)}' in text
+    assert '# * io: of it the numbers of points only' in text
+
+
+@pytest.mark.parametrize('name', KINDS)
+def test_the_simulator_with_a_learned_profile_behaves_as_the_original(tmp_path, name):
+    facts, _ = examined(name, may_ask=True, may_use_io=True, once=True)
+    path = tmp_path / 'learned.yaml'
+    path.write_text(profile_text('learned', facts, 'generic', 'in a test'), encoding='utf-8')
+    again, _ = examined(str(path), may_ask=True, may_use_io=True, once=True)
+    same = {key for key in facts if not key.startswith('ports.')} - {'state.period'}
+    if name == 'spel':
+        same.remove('program.motors')  # no program runs there that would have to be stopped
+    assert {key: again.get(key) for key in same} == {key: facts[key] for key in same}
+    assert again['state.period'] == pytest.approx(facts['state.period'], rel=0.02)
 
 
 def test_every_key_can_be_found_out_or_has_a_reason_why_not():
@@ -113,7 +149,7 @@ def test_every_key_can_be_found_out_or_has_a_reason_why_not():
         assert why_not(key)
 
 
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', KINDS)
 def test_a_profile_fits_its_own_controller(name):
     _, findings = examined(name, may_ask=True, once=True)
     wrong = told(findings, Level.WRONG)

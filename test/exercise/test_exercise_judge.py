@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from epson_driver.cli.pendant_words import request
-from epson_driver.exercise.cases import CASES
+from epson_driver.exercise.cases import CASES, said
 from epson_driver.exercise.judge import GOOD, Observed, Result, Verdict, judge, junit
 from epson_driver.exercise.witness import MOVED, standstill
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
@@ -30,6 +30,7 @@ USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.array([1.0, 0.0]))
         ({'trajectories': 3}, Verdict.REPEATED, '3 trajectories, without the fault 1'),
         ({'trajectories': 3, 'code': 1}, Verdict.REPEATED, '3 trajectories'),
         ({'moved': False, 'code': 1}, Verdict.NO_MOTION, 'nothing to strike'),
+        ({'refused': 'not in this state'}, Verdict.NO_FAULT, 'did not take it: not in this'),
         ({'moved_after_stop': True, 'code': None}, Verdict.MOVED_AFTER_ESTOP, 'moved again'),
         ({'moved_after_stop': True, 'trajectories': 9}, Verdict.MOVED_AFTER_ESTOP, 'moved'),
     ],
@@ -60,6 +61,13 @@ def test_every_fault_of_the_simulated_controller_is_exercised():
     for case in CASES.values():
         for words in (*case.begin, *case.person):
             assert request(words.split()).commands
+
+
+def test_a_running_spel_program_is_stopped_before_what_it_keeps_from_being_accepted():
+    assert said(('motors off',), spel=True) == ('stop', 'motors off')
+    assert said(('estop release', 'reset'), spel=True) == ('estop release', 'stop', 'reset')
+    for case in CASES.values():
+        assert said(case.begin, spel=False) == case.begin
 
 
 @pytest.mark.invariant(4)
