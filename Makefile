@@ -121,7 +121,7 @@ $(VENV)/.interfaces: $(VENV)/.runtime interfaces/requirements-build.txt $(INTERF
 $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(INSTALL) driver
 
-$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/planning.txt requirements/generate.txt
+$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/planning.txt requirements/generate.txt requirements/report.txt
 	@$(INSTALL) dev
 
 $(VENV)/.planning: $(VENV)/.driver requirements/planning.txt

@@ -25,7 +25,7 @@ class Verdict(StrEnum):
     HUNG = 'hung'
     MOVED_AFTER_ESTOP = 'moved after E-stop'
     NO_MOTION = 'no motion'
-    NO_FAULT = 'no fault'
+    REFUSED = 'fault refused'
 
 
 GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
@@ -78,7 +78,7 @@ def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
     if seen.moved_after_stop:
         return Verdict.MOVED_AFTER_ESTOP, 'the arm stood after the E-stop, and moved again'
     if seen.refused:
-        return Verdict.NO_FAULT, f'the controller did not take it: {seen.refused}'
+        return Verdict.REFUSED, f'the controller did not take it: {seen.refused}'
     if seen.code is None:
         return Verdict.HUNG, f'killed after {seen.seconds:.0f} s; last said: {seen.said or "-"}'
     if not seen.moved:

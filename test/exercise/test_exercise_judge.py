@@ -30,7 +30,7 @@ USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.array([1.0, 0.0]))
         ({'trajectories': 3}, Verdict.REPEATED, '3 trajectories, without the fault 1'),
         ({'trajectories': 3, 'code': 1}, Verdict.REPEATED, '3 trajectories'),
         ({'moved': False, 'code': 1}, Verdict.NO_MOTION, 'nothing to strike'),
-        ({'refused': 'not in this state'}, Verdict.NO_FAULT, 'did not take it: not in this'),
+        ({'refused': 'not in this state'}, Verdict.REFUSED, 'did not take it: not in this'),
         ({'moved_after_stop': True, 'code': None}, Verdict.MOVED_AFTER_ESTOP, 'moved again'),
         ({'moved_after_stop': True, 'trajectories': 9}, Verdict.MOVED_AFTER_ESTOP, 'moved'),
     ],

@@ -54,12 +54,21 @@ def test_three_programs_are_told_apart(tmp_path, name, expected, code):
 
 
 @pytest.mark.slow
-def test_the_driver_is_told_of_the_kind_of_controller(tmp_path):
+@pytest.mark.parametrize(
+    ('controller', 'name', 'fault', 'expected'),
+    [
+        ('motoman', 'good', 'cut', 'passed'),
+        ('fanuc', 'good', 'cut', 'passed'),  # serves one state client: the driver
+        ('spel', 'good', 'motors_off', 'passed'),  # not taken while main runs
+        ('spel', 'repeats', 'estop', 'moved after E-stop'),
+    ],
+)
+def test_every_kind_of_controller_can_be_exercised(tmp_path, controller, name, fault, expected):
     junit = tmp_path / 'junit.xml'
-    words = ['--controller=motoman', '--fault=cut', '--timeout=150', f'--junit={junit}']
-    run = exercise(*words, *program('good'))
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert verdicts(junit) == {'cut': 'passed'}
+    words = [f'--controller={controller}', f'--fault={fault}', '--timeout=150']
+    run = exercise(*words, f'--junit={junit}', *program(name))
+    assert run.returncode == int(expected != 'passed'), run.stdout + run.stderr
+    assert verdicts(junit) == {fault: expected}
 
 
 @pytest.mark.slow

@@ -87,6 +87,8 @@ def test_demo_says_what_is_wrong_with_a_file(tmp_path: Path) -> None:
     assert 'point 4' in words
     assert 'joint_1' in words
     assert '-2.96706' in words
+    page = (tmp_path / 'bad.html').read_text(encoding='utf-8')  # of what came before
+    assert 'Content-Security-Policy' in page
 
 
 def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -240,6 +240,7 @@
     const material = (colour) => new lib.MeshStandardMaterial({
       color: tint ? new lib.Color(tint) : new lib.Color().setRGB(...colour, 'srgb'), roughness: 0.55, metalness: 0.05, side: lib.DoubleSide,
       transparent: opacity < 1, opacity, depthWrite: opacity === 1,
+      polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 8, // where both arms are in the same place, the solid one is seen
     });
     const add = (link, geometry, colour) => {
       const mesh = new lib.Mesh(geometry, material(colour));
@@ -471,7 +472,7 @@
     const joined = lib.uPlot.join(tables, tables.map(() => [0, 1]));
     const axis = { stroke: '#5d6b79', grid: { stroke: '#edf0f3', width: 1 }, ticks: { show: false }, font: '11px system-ui, sans-serif' };
     const u = new lib.uPlot({
-      width: box.clientWidth - 16, height: options.height || 158, legend: { show: false }, padding: [8, 10, 0, 0],
+      width: box.clientWidth - 16, height: options.height || 158, legend: { show: false }, padding: [8, 20, 0, 0],
       cursor: { sync: { key: 'time' }, points: { show: false }, drag: { x: true, y: false } },
       scales: { x: { time: false, range: (_, low, high) => [low ?? first, high ?? last] }, y: options.y || {} },
       axes: [{ ...axis, size: 24, values: (_, ticks) => ticks.map((t) => `${+t.toFixed(4)} s`) }, { ...axis, size: 52 }],
