@@ -72,12 +72,16 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
     try:
         async with conversation(host, port) as motion:
             motion.dialect = state.heard.packets[0][1].dialect
+            clock = asyncio.get_running_loop().time
+            asked = clock()
             reply = await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
+            took = f'{(clock() - asked) * 1e3:.1f} ms'
             if reply is None:
                 _tell_of_silence(motion, findings)
                 return facts
             facts |= _reply_facts(reply)
-            findings.ok('motion port', f'answers a STOP with {_described(reply)}')
+            text = f'answers a STOP after {took} with {_described(reply)}'
+            findings.ok('motion port', text)
             facts['ports.motion'] = port
             if facts['program.kind'] == 'points':
                 facts |= await _ask_points(motion, state)
