@@ -49,6 +49,9 @@ SEEN = {
 }
 """What is found out of every profile. More depends on its kind."""
 
+BOOTED_S = 1.0
+"""A SPEL+ program has opened its ports by then."""
+
 
 def question(profile, ports, **options):
     allowed = {'may_ask': False, 'may_use_io': False, 'once': False, 'seconds': 5.0} | options
@@ -73,6 +76,7 @@ def examined(profile='rc620', prepare=None, meanwhile=None, **options):
 
     async def scenario():
         async with simulated(profile=profile) as (controller, ports):
+            await asyncio.sleep(BOOTED_S)
             if prepare is not None:
                 prepare(controller)
             task = asyncio.create_task(meanwhile(controller, ports)) if meanwhile else None
