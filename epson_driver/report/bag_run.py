@@ -27,6 +27,7 @@ from epson_driver.report.run import (
     Traffic,
     array,
 )
+from epson_driver.report.sent_times import Arrival, sent_times
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 ROBOT_STATUS = 'industrial_msgs/msg/RobotStatus'
@@ -241,6 +242,12 @@ class _Bag:
         if connection.topic.endswith('/report/reply_latency'):
             self._replies.append(Reply(time, float(message.data), 'request'))
 
+    def _sent(self) -> list[float]:
+        """Return when the joint states were sent: their stamps are times of arrival."""
+        arrivals = [Arrival(time, joints=True) for time in self._times]
+        arrivals += [Arrival(each.time, joints=False) for each in self._conditions]
+        return sent_times(sorted(arrivals, key=lambda arrival: arrival.time))
+
     def _order(self, names: list[str]) -> list[int] | None:
         """Return where our joints are among others; None if they are not all there."""
         if not self._names:
@@ -271,6 +278,7 @@ class _Bag:
             times=array(self._times),
             positions=array(self._positions, joints),
             velocities=array(self._velocities, joints) if measured else None,
+            sent=np.maximum.accumulate(array(self._sent())),
             conditions=self._conditions,
             plans=sorted(plans, key=lambda plan: plan.sent),
             events=sorted(events, key=lambda event: event.time),

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.recorded_run import usual_run
+from support.recorded_run import Recorder, position, usual_run
 
 from epson_driver.error_texts import load_error_texts
 from epson_driver.report.figures import figures
 from epson_driver.report.run import FLAGS, RunError
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
+from epson_driver.simple_message import JointPosition, joint_data
 
 rosbags = pytest.importorskip('rosbags', reason='the extra [report] is not installed')
 from rosbags.highlevel import AnyReader  # noqa: E402
@@ -106,6 +107,24 @@ def test_a_report_of_the_bag_has_the_figures_of_the_trace(run, bag):
     assert second.waypoint_deviation == first.waypoint_deviation
     assert second.top_velocity == first.top_velocity
     assert ours.joint_states.rate == pytest.approx(theirs.joint_states.rate, rel=1e-6)
+
+
+@pytest.mark.invariant(8)
+def test_joint_states_that_came_in_bursts_have_the_accelerations_of_the_trace(tmp_path):
+    """A bag has times of arrival: taken for those of sending, an arm jumps in a burst."""
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    for slot in range(800):
+        time = 0.01 + slot * 0.005
+        burst = 0.01 + (slot // 30 * 30 + 29) * 0.005 + slot % 30 * 1e-5
+        arrived = burst if 300 <= slot < 420 else time
+        recorder.says(arrived, 11002, JointPosition(0, joint_data(position(time).tolist())))
+    trace = read_trace(recorder.write(tmp_path / 'run.pcap'), LIMITS, TEXTS)
+    write_bag(trace, figures(trace), tmp_path / 'bag')
+    ours, theirs = figures(trace), figures(read_bag(tmp_path / 'bag', TEXTS))
+    most = np.abs(ours.accelerations).max(axis=0)
+    assert np.abs(theirs.accelerations - ours.accelerations).max() < 0.01 * most.max()
+    assert most[0] < 10.0
 
 
 @pytest.mark.invariant(1)

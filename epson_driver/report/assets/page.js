@@ -10,7 +10,7 @@
   const compare = runs.length > 1;
   const letter = (r) => 'AB'[r];
   const RUN_COLOURS = ['#0b5cad', '#d97706'];
-  const GHOST = 0.01; // rad or m: the plan is drawn as an arm of its own where it is further from the measured one
+  const GHOST = 0.05; // rad or m: the plan is drawn as an arm of its own where it is further from the measured one
   const TAU = 2 * Math.PI;
 
   // --- reading ------------------------------------------------------------------------------------
@@ -294,7 +294,8 @@
     sun.shadow.mapSize.set(1024, 1024);
     Object.assign(sun.shadow.camera, { left: -1.3, right: 1.3, top: 1.3, bottom: -1.3, near: 0.1, far: 7 });
     sun.shadow.radius = 5;
-    sun.shadow.bias = -0.0004;
+    sun.shadow.bias = -0.0006;
+    sun.shadow.normalBias = 0.006;
     scene.add(sun);
     const ground = new lib.Mesh(new lib.PlaneGeometry(8, 8), new lib.ShadowMaterial({ opacity: 0.2 }));
     ground.receiveShadow = true;
@@ -464,6 +465,21 @@
     ctx.restore();
   }
 
+  /** The range of positions: of what was measured, and of the plans' points that are in sight. */
+  function withPlans(u, low, high) {
+    const { min, max } = u.scales.x;
+    let least = low ?? 0, most = high ?? 0;
+    for (const plan of runs.flatMap((run) => run.plans)) plan.at.forEach((t, k) => {
+      if (t < min || t > max) return;
+      joints.forEach((_, j) => {
+        if (!shown[j]) return;
+        least = Math.min(least, plan.q[j][k]);
+        most = Math.max(most, plan.q[j][k]);
+      });
+    });
+    return lib.uPlot.rangeNum(least, most, 0.1, true);
+  }
+
   function addPlot(name, hint, series, options = {}) {
     const box = $('plots').appendChild(element('div', null, 'plot'));
     const line = box.appendChild(element('div', name, 'name'));
@@ -510,7 +526,7 @@
   })));
   let time = first;
   const measured = runs.every((run) => run.figures.velocities === 'measured');
-  addPlot('Position', compare ? 'rad · dashed: B · dots: points of the plans' : 'rad · dots: points of the plan', jointSeries((run) => run.q), { perJoint: true, height: 200, draw: drawPlans });
+  addPlot('Position', compare ? 'rad · dashed: B · dots: points of the plans' : 'rad · dots: points of the plan', jointSeries((run) => run.q), { perJoint: true, height: 200, draw: drawPlans, y: { range: withPlans } });
   addPlot('Velocity', `rad/s · ${measured ? 'measured' : 'from the positions'}`, jointSeries((run) => run.v), { perJoint: true });
   addPlot('Acceleration', 'rad/s² · from the positions', jointSeries((run) => run.a), { perJoint: true });
   if (runs.some((run) => run.plans.length)) addPlot('Behind or ahead of the plan', 'rad · measured − planned, counted from the first motion', jointSeries((run) => run.error), { perJoint: true, height: 130 });
