@@ -212,7 +212,7 @@ async def ask_remote_port(host: str, port: int, password: str, findings: Finding
     flags = status.partition(',')[0]
     runs = flags[RUNNING_FLAG:][:1] == '1'  # counted from the end: RC+ 5 sends one less
     if runs:
-        text = 'a program runs, and keeps the controller from switching motors and from a reset'
-        findings.note('remote port', text, 'the driver stops and starts it: program.motors restart')
+        text = 'a program runs: until it is stopped, motors stay as they are and no reset is taken'
+        findings.note('remote port', text, 'program.motors: restart in the profile')
     motors = 'restart' if runs else 'remote_ethernet'
     return {'ports.remote': port, 'program.motors': motors}

@@ -117,9 +117,7 @@ class Witness:
 
     async def _look(self, ask: Ask) -> None:
         shown = (await ask(self._question)).split()
-        joints = tuple(
-            float(value) / unit for value, unit in zip(shown, self._units, strict=True)
-        )
+        joints = tuple(float(value) / unit for value, unit in zip(shown, self._units, strict=True))
         stopped = (await ask('GetStatus'))[ESTOP_FLAG : ESTOP_FLAG + 1] == '1'
         now = time.monotonic()
         with self._news:

@@ -183,7 +183,9 @@ def test_the_picture_is_written(tmp_path):
         assert path.read_bytes().startswith(b'\x89PNG')
 
 
-@pytest.mark.parametrize(('until', 'reads'), [(3.9, 3), (9.0, MAX_READS)])
+@pytest.mark.parametrize(
+    ('until', 'reads'), [(3.9, 3), pytest.param(9.0, MAX_READS, marks=pytest.mark.slow)]
+)
 def test_the_trace_of_a_driver_that_still_records_is_read_until_now(
     tmp_path, monkeypatch, until, reads
 ):

@@ -22,12 +22,10 @@ from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
 
 NAMES = ('abb', 'fanuc', 'generic', 'motoman', 'rc620', 'rc700a', 'spel', 'thesis')
-KINDS = [
-    pytest.param(name, marks=() if name == 'rc620' else pytest.mark.slow) for name in NAMES
-]
+KINDS = [pytest.param(name, marks=() if name == 'rc620' else pytest.mark.slow) for name in NAMES]
 
 IO_OF_SPEL = {'flags': 64}
-"""The memory bits that the program serves, IO_MEMORY_BYTES of config.inc; the controller has 512."""
+"""Memory bits that the program serves (IO_MEMORY_BYTES of config.inc); the controller has 512."""
 
 SEEN = {
     'byte_order',

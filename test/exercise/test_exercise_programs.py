@@ -9,6 +9,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from epson_driver.cli import exercise as command
+from epson_driver.exercise.cases import CASES
+
 PROGRAMS = Path(__file__).parent / 'programs'
 
 
@@ -39,7 +42,7 @@ def verdicts(junit):
 @pytest.mark.parametrize(
     ('name', 'expected', 'code'),
     [
-        ('good', 'passed', 0),
+        pytest.param('good', 'passed', 0, marks=pytest.mark.slow),
         pytest.param('hangs', 'hung', 1, marks=pytest.mark.slow),
         ('repeats', 'moved after E-stop', 1),
     ],
@@ -90,23 +93,25 @@ def test_a_program_that_repeats_after_a_lost_reply_is_told(tmp_path):
         (('--keep', str(PROGRAMS), '--', 'true'), 'is there already'),
     ],
 )
-def test_wrong_arguments_are_said_in_one_sentence(words, said):
-    run = exercise(*words)
-    assert run.returncode == 2
-    assert said in run.stderr
-    assert 'Traceback' not in run.stderr
+def test_wrong_arguments_are_said_in_one_sentence(monkeypatch, capsys, words, said):
+    monkeypatch.setattr(sys, 'argv', ['epson_driver exercise', *words])
+    with pytest.raises(SystemExit, match='2'):
+        command.main()
+    assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_program_that_does_not_even_work_without_a_fault_is_told():
     run = exercise('--fault=estop', '--timeout=60', '--', sys.executable, '-c', 'print("hello")')
     assert run.returncode == 2
     assert 'without having moved the arm' in ' '.join(run.stdout.split())
 
 
-def test_the_list_names_every_case():
-    run = exercise('--list')
-    assert run.returncode == 0
-    assert 'estop_at_point' in run.stdout
+def test_the_list_names_every_case(monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['epson_driver exercise', '--list'])
+    assert command.main() == 0
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert listed == list(CASES)
 
 
 OTHER_PACKAGE = """
@@ -131,6 +136,7 @@ def test_ours(sim_controller):
 """
 
 
+@pytest.mark.slow
 def test_another_package_uses_the_fixture(tmp_path):
     (tmp_path / 'conftest.py').write_text(
         "pytest_plugins = ['epson_driver.exercise.pytest_plugin']\n"

@@ -193,7 +193,9 @@ def test_one_of_several_robots_is_chosen_by_its_namespace(tmp_path):
         read_bag(bag, TEXTS, 'c')
 
 
-@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize(
+    'storage', [StoragePlugin.SQLITE3, pytest.param(StoragePlugin.MCAP, marks=pytest.mark.slow)]
+)
 def test_a_bag_is_read_from_its_folder_and_from_its_file(tmp_path, storage):
     bag = other_bag(tmp_path / 'bag', '/left/joint_states', storage=storage)
     (file,) = {*bag.iterdir()} - {bag / 'metadata.yaml'}

@@ -16,6 +16,8 @@ from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
 
 MODEL = load_robot_model('c3_a601s')
+pytestmark = pytest.mark.slow  # ten seconds and more in a browser without a graphics card
+
 HARMLESS = 'GPU stall due to ReadPixels'
 """What Chromium says when a test takes pictures of WebGL without a graphics card."""
 

@@ -55,6 +55,7 @@ def test_the_policy_allows_these_scripts_and_nothing_else(tmp_path):
     assert not re.search(r'<(link|img|iframe|script|source)[^>]*\s(src|href)=', text)
 
 
+@pytest.mark.slow
 def test_a_minute_of_motion_is_at_most_two_megabytes():
     count = 60 * 182
     times = np.arange(count) / 182.0
@@ -65,6 +66,7 @@ def test_a_minute_of_motion_is_at_most_two_megabytes():
     assert len(page([(run, figures(run))], MODEL).encode()) <= 2_000_000
 
 
+@pytest.mark.slow
 def test_a_long_run_is_thinned_out_and_says_so(tmp_path):
     count = MAX_SAMPLES * 5 // 2
     times = np.arange(count) * 0.005
