@@ -74,7 +74,8 @@ def examined(profile='rc620', prepare=None, meanwhile=None, **options):
 
     async def scenario():
         async with simulated(profile=profile) as (controller, ports):
-            await asyncio.sleep(BOOTED_S)
+            if held.spel.project:
+                await asyncio.sleep(BOOTED_S)
             if prepare is not None:
                 prepare(controller)
             task = asyncio.create_task(meanwhile(controller, ports)) if meanwhile else None
