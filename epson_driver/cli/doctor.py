@@ -8,10 +8,12 @@ import json
 import subprocess
 import sys
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
+from rich.padding import Padding
 
 from epson_driver.cli.arguments import FREE_PORT, argument, host
 from epson_driver.cli.interrupt import INTERRUPTED
@@ -105,8 +107,9 @@ def _finish(
             with arguments.learn.open('x', encoding='utf-8') as file:
                 file.write(text)
             console.print(f'profile: {arguments.learn}, {len(facts)} keys found; not found out:')
-            for key in unknown(facts):
-                console.print(f'  {key}: {why_not(key)}', style='dim', markup=False)
+            for why, keys in groupby(sorted(unknown(facts), key=why_not), why_not):
+                console.print(Padding(f'{why}:', (0, 0, 0, 2)), style='dim')
+                console.print(Padding(', '.join(keys), (0, 0, 0, 4)), style='dim')
         else:
             findings.wrong('--learn', 'nothing was found out: no profile is written', 'see above')
     if arguments.save is not None:
