@@ -18,6 +18,9 @@ LATE_PERIODS = 5.0
 UNLIKELY_SHARE = 0.3
 """A velocity that is off by a larger share of the one that many samples show is not believed."""
 
+SHORTEST_SHARE = 0.9
+"""Of the usual time between two joint states: they are not sent sooner one after the other."""
+
 CHUNK = 20_000
 """Samples that are fitted together: it bounds the memory."""
 
@@ -25,14 +28,17 @@ CHUNK = 20_000
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
     """Return velocities and accelerations by the times of sending, shape (k, m).
 
+    A controller sends in a rhythm: joint states that came in a burst were held up on the way.
     Around a joint state that came much too late nobody knows whether it was held up or sent late.
     There, what differs much from a fit to MAX_NEIGHBOURS on either side, by the times of arrival,
     is replaced by that.
     """
-    velocities, accelerations = derivatives(sent, positions)
     if len(came) < 2 * MIN_NEIGHBOURS + 1:
-        return velocities, accelerations
+        return derivatives(sent, positions)
     gaps = np.diff(came)
+    shortest = SHORTEST_SHARE * float(np.median(gaps))
+    sent, came = apart(sent, shortest), apart(came, shortest)
+    velocities, accelerations = derivatives(sent, positions)
     late = np.flatnonzero(gaps > LATE_PERIODS * np.median(gaps))
     doubtful = np.zeros(len(came), dtype=bool)
     for at in late.tolist():
@@ -46,6 +52,12 @@ def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Arra
     unlikely &= doubtful[:, None]
     velocities[unlikely], accelerations[unlikely] = slopes[unlikely], bends[unlikely]
     return velocities, accelerations
+
+
+def apart(times: Array, shortest: float) -> Array:
+    """Return times, ascending, of which no two are closer than `shortest` s, and none is later."""
+    steps = shortest * np.arange(len(times))
+    return np.asarray(np.minimum.accumulate((times - steps)[::-1])[::-1] + steps)
 
 
 def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from epson_driver.report.page import page
 from epson_driver.report.run import NO, YES, RunError
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
-from epson_driver.simple_message import JointPosition, JointTrajPt, Status
+from epson_driver.simple_message import JointPosition, JointTrajPt, Status, joint_data
 
 LIMITS = load_robot_model('c3_a601s').limits
 TEXTS = load_error_texts()
@@ -210,6 +210,25 @@ def test_a_controller_that_pauses_again_and_again_did_not_move_faster(tmp_path, 
         recorder.says(time, 11002, JointPosition(0, (0.4 * time,) * 10))
     numbers = figures(read(recorder, tmp_path))
     assert np.abs(numbers.velocities).max() < 0.45
+
+
+@pytest.mark.invariant(8)
+@pytest.mark.parametrize('seed', [0, 2, 4])
+def test_joint_states_that_were_held_up_and_came_in_bursts_show_no_jump(tmp_path, seed):
+    """They were counted as sent when they came: 500 rad/s and a million rad/s² of an arm at 1."""
+    chance = np.random.default_rng(seed)
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    arrived = until = 0.0
+    for slot in range(800):
+        time = 0.01 + slot * 0.005
+        if chance.random() < 0.006:
+            until = time + chance.uniform(0.05, 0.4)
+        arrived = max(time, until, arrived + 1e-5)
+        recorder.says(arrived, 11002, JointPosition(0, joint_data(position(time).tolist())))
+    numbers = figures(read(recorder, tmp_path))
+    assert np.abs(numbers.velocities).max() < 1.15  # it was 1.0
+    assert np.abs(numbers.accelerations).max() < 20.0  # it was 1.6
 
 
 @pytest.mark.parametrize(
