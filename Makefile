@@ -113,7 +113,7 @@ pictures: $(VENV)/.dev
 	$(if $(ARGS),,OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.animation)
 
 clean:
-	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png
+	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png demo-report.html demo-report.json
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The steps of the installation, each with a stamp. install.py prints the progress.
@@ -129,7 +129,8 @@ $(VENV)/.interfaces: $(VENV)/.runtime interfaces/requirements-build.txt $(INTERF
 $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(INSTALL) driver
 
-$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/panel.txt requirements/planning.txt requirements/generate.txt
+$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/generate.txt requirements/panel.txt requirements/planning.txt \
+		requirements/report.txt
 	@$(INSTALL) dev
 
 $(VENV)/.planning: $(VENV)/.driver requirements/planning.txt

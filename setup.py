@@ -19,9 +19,12 @@ NAME = 'epson_driver'
 NAMES = (
     'client',
     'demo',
+    'doctor',
+    'exercise',
     'panel',
     'pendant',
     'replay',
+    'report',
     'robots',
     'sim_controller',
     'smooth',
@@ -97,13 +100,13 @@ setup(
     maintainer='epson_driver developers',
     maintainer_email='epson-driver@example.org',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'report/assets/*']},
     python_requires='>=3.11',
     # ROS packages are not listed: on a ROS machine they are not Python distributions.
     # requirements/runtime.txt has them for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
-        'report': ['matplotlib'],
+        'report': ['matplotlib', 'rosbags'],
         'panel': ['viser==1.1.1'],  # exactly: panel/web_server.py relies on its inside
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
@@ -125,6 +128,9 @@ setup(
     data_files=list(data_files()),
     scripts=EXECUTABLES if BY_COLCON else [],
     cmdclass={'build_scripts': BuildScripts},
-    entry_points={'console_scripts': [f'{NAME} = {NAME}.cli.__main__:main']},
+    entry_points={
+        'console_scripts': [f'{NAME} = {NAME}.cli.__main__:main'],
+        'ros2doctor.checks': [f'EpsonDriverCheck = {NAME}.cli.ros2_doctor:EpsonDriverCheck'],
+    },
     zip_safe=False,
 )

@@ -83,6 +83,8 @@ PACKAGES = {
     'api': Package(3, BOTTOM | {'link', 'driver'}, frozenset({'numpy'})),
     'aio': Package(3, BOTTOM | {'driver', 'api'}, frozenset({'numpy'})),
     'robot': Package(3, frozenset({'aio', 'api', 'motion', 'robots'}), frozenset({'numpy'})),
+    'report': Package(3, BOTTOM | {'link', 'trace', 'driver'}, frozenset({'numpy', 'rosbags'})),
+    'doctor': Package(3, BOTTOM | {'remote_ethernet'}, frozenset({'numpy', 'yaml'})),
     'bringup': Package(
         3, frozenset({'inputs', 'profiles', 'robots', 'share'}), frozenset({'xacro'})
     ),
@@ -105,6 +107,9 @@ PACKAGES = {
             'node',
             'panel',
             'planning',
+            'report',
+            'doctor',
+            'exercise',
         },
         ANY,
         ros=True,
@@ -112,7 +117,16 @@ PACKAGES = {
     ),
 }
 
+PACKAGES['exercise'] = Package(
+    4,
+    BOTTOM | {'cli', 'remote_ethernet', 'report', 'sim_controller'},
+    frozenset({'numpy', 'pytest'}),
+)
+"""It starts the executables as processes, and is the library of one of them."""
+
 BESIDE = {
+    ('cli', 'exercise'),
+    ('exercise', 'cli'),
     ('robots', 'inputs'),
     ('robots', 'motion'),
     ('robots', 'share'),
@@ -170,11 +184,16 @@ SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
 """Of packages with packages of their own: what each of these, or file beside them, may import."""
 
 ROS_ENDINGS = ('_msgs', '_srvs', '_interfaces', '_ros')
+WITHOUT_ROS = ('rosbags',)
+"""Libraries of others that only sound like it: pure Python, no ROS installation."""
+
 ROS_BEGINNINGS = ('ament_', 'launch', 'rcl', 'ros2', 'rosbag', 'rosidl_', 'tf2', 'tracetools')
 
 
 def is_ros(library: str) -> bool:
     """Return whether a top-level module belongs to ROS."""
+    if library in WITHOUT_ROS:
+        return False
     return library.endswith(ROS_ENDINGS) or library.startswith(ROS_BEGINNINGS)
 
 

@@ -53,6 +53,14 @@ def picture(text: str) -> Path:
     return path
 
 
+def page(text: str) -> Path:
+    """Return the path of a report page, which must end in .html."""
+    path = Path(text)
+    if path.suffix != '.html':
+        raise argparse.ArgumentTypeError(f'{printable(shown(text))}: must end in .html')
+    return path
+
+
 def if_in_use(cause: BaseException | None) -> str:
     """Return what to do if a port could not be opened because another process has it."""
     if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:

@@ -27,26 +27,25 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.cli.arguments import argument, picture
+from epson_driver.cli.arguments import argument, page, picture
 from epson_driver.cli.cell import running_controller, running_driver
-from epson_driver.cli.demo_report import (
-    MAX_DEVIATION_RAD,
-    Drawn,
-    Figures,
-    Recording,
-    draw,
-    measure,
-)
+from epson_driver.cli.demo_report import TRACE, Drawn, draw, recorded_run
 from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.panel import INSTALL as INSTALL_PANEL
 from epson_driver.cli.panel import missing as panel_missing
 from epson_driver.cli.processes import Ports, RunError
+from epson_driver.cli.report import write_report
 from epson_driver.cli.staying import panel_beside, stay
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
+from epson_driver.report.figures import figures
+from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
+from epson_driver.report.run import Run as WireRun
+from epson_driver.report.run import RunError as ReportError
+from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
@@ -63,6 +62,8 @@ INSTALL = (
 )
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+ROBOT = 'c3_a601s'
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 
@@ -93,7 +94,9 @@ def main() -> int:
 
             first = arguments.seed or 1
             seeds = range(first, first + (arguments.seeds or 1))
-            return demo_plan.run(seeds, arguments.picture, console, staying=staying)
+            return demo_plan.run(
+                seeds, arguments.picture, arguments.report, console, staying=staying
+            )
         trajectory = read_trajectory(arguments.trajectory)
         motions = _motions(arguments)
         runs = []
@@ -116,8 +119,8 @@ def main() -> int:
                     return code
         return _report(arguments, trajectory, runs, console)
     except _GoalError as error:
-        return _judged(console, [str(error)], error.missed, 0.0)
-    except (RunError, InputError, OSError) as error:
+        return _unfinished(error, arguments.report, console)
+    except (RunError, ReportError, InputError, OSError) as error:
         said = f'[bold red]demo failed:[/] {escape(printable(error))}'
         console.print(said, highlight=False, soft_wrap=True)
         return 1
@@ -163,6 +166,12 @@ def _arguments() -> argparse.Namespace:
         help='where to draw positions and velocities (default: %(default)s)',
     )
     parser.add_argument(
+        '--report',
+        type=page,
+        metavar='FILE',
+        help='where to write the page with arm and figures (default: beside the picture)',
+    )
+    parser.add_argument(
         '--plan',
         action='store_true',
         help='plan a pick and place around obstacles, execute it, and check it for collisions',
@@ -189,6 +198,7 @@ def _arguments() -> argparse.Namespace:
         '--panel', action='store_true', help='the same, and the panel must be installed'
     )
     arguments = parser.parse_args()
+    arguments.report = arguments.report or arguments.picture.with_suffix('.html')
     if arguments.plan and (arguments.compare or arguments.motion == 'ptp'):
         parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
     if arguments.plan and arguments.controller != NATIVE:
@@ -233,6 +243,8 @@ class Run:
     round_trips: list[float]
     missed: int
     """Deadlines that the controller missed meanwhile."""
+    wire: WireRun
+    """What went over the wire: of it the page is made."""
 
     @property
     def faults(self) -> list[str]:
@@ -252,9 +264,10 @@ class Run:
 class _GoalError(RunError):
     """The goal was not reached; meanwhile the controller missed so many deadlines."""
 
-    def __init__(self, text: str, missed: int) -> None:
+    def __init__(self, text: str, missed: int, wire: WireRun) -> None:
         super().__init__(text)
         self.missed = missed
+        self.wire = wire
 
 
 @contextmanager
@@ -277,7 +290,7 @@ def _executed(
     if motion != 'spel':
         how.append(f'--motion={motion}')
     with running_controller(folder, start, *how) as ports:
-        round_trips = _ping(ports)  # with the controller to itself
+        round_trips = _ping(ports) if staying else []
         with (
             running_driver(
                 folder,
@@ -286,6 +299,8 @@ def _executed(
                 console,
                 controller=controller,
                 allow_nonzero_velocity_at_trajectory_end='true',
+                trace_folder=str(folder),
+                trace_file=TRACE,
             ) as driver,
             panel_beside(folder, driver, console, wanted=staying) as panel,
         ):
@@ -294,14 +309,19 @@ def _executed(
             console.print(f'robot ready after {time.monotonic() - began:.1f} s')
             text, succeeded = user.execute(trajectory, console)
             missed = deadlines_missed(ports.remote) - missed
+            wire = recorded_run(folder / TRACE, load_robot_model(ROBOT), TITLES[motion])
             if not succeeded:
-                raise _GoalError(f'the goal was not reached: {text}', missed)
+                raise _GoalError(f'the goal was not reached: {text}', missed, wire)
             latencies = user.reply_latencies()
             run = user.recording()
-            yield (
-                Run(motion, run, measure(trajectory, run), text, latencies, round_trips, missed),
-                partial(stay, driver, panel, console),
+            done = Run(
+                motion, run, measure(trajectory, run), text, latencies, round_trips, missed, wire
             )
+            if staying:
+                yield done, partial(stay, driver, panel, console)
+                return
+        round_trips += _ping(ports)  # with the controller to itself
+        yield done, lambda: None
 
 
 def _report(
@@ -311,9 +331,23 @@ def _report(
     drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
     draw(arguments.picture, trajectory, drawn)
     console.print(f'picture: {arguments.picture}', highlight=False)
+    _write_report(arguments.report, *(run.wire for run in runs))
     faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
     gap = max(run.figures.longest_gap for run in runs)
     return _judged(console, faults, sum(run.missed for run in runs), gap)
+
+
+def _unfinished(error: _GoalError, report: Path, console: Console) -> int:
+    """Report what went over the wire until the goal failed: it shows why."""
+    try:
+        _write_report(report, error.wire)
+    except OSError as why:
+        console.print(f'no report: {escape(printable(why))}', highlight=False)
+    return _judged(console, [str(error)], error.missed, 0.0)
+
+
+def _write_report(report: Path, *runs: WireRun) -> None:
+    write_report([(run, figures(run)) for run in runs], load_robot_model(ROBOT), report)
 
 
 def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int:

@@ -19,14 +19,17 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from epson_driver.cli.cell import running_controller, running_driver
-from epson_driver.cli.demo_report import Recording, measure
+from epson_driver.cli.demo_report import TRACE, recorded_run
 from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.plan_report import Executed, draw
+from epson_driver.cli.report import write_report
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.cli.staying import panel_beside, stay
 from epson_driver.planning.plan import Plan, PlanningError, plan_task
 from epson_driver.planning.task import HOME_RAD, draw_task
 from epson_driver.planning.verdict import judge
+from epson_driver.report.figures import figures
+from epson_driver.report.measure import Recording, measure
 from epson_driver.robots import RobotModel, load_robot_model
 
 ROBOT = 'c3_a601s'
@@ -79,7 +82,7 @@ class Outcome:
         return faults
 
 
-def run(seeds: range, picture: Path, console: Console, *, staying: bool) -> int:
+def run(seeds: range, picture: Path, report: Path, console: Console, *, staying: bool) -> int:
     """Plan and execute the task of each seed.
 
     Returns 0 only if nothing was wrong with any, TOO_BUSY if nobody can tell. `staying`: with the
@@ -91,7 +94,13 @@ def run(seeds: range, picture: Path, console: Console, *, staying: bool) -> int:
         tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name,
         running_controller(folder := Path(name), HOME_RAD, f'--robot={model.name}') as ports,
         running_driver(
-            folder, ports, model.joint_names, console, robot_model=model.name
+            folder,
+            ports,
+            model.joint_names,
+            console,
+            robot_model=model.name,
+            trace_folder=str(folder),
+            trace_file=TRACE,
         ) as driver,
         panel_beside(folder, driver, console, wanted=staying) as panel,
     ):
@@ -110,11 +119,12 @@ def run(seeds: range, picture: Path, console: Console, *, staying: bool) -> int:
                     break  # every plan begins at home
             progress.update(bar, description='done')
             missed = deadlines_missed(ports.remote) - missed
+        wire = recorded_run(folder / TRACE, model, 'pick and place')
+        code = _report(outcomes, seeds, model, picture, console, missed)
+        write_report([(wire, figures(wire))], model, report)
         if staying:
-            code = _report(outcomes, seeds, model, picture, console, missed)
             stay(driver, panel, console)
-            return code
-    return _report(outcomes, seeds, model, picture, console, missed)
+    return code
 
 
 def _attempt(

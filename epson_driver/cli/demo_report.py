@@ -1,128 +1,43 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A demo run in figures and as a picture, from the joint states that were received."""
+"""The picture of a demo run, from the joint states that were received, and what the wire shows."""
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from epson_driver.cli.smooth_report import COLOURS
-from epson_driver.motion import Array, Trajectory
-from epson_driver.motion.passages import passages
+from epson_driver.error_texts import load_error_texts
+from epson_driver.motion import Trajectory
+from epson_driver.report.measure import Figures, Recording
+from epson_driver.report.run import Run
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import RobotModel
 
-STOPPED_SHARE, MOVING_SHARE = 0.06, 0.15
-"""Below the first share of the run's typical speed the arm has stopped, above the second it moves
-again; between them the noise of the arrival times decides nothing."""
+TRACE = 'demo.pcap'
+"""The driver's trace, in the folder of the demo's logs."""
 
-NEIGHBOURS = 2
-"""So many joint states before and after one say how fast it is."""
+WRITTEN_S = 0.3
+"""The driver writes what it has recorded a little more often, s."""
 
-MAX_DEVIATION_RAD = 0.02
-"""How far from a waypoint the motion may pass, rad. Between two joint states it is taken for
-straight: 1 mrad off at the highest acceleration if they are 14 ms apart, more if they are rarer.
-"""
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """Joint states in the order they came: times (k,), s; positions, velocities (k, n)."""
-
-    times: Array
-    positions: Array
-    velocities: Array
+MAX_READS = 10
 
 
-@dataclass(frozen=True, eq=False)
-class Figures:
-    """The run in numbers. Times in s, angles in rad, speed in rad/s.
+def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
+    """Return the demo's run until now, from the trace of a driver that still records.
 
-    stops: on the way, without those that were commanded.
+    `what` was run. It is read again until what came before this call is in it, a few times at
+    most: where nothing comes any more, it ends with the last message. Raises report.run.RunError.
     """
-
-    planned: float
-    moved: float
-    waypoint_deviation: float
-    end_deviation: float
-    stops: int
-    commanded_stops: int
-    top_speed: float
-    rate: float
-    longest_gap: float
-    waypoint_times: Array
-    begin: float
-
-
-def measure(trajectory: Trajectory, run: Recording) -> Figures:
-    """Return the figures of a run; the joints of both are in the same order."""
-    speeds = _speeds(run)
-    moving = np.flatnonzero(speeds > STOPPED_SHARE)
-    first, last = (int(moving[0]), int(moving[-1])) if moving.size else (0, 0)
-    distances, times = _waypoints(trajectory, run)
-    gaps = np.diff(run.times)
-    stops, commanded = _stops(speeds), _commanded_stops(trajectory)
-    return Figures(
-        planned=trajectory.duration,
-        moved=float(run.times[last] - run.times[first]),
-        waypoint_deviation=float(distances.max()),
-        end_deviation=float(np.abs(run.positions[-1] - trajectory.positions[-1]).max()),
-        stops=max(stops - commanded, 0),
-        commanded_stops=min(stops, commanded),
-        top_speed=float(np.abs(run.velocities).max()),
-        rate=float(len(gaps) / (run.times[-1] - run.times[0])),
-        longest_gap=float(gaps.max()),
-        waypoint_times=times,
-        begin=float(run.times[first]),
-    )
-
-
-def _speeds(run: Recording) -> Array:
-    """Return the fastest joint's speed at each state, as a share of the run's median, shape (k,).
-
-    From the states around each, two on either side: one that came late is no stop. The median,
-    since states that come in a burst look too fast.
-    """
-    steps = np.abs(run.positions[2 * NEIGHBOURS :] - run.positions[: -2 * NEIGHBOURS]).max(axis=1)
-    between = np.maximum(run.times[2 * NEIGHBOURS :] - run.times[: -2 * NEIGHBOURS], 1e-3)
-    speeds = np.pad(steps / between, NEIGHBOURS)
-    typical = np.median(speeds[speeds > 0.0]) if speeds.any() else 1.0
-    return np.asarray(speeds / typical)
-
-
-def _stops(speeds: Array) -> int:
-    """Return how often the arm stopped and moved on."""
-    moving = speeds >= MOVING_SHARE
-    decided = moving | (speeds <= STOPPED_SHARE)
-    begins = np.flatnonzero(np.diff(moving[decided].astype(int)) == 1)
-    return max(len(begins) - 1, 0)
-
-
-def _commanded_stops(trajectory: Trajectory) -> int:
-    """Return how often the plan itself slows down to a stop on the way."""
-    if len(trajectory.times) < 3:
-        return 0
-    steps = np.diff(trajectory.positions, axis=0) / np.diff(trajectory.times)[:, None]
-    speeds = np.abs(steps if trajectory.velocities is None else trajectory.velocities).max(axis=1)
-    moving = speeds[speeds > 0.0]
-    return _stops(np.pad(speeds / np.median(moving), 1)) if moving.size else 0
-
-
-def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
-    """Return how near each waypoint was passed, rad, and when, s; shapes (n,)."""
-    samples = passages(trajectory.positions, run.positions)
-    distances = np.abs(run.positions[samples] - trajectory.positions).max(axis=1)
-    share = np.linspace(0.0, 1.0, 41)[:, None]
-    for index, (waypoint, sample) in enumerate(
-        zip(trajectory.positions, samples.tolist(), strict=True)
-    ):
-        for first in (sample - 1, sample):
-            if 0 <= first < len(run.positions) - 1:
-                start, end = run.positions[first], run.positions[first + 1]
-                line = np.abs(start + share * (end - start) - waypoint).max(axis=1)
-                distances[index] = min(distances[index], line.min())
-    return distances, run.times[samples]
+    until = time.time_ns()
+    for _ in range(MAX_READS):
+        time.sleep(WRITTEN_S)
+        run = read_trace(trace, model.limits, load_error_texts())
+        if run.nanoseconds(run.ended) >= until:
+            break
+    return replace(run, source=f'demo, {what}')
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from epson_driver.cli.demo_report import Figures, Recording
 from epson_driver.cli.raster import halved, rasterised, view
 from epson_driver.cli.smooth_report import COLOURS
 from epson_driver.planning.plan import MOTION_MARGIN_M, Plan
 from epson_driver.planning.triangles import Picture, Triangles, joined
 from epson_driver.planning.verdict import Verdict
+from epson_driver.report.measure import Figures, Recording
 from epson_driver.robots import RobotModel
 
 EYE = view(np.radians(14.0), np.radians(40.0))

@@ -23,10 +23,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from epson_driver.cli.demo_report import Recording
 from epson_driver.cli.processes import RunError
 from epson_driver.motion import Trajectory
 from epson_driver.node.trajectory_messages import trajectory_message
+from epson_driver.report.measure import Recording
 
 READY_TIMEOUT_S = 30.0
 """How long anything but the motion itself may take, s."""

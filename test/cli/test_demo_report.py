@@ -6,9 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.recorded_run import BEGAN, usual_run
 
-from epson_driver.cli.demo_report import MAX_DEVIATION_RAD, Drawn, Recording, draw, measure
+from epson_driver.cli import demo_report
+from epson_driver.cli.demo_report import MAX_READS, Drawn, draw, recorded_run
 from epson_driver.motion import Trajectory
+from epson_driver.report.measure import MAX_DEVIATION_RAD, Recording, measure
+from epson_driver.robots import load_robot_model
 
 NAMES = ('a', 'b')
 PERIOD = 0.005
@@ -177,3 +181,25 @@ def test_the_picture_is_written(tmp_path):
         path.unlink(missing_ok=True)
         draw(path, plan(WAYPOINTS), runs)
         assert path.read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize(
+    ('until', 'reads'), [(3.9, 3), pytest.param(9.0, MAX_READS, marks=pytest.mark.slow)]
+)
+def test_the_trace_of_a_driver_that_still_records_is_read_until_now(
+    tmp_path, monkeypatch, until, reads
+):
+    whole = usual_run().content()
+    trace = tmp_path / 'demo.pcap'
+    pauses = []
+
+    def write_on(_seconds):
+        pauses.append(1)
+        trace.write_bytes(whole[: len(whole) * len(pauses) // 3])
+
+    monkeypatch.setattr(demo_report.time, 'time_ns', lambda: round((BEGAN + until) * 1e9))
+    monkeypatch.setattr(demo_report.time, 'sleep', write_on)
+    run = recorded_run(trace, load_robot_model('c3_a601s'), 'smooth')
+    assert len(pauses) == reads
+    assert run.times[-1] > 3.9
+    assert run.source == 'demo, smooth'

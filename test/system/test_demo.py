@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make demo`, as a newcomer runs it."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -36,6 +37,13 @@ def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
     run = demo(f'--picture={picture}')
     assert_judged(run)
     assert picture.read_bytes().startswith(b'\x89PNG')
+    assert 'Content-Security-Policy' in picture.with_suffix('.html').read_text(encoding='utf-8')
+    (motion,) = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))['motions']
+    assert motion['points'] == 11
+    assert motion['dead_time_s'] > 0.0
+    if not run.returncode:
+        assert motion['stops'] == 0
+        assert motion['waypoint_deviation'] < 0.02
 
 
 @pytest.mark.slow
@@ -45,6 +53,10 @@ def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: P
     assert_judged(run)
     assert 'SPEL+ program' in run.stdout
     assert picture.exists()
+    figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
+    sources = [each['source'] for each in figures]
+    assert sources == ['demo, smooth', 'demo, SPEL+ program']
+    assert all(len(each['motions']) == 1 for each in figures)
 
 
 @pytest.mark.parametrize(
@@ -75,6 +87,8 @@ def test_demo_says_what_is_wrong_with_a_file(tmp_path: Path) -> None:
     assert 'point 4' in words
     assert 'joint_1' in words
     assert '-2.96706' in words
+    page = (tmp_path / 'bad.html').read_text(encoding='utf-8')  # of what came before
+    assert 'Content-Security-Policy' in page
 
 
 def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -108,3 +122,7 @@ def test_smooth_and_point_to_point_side_by_side(tmp_path: Path) -> None:
     assert at_points == 9
     assert smooth == 0 or run.returncode == TOO_BUSY
     assert picture.read_bytes().startswith(b'\x89PNG')
+    both = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
+    assert [each['source'] for each in both] == ['demo, point to point', 'demo, smooth']
+    if not run.returncode:
+        assert [each['motions'][0]['stops'] for each in both] == [9, 0]

@@ -13,12 +13,12 @@ from support.controller_harness import FAILURE, MODEL, STOP, SUCCESS, point, spl
 from support.program_bench import STEP_S, OurProgramBench
 from support.sim_process import COMMAND
 
-from epson_driver.cli.demo_report import Recording, measure
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
 from epson_driver.inputs import InputError
 from epson_driver.motion import Trajectory
 from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.report.measure import Recording, measure
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 from epson_driver.sim_controller.spel_host.profile_project import profile_project

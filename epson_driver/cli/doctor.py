@@ -1,0 +1,226 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver doctor [ADDRESS]`: what is wrong from this machine to the controller."""
+
+import argparse
+import asyncio
+import json
+import subprocess
+import sys
+from datetime import UTC, datetime
+from itertools import groupby
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.padding import Padding
+
+from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.interrupt import INTERRUPTED
+from epson_driver.doctor.controller_checks import MIN_LISTENING_S, Question, check_controller
+from epson_driver.doctor.environment import check_environment
+from epson_driver.doctor.findings import Finding, Findings, Level, as_text
+from epson_driver.doctor.learning import profile_text, unknown, why_not
+from epson_driver.doctor.state_facts import Facts
+from epson_driver.inputs import InputError, number, printable
+from epson_driver.profiles import ControllerProfile, load_controller_profile
+from epson_driver.robots import RobotModel, load_robot_model
+
+COLOURS = {
+    Level.OK: 'green',
+    Level.NOTE: 'yellow',
+    Level.WRONG: 'bold red',
+    Level.SKIPPED: 'dim',
+}
+
+MOVEIT_PATIENCE_S = 3.0
+MOVEIT_TIMEOUT_S = 60.0
+
+
+def main() -> int:
+    """Look at everything that may be looked at. Returns 0 if nothing is wrong, else 1."""
+    parser = _parser()
+    arguments = parser.parse_args()
+    if arguments.address is None and (arguments.learn or arguments.ask or arguments.jog):
+        parser.error('--learn, --ask and --jog are about a controller: give its address')
+    if arguments.learn and arguments.learn.exists():
+        parser.error(f'{printable(arguments.learn)}: is there already; a profile is a new file')
+    try:
+        profile = load_controller_profile(arguments.controller)
+        model = load_robot_model(arguments.robot)
+    except (OSError, InputError) as error:
+        parser.error(printable(error))
+    console = Console(highlight=False)
+    findings = Findings(lambda finding: _tell(console, finding))
+    facts: Facts = {}
+    try:
+        console.rule('this machine', align='left')
+        check_environment(findings)
+        _check_moveit(model, findings)
+        if arguments.address is not None:
+            console.rule(f'the controller at {escape(arguments.address)}', align='left')
+            question = _question(arguments, profile, model)
+            ask = _asked if arguments.jog else None
+            facts = asyncio.run(check_controller(question, findings, ask))
+        return _finish(arguments, findings, facts, console)
+    except OSError as error:
+        parser.error(printable(error))
+    except (KeyboardInterrupt, EOFError):
+        return INTERRUPTED
+
+
+async def _asked(sentence: str) -> str:
+    return await asyncio.to_thread(input, sentence)
+
+
+def _question(
+    arguments: argparse.Namespace, profile: ControllerProfile, model: RobotModel
+) -> Question:
+    def port(name: str) -> int:
+        given = getattr(arguments, f'{name}_port')
+        return int(getattr(profile.ports, name) if given is None else given)
+
+    return Question(
+        host=arguments.address,
+        profile=profile,
+        model=model,
+        state_port=port('state'),
+        motion_port=port('motion'),
+        io_port=port('io'),
+        remote_port=port('remote'),
+        password=arguments.password,
+        seconds=arguments.seconds,
+        may_ask=arguments.ask,
+        may_use_io=arguments.io,
+        once=arguments.once,
+    )
+
+
+def _finish(
+    arguments: argparse.Namespace, findings: Findings, facts: Facts, console: Console
+) -> int:
+    """Write the files, and say how it is."""
+    if arguments.learn is not None:
+        if facts:
+            about = f'{arguments.address}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC'
+            text = profile_text(arguments.learn.stem, facts, arguments.like, about)
+            with arguments.learn.open('x', encoding='utf-8') as file:
+                file.write(text)
+            console.print(f'profile: {arguments.learn}, {len(facts)} keys found; not found out:')
+            for why, keys in groupby(sorted(unknown(facts), key=why_not), why_not):
+                console.print(Padding(f'{why}:', (0, 0, 0, 2)), style='dim')
+                console.print(Padding(', '.join(keys), (0, 0, 0, 4)), style='dim')
+        else:
+            findings.wrong('--learn', 'nothing was found out: no profile is written', 'see above')
+    if arguments.save is not None:
+        head = [f'epson_driver doctor {" ".join(sys.argv[1:])}', f'{datetime.now(UTC):%F %T} UTC']
+        arguments.save.write_text(as_text(findings.all, head), encoding='utf-8')
+        console.print(f'text: {arguments.save}', markup=False)
+    wrong = sum(each.level is Level.WRONG for each in findings.all)
+    console.print(f'[bold red]{wrong} wrong[/]' if wrong else '[bold green]nothing is wrong[/]')
+    return findings.exit_code
+
+
+def _tell(console: Console, finding: Finding) -> None:
+    style = COLOURS[finding.level]
+    about, found = escape(printable(finding.about)), escape(printable(finding.found))
+    console.print(f'[{style}]{finding.level.value:8}[/][bold]{about}[/]: {found}', soft_wrap=True)
+    if finding.remedy:
+        console.print(f'        → {escape(finding.remedy)}', soft_wrap=True)
+
+
+def _check_moveit(model: RobotModel, findings: Findings) -> None:
+    """Compare the joints of a running MoveIt, if there is one, with those of the model."""
+    command = [sys.executable, '-m', 'epson_driver.cli.moveit_joints', f'{MOVEIT_PATIENCE_S:g}']
+    try:
+        asked = subprocess.run(  # noqa: S603 - our own
+            command, capture_output=True, text=True, timeout=MOVEIT_TIMEOUT_S, check=True
+        )
+        joints = json.loads(asked.stdout.rpartition('\n')[0].rpartition('\n')[2] or asked.stdout)
+    except (subprocess.SubprocessError, ValueError):
+        findings.skipped('MoveIt', 'could not be looked for: ROS does not start, see above')
+        return
+    if joints is None:
+        findings.skipped('MoveIt', 'no move_group runs in this domain')
+        return
+    missing = [name for name in model.joint_names if name not in joints]
+    if missing:
+        text = f'its robot lacks {", ".join(missing)} (it has {", ".join(joints) or "none"})'
+        remedy = "joint_names of the driver must be those of MoveIt's URDF, in controller order"
+        findings.wrong('MoveIt', text, remedy)
+    else:
+        findings.ok('MoveIt', f'knows {", ".join(model.joint_names)}')
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='epson_driver doctor',
+        description='What is wrong from this machine to the controller, and what to do. It only '
+        'listens at the state port, unless more is allowed. Exit code 0: nothing is wrong.',
+        allow_abbrev=False,
+    )
+    parser.add_argument('address', nargs='?', type=host, help="the controller's address")
+    parser.add_argument(
+        '--controller', default='rc620', metavar='PROFILE', help='what it should be (%(default)s)'
+    )
+    parser.add_argument(
+        '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
+    )
+    for name in ('state', 'motion', 'io', 'remote'):
+        parser.add_argument(
+            f'--{name}-port',
+            type=argument(FREE_PORT),
+            metavar='PORT',
+            help='as the profile says; 0: leave it alone' if name != 'state' else 'as the profile',
+        )
+    parser.add_argument('--password', default='', help='of Remote Ethernet')
+    parser.add_argument(
+        '--seconds',
+        type=argument(number(MIN_LISTENING_S, 600.0)),
+        default=5.0,
+        metavar='S',
+        help='how long to listen (%(default)s)',
+    )
+    parser.add_argument(
+        '--ask',
+        action='store_true',
+        help='also ask the motion and the remote port, with the motors off: moves nothing, but '
+        'may leave an error, and takes the place of a client',
+    )
+    parser.add_argument(
+        '--io',
+        action='store_true',
+        help='also ask the I/O port: when it leaves, outputs may change',
+    )
+    parser.add_argument(
+        '--once', action='store_true', help='also connect to a program that serves one client once'
+    )
+    parser.add_argument(
+        '--jog',
+        action='store_true',
+        help='ask a person to jog each joint and to read X Y Z U V W from the pendant',
+    )
+    parser.add_argument(
+        '--learn', type=_profile, metavar='FILE', help='write a controller profile, NAME.yaml'
+    )
+    parser.add_argument(
+        '--like',
+        default='generic',
+        metavar='PROFILE',
+        help='what the learned profile takes over for the rest (%(default)s)',
+    )
+    parser.add_argument(
+        '--save', type=Path, metavar='FILE', help='write a text file, for a bug report'
+    )
+    return parser
+
+
+def _profile(text: str) -> Path:
+    path = Path(text)
+    if path.suffix != '.yaml':
+        raise argparse.ArgumentTypeError(f'{printable(text)}: must end in .yaml')
+    return path
+
+
+if __name__ == '__main__':
+    sys.exit(main())

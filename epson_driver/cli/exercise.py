@@ -1,0 +1,190 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver exercise -- COMMAND…`: a person's own program, once per fault."""
+
+import argparse
+import shlex
+import shutil
+import signal
+import sys
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NoReturn
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from epson_driver.cli.arguments import argument
+from epson_driver.cli.interrupt import INTERRUPTED
+from epson_driver.cli.processes import RunError
+from epson_driver.exercise.cases import CASES, NO_FAULT
+from epson_driver.exercise.judge import Observed, Result, Verdict, judge, junit
+from epson_driver.exercise.runner import Exercise, run_case
+from epson_driver.inputs import InputError, count, number, printable
+from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import load_robot_model
+
+COLOURS = {Verdict.FINISHED: 'green', Verdict.GAVE_UP: 'cyan'}
+
+
+def main() -> int:
+    """Exercise a program. Returns 0 if it behaved in every case, 1 if not, 2 if it cannot run."""
+    parser = _parser()
+    arguments = parser.parse_args()
+    if arguments.list:
+        for name, case in CASES.items():
+            print(f'{name:18} {case.what}')
+        return 0
+    if not arguments.command:
+        parser.error('which program? epson_driver exercise [options] -- COMMAND …')
+    if shutil.which(arguments.command[0]) is None:
+        parser.error(f'{printable(arguments.command[0])}: no such program')
+    if arguments.keep is not None and arguments.keep.exists():
+        parser.error(f'{printable(arguments.keep)}: is there already; --keep wants a new folder')
+    try:
+        load_controller_profile(arguments.controller)
+        load_robot_model(arguments.robot)
+    except (OSError, InputError) as error:
+        parser.error(printable(error))
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, _on_signal)
+    console = Console(highlight=False)
+    try:
+        with ExitStack() as stack:
+            folder = arguments.keep or Path(
+                stack.enter_context(tempfile.TemporaryDirectory(prefix='epson_driver_exercise_'))
+            )
+            return _exercise(arguments, folder, console)
+    except (RunError, OSError) as error:
+        console.print(f'[bold red]exercise failed:[/] {escape(printable(error))}')
+        return 2
+    except KeyboardInterrupt:
+        console.print('stopped')
+        return INTERRUPTED
+
+
+def _on_signal(_number: int, _frame: object) -> NoReturn:
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> int:
+    exercise = Exercise(
+        command=arguments.command,
+        robot=arguments.robot,
+        controller=arguments.controller,
+        arguments=() if arguments.start is None else (f'--start={arguments.start}',),
+        seed=arguments.seed,
+        timeout=arguments.timeout,
+        enabled=not arguments.not_enabled,
+    )
+    console.print(f'{NO_FAULT.name} …')
+    usual = run_case(exercise, NO_FAULT, folder / 'no_fault', None)
+    if usual.code != 0 or not usual.moved:
+        why = _why_not_usual(usual, arguments.timeout)
+        console.print(f'[bold red]without a fault it must finish:[/] {escape(why)}')
+        return 2
+    console.print(
+        f'finished in {usual.seconds:.1f} s, {usual.trajectories} trajectories', style='green'
+    )
+    results = []
+    for name in arguments.fault or CASES:
+        result = judge(run_case(exercise, CASES[name], folder / name, usual), usual)
+        results.append(result)
+        console.print(f'{name}: [{_colour(result)}]{result.verdict.value}[/]')
+    console.print(_matrix(results))
+    if arguments.junit is not None:
+        arguments.junit.write_text(junit(results, shlex.join(arguments.command)), encoding='utf-8')
+        console.print(f'JUnit: {arguments.junit}', markup=False)
+    if arguments.keep is not None:
+        console.print(
+            f'logs and traces: {arguments.keep} (epson_driver report FOLDER/*/wire.pcap)',
+            markup=False,
+        )
+    bad = sum(not each.good for each in results)
+    if bad:
+        console.print(f'[bold red]{bad} of {len(results)} went wrong[/]')
+        return 1
+    console.print(f'[bold green]all {len(results)} passed[/]')
+    return 0
+
+
+def _why_not_usual(usual: Observed, timeout: float) -> str:
+    if usual.code is None:
+        return f'it did not end within {timeout:g} s (--timeout); last said: {usual.said or "-"}'
+    if usual.code:
+        return f'exit code {usual.code}; last said: {usual.said or "-"}'
+    return 'it ended without having moved the arm'
+
+
+def _colour(result: Result) -> str:
+    return COLOURS.get(result.verdict, 'bold red')
+
+
+def _matrix(results: Sequence[Result]) -> Table:
+    table = Table(box=SIMPLE_HEAD, show_edge=False)
+    for column in ('fault', 'what it did', 's', 'its last words'):
+        table.add_column(column, justify='right' if column == 's' else 'left')
+    for each in results:
+        table.add_row(
+            each.case,
+            f'[{_colour(each)}]{each.verdict.value}[/]',
+            f'{each.seconds:.1f}',
+            escape(each.why),
+        )
+    return table
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='epson_driver exercise',
+        description='Runs a program that uses the driver (topics, services, the action) against '
+        'the simulated controller, once per fault, and says what it did. Exit code 0: it '
+        'finished or gave up with a reason in every case.',
+        allow_abbrev=False,
+    )
+    parser.add_argument('command', nargs='*', metavar='COMMAND', help='after --, as in a shell')
+    parser.add_argument(
+        '--fault',
+        action='append',
+        choices=list(CASES),
+        metavar='NAME',
+        help='only this one; may be given several times (--list names them)',
+    )
+    parser.add_argument('--list', action='store_true', help='list what can happen')
+    parser.add_argument(
+        '--seed', type=argument(count(0, 2**31 - 1)), default=0, help='of all chance (%(default)s)'
+    )
+    parser.add_argument(
+        '--timeout',
+        type=argument(number(1.0, 3600.0)),
+        default=60.0,
+        metavar='S',
+        help='a program that takes longer hangs (%(default)s)',
+    )
+    parser.add_argument(
+        '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
+    )
+    parser.add_argument(
+        '--controller', default='rc620', metavar='PROFILE', help='its controller (%(default)s)'
+    )
+    parser.add_argument('--start', metavar='Q1,Q2,…', help='where the joints are at first, rad')
+    parser.add_argument(
+        '--not-enabled',
+        action='store_true',
+        help='the program calls ~/enable itself; otherwise a person has done so',
+    )
+    parser.add_argument('--junit', type=Path, metavar='FILE', help='write JUnit XML, for CI')
+    parser.add_argument(
+        '--keep', type=Path, metavar='FOLDER', help='keep logs and traces in a new folder'
+    )
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,153 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver report FILE …`: what happened in a run, as one HTML page, JSON, or an MCAP bag."""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from epson_driver.cli.arguments import page as page_path
+from epson_driver.cli.interrupt import INTERRUPTED
+from epson_driver.error_texts import load_error_texts
+from epson_driver.inputs import InputError, printable
+from epson_driver.profiles import load_controller_profile
+from epson_driver.report.figures import Figures, as_json, figures
+from epson_driver.report.page import page
+from epson_driver.report.run import Run, RunError
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import RobotModel, load_robot_model
+
+INSTALL = "pip install 'epson_driver[report]'"
+
+
+def main() -> int:
+    """Write the reports. Returns 0, or exits with 2 and a sentence if a file has no run in it."""
+    parser = _parser()
+    arguments = parser.parse_args()
+    if arguments.compare and len(arguments.files) != 2:
+        parser.error(f'--compare puts two files side by side, not {len(arguments.files)}')
+    single = len(arguments.files) == 1 or arguments.compare
+    if not single and (arguments.output or arguments.mcap):
+        parser.error('--output and --mcap are for one report: name one file, or --compare two')
+    if arguments.compare and arguments.mcap:
+        parser.error('--mcap writes one run: leave out --compare')
+    try:
+        model = load_robot_model(arguments.robot)
+        runs = [_read(file, model, arguments) for file in arguments.files]
+        if arguments.mcap is not None:
+            from epson_driver.report.bag_file import write_bag  # needs the extra
+
+            write_bag(*runs[0], arguments.mcap)
+            print(f'bag: {arguments.mcap}')
+        groups = [runs] if arguments.compare else [[each] for each in runs]
+        for group in groups:
+            write_report(group, model, arguments.output or default_output(group))
+    except (OSError, InputError, RunError) as error:
+        parser.error(printable(error))
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition('.')[0] != 'rosbags':
+            raise
+        parser.error(f'bags need the library rosbags: {INSTALL}')
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return 0
+
+
+def write_report(group: list[tuple[Run, Figures]], model: RobotModel, output: Path) -> None:
+    """Write a page and its JSON beside it, and say where. Raises OSError."""
+    write_whole(output, page(group, model))
+    beside = output.with_suffix('.json')
+    content = [as_json(run, numbers, run.events, model) for run, numbers in group]
+    text = json.dumps(content[0] if len(content) == 1 else content, indent=1, allow_nan=False)
+    write_whole(beside, text + '\n')
+    print(f'report: {output}\nfigures: {beside}')
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file so that it is there as a whole or not at all. Raises OSError."""
+    with tempfile.NamedTemporaryFile(
+        'w', encoding='utf-8', dir=path.parent, prefix=f'.{path.name}', delete=False
+    ) as file:
+        try:
+            file.write(text)
+            file.flush()
+            mask = os.umask(0)
+            os.umask(mask)
+            Path(file.name).chmod(0o666 & ~mask)
+            Path(file.name).replace(path)
+        except BaseException:
+            Path(file.name).unlink(missing_ok=True)
+            raise
+
+
+def default_output(group: list[tuple[Run, Figures]]) -> Path:
+    """Return where a report goes if nobody says: into the current folder."""
+    return Path('-'.join(Path(run.source).stem for run, _ in group) + '-report.html')
+
+
+def _read(file: Path, model: RobotModel, arguments: argparse.Namespace) -> tuple[Run, Figures]:
+    texts = load_error_texts(load_controller_profile(arguments.controller).error_texts)
+    if is_bag(file):
+        from epson_driver.report.bag_run import read_bag  # needs the extra
+
+        run = read_bag(file, texts, arguments.namespace)
+    else:
+        run = read_trace(file, model.limits, texts, arguments.address)
+    if len(run.joint_names) != len(model.joint_names):
+        raise RunError(
+            f'{file}: {len(run.joint_names)} joints, the robot {model.name} has '
+            f'{len(model.joint_names)}: name its model with --robot'
+        )
+    return run, figures(run)
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is that of a bag: a folder, an MCAP or a database file."""
+    return path.is_dir() or path.suffix in ('.mcap', '.db3')
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='epson_driver report',
+        description="What happened in a run, as one HTML page: the driver's own traces "
+        "(trace_file), captures of tcpdump, and bags (pip install 'epson_driver[report]').",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        'files', type=Path, nargs='+', metavar='FILE', help='a trace, or the folder of a bag'
+    )
+    parser.add_argument(
+        '--output',
+        type=page_path,
+        metavar='FILE',
+        help='the page (FILE-report.html); JSON beside it',
+    )
+    parser.add_argument(
+        '--compare', action='store_true', help='put two runs side by side in one page'
+    )
+    parser.add_argument(
+        '--mcap', type=Path, metavar='FOLDER', help='also write the run as an MCAP bag, a folder'
+    )
+    parser.add_argument(
+        '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
+    )
+    parser.add_argument(
+        '--controller',
+        default='rc620',
+        metavar='PROFILE',
+        help='the controller profile, for the texts of its errors (%(default)s)',
+    )
+    parser.add_argument(
+        '--address', metavar='ADDRESS', help='which controller, if a trace has several'
+    )
+    parser.add_argument(
+        '--namespace', metavar='NAME', help="the robot's namespace, if a bag has several"
+    )
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

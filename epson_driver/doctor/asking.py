@@ -1,0 +1,218 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Questions to a controller whose motors are off, none of which can move anything.
+
+They change something all the same: they take the one place of a motion client, a refused point
+may leave an error, and programs that serve one client once have to be started again. So they are
+asked only if a person allows it.
+"""
+
+import asyncio
+from contextlib import AsyncExitStack
+
+from epson_driver.doctor.findings import Findings
+from epson_driver.doctor.listening import Conversation, NoConnectionError, conversation
+from epson_driver.doctor.state_facts import Facts, latest_joints, latest_status
+from epson_driver.remote_ethernet.client import RemoteError, execute
+from epson_driver.simple_message import (
+    IoInfo,
+    IoInfoReply,
+    IoType,
+    JointPosition,
+    JointTrajPt,
+    MotionReply,
+    Opaque,
+    Packet,
+    ReplyCode,
+    SpecialSequence,
+    TriState,
+    joint_data,
+)
+
+REPLY_TIMEOUT_S = 5.0
+SILENCE_S = 2.0
+"""What is not answered by then is not answered."""
+
+ADMISSION_TIMEOUT_S = 3.0
+MAX_CLIENTS = 20
+"""So many clients are tried; where all get in, the number is at least that."""
+
+SLOW_VELOCITY = 0.01
+SLOW_DURATION_S = 5.0
+
+RUNNING_FLAG = -2
+"""Place of Running in the answer to GetStatus; Ready is behind it."""
+
+RESTART = 'start the program on the controller again'
+
+IO_KEYS = {
+    IoType.DIGITAL_INPUT: 'digital_inputs',
+    IoType.DIGITAL_OUTPUT: 'digital_outputs',
+    IoType.ANALOG_INPUT: 'analog_inputs',
+    IoType.ANALOG_OUTPUT: 'analog_outputs',
+    IoType.FLAG: 'flags',
+}
+
+
+def why_not_to_ask(state: Conversation) -> str:
+    """Return why the motion port must be left alone now; empty if it need not be."""
+    status = latest_status(state.heard)
+    if status is None:
+        return 'no STATUS came: nobody knows whether the motors are off'
+    if status.in_motion == TriState.TRUE:
+        return 'the arm moves'
+    if status.drives_powered != TriState.FALSE:
+        return 'the motors are on, or nobody knows: a client that leaves could stop the arm'
+    return ''
+
+
+async def ask_motion_port(host: str, port: int, state: Conversation, findings: Findings) -> Facts:
+    """Return what the replies to a STOP and to a point at the arm's own place tell."""
+    facts: Facts = {}
+    try:
+        async with conversation(host, port) as motion:
+            motion.dialect = state.heard.packets[0][1].dialect
+            clock = asyncio.get_running_loop().time
+            asked = clock()
+            reply = await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
+            took = f'{(clock() - asked) * 1e3:.1f} ms'
+            if reply is None:
+                _tell_of_silence(motion, findings)
+                return facts
+            facts |= _reply_facts(reply)
+            text = f'answers a STOP after {took} with {_described(reply)}'
+            findings.ok('motion port', text)
+            facts['ports.motion'] = port
+            if facts['program.kind'] == 'points':
+                facts |= await _ask_points(motion, state)
+    except NoConnectionError as error:
+        remedy = 'start the motion program; check motion_port and the firewall'
+        findings.wrong('motion port', f'{host}:{port}: {error}', remedy)
+        return facts
+    facts['server.reconnect'] = again = await _serves_again(host, port, motion)
+    if again:
+        findings.ok('motion port', 'serves the next client when one has left')
+    else:
+        text = 'serves nobody after its client has left'
+        findings.wrong('motion port', text, f'{RESTART} each time the driver has been stopped')
+    return facts
+
+
+def _tell_of_silence(motion: Conversation, findings: Findings) -> None:
+    if motion.heard.ended:
+        text = f'{motion.heard.ended} as soon as it was open: it has a client already'
+        remedy = f'stop the other client, which may be the driver or the ROS 1 node; or {RESTART}'
+    else:
+        text = f'no reply to a STOP within {REPLY_TIMEOUT_S:g} s'
+        remedy = f'its motion task may have ended: {RESTART}'
+    findings.wrong('motion port', text, remedy)
+
+
+def _reply_facts(reply: Packet) -> Facts:
+    """Return what a reply to a STOP tells."""
+    message = reply.message
+    if isinstance(message, MotionReply):
+        return {'program.kind': 'motoman', 'program.motors': 'motoman'}
+    form = 'zero'
+    if isinstance(message, Opaque) or not isinstance(message, JointPosition):
+        form = 'header'
+    elif message.sequence == SpecialSequence.STOP_TRAJECTORY:
+        form = 'sequence'
+    return {'program.kind': 'points', 'program.reply': form}
+
+
+def _described(reply: Packet) -> str:
+    if isinstance(reply.message, MotionReply):
+        return 'a MOTION_REPLY: Motoman'
+    return f'message type {reply.msg_type}, {reply.reply_code.name}'
+
+
+async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
+    """Ask what only programs for JOINT_TRAJ_PT are asked; the motors are off."""
+    start = JointTrajPt(SpecialSequence.START_TRAJECTORY_STREAMING)
+    answered = await motion.ask(start, SILENCE_S)
+    facts: Facts = {'program.special_sequences': 'stop' if answered is None else 'all'}
+    here = latest_joints(state.heard)
+    if here is None or why_not_to_ask(state):
+        return facts
+    point = JointTrajPt(0, joint_data(here), SLOW_VELOCITY, SLOW_DURATION_S)
+    reply = await motion.ask(point, REPLY_TIMEOUT_S)
+    if reply is not None:
+        facts['program.failure_replies'] = reply.reply_code is ReplyCode.FAILURE
+    await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
+    return facts
+
+
+async def _serves_again(host: str, port: int, before: Conversation) -> bool:
+    await asyncio.sleep(0.5)  # a server notices the end of its client a moment later
+    try:
+        async with conversation(host, port) as motion:
+            motion.dialect = before.dialect
+            stop = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
+            return await motion.ask(stop, REPLY_TIMEOUT_S) is not None
+    except NoConnectionError:
+        return False
+
+
+async def count_state_clients(host: str, port: int) -> Facts:
+    """Return how many clients the state port serves at once, besides the one that is there."""
+    served = 1
+    async with AsyncExitStack() as connected:
+        while served < MAX_CLIENTS:
+            try:
+                one = await connected.enter_async_context(conversation(host, port))
+            except NoConnectionError:
+                break
+            if await one.next_packet(ADMISSION_TIMEOUT_S) is None:
+                break
+            served += 1
+        else:
+            return {}
+    return {'server.state_clients': served}
+
+
+async def ask_io_port(host: str, port: int, state: Conversation, findings: Findings) -> Facts:
+    """Return which points there are. Outputs may take their safe values when it leaves."""
+    try:
+        async with conversation(host, port) as link:
+            link.dialect = state.heard.packets[0][1].dialect
+            reply = await link.ask(IoInfo(1), REPLY_TIMEOUT_S)
+    except NoConnectionError as error:
+        remedy = 'start the I/O program, or set io_port to 0'
+        findings.wrong('I/O port', f'{host}:{port}: {error}', remedy)
+        return {}
+    if reply is None or not isinstance(reply.message, IoInfoReply):
+        silent = link.heard.ended or f'no answer within {REPLY_TIMEOUT_S:g} s'
+        how = silent if reply is None else 'refused: its task does not run, or is stopped'
+        remedy = f'stop the other client, or {RESTART}; without I/O: io_port 0'
+        findings.wrong('I/O port', f'IO_INFO: {how}', remedy)
+        return {}
+    counts = dict.fromkeys(IO_KEYS.values(), 0)
+    for each in reply.message.items:
+        if each.io_type in IO_KEYS:
+            counts[IO_KEYS[IoType(each.io_type)]] += each.count
+    text = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in counts.items())
+    findings.ok('I/O port', text)
+    return {'ports.io': port, 'io': counts}
+
+
+async def ask_remote_port(host: str, port: int, password: str, findings: Findings) -> Facts:
+    """Return whether Remote Ethernet answers: a login and one question."""
+    try:
+        status = (await execute(host, port, ['GetStatus'], REPLY_TIMEOUT_S, password))[0]
+    except RemoteError as error:
+        findings.wrong('remote port', str(error), 'check the password; set it in RC+ and here')
+        return {}
+    except (TimeoutError, ConnectionError) as error:
+        text = str(error) or f'no answer within {REPLY_TIMEOUT_S:g} s'
+        remedy = 'enable Remote Ethernet in RC+ (an RC620 has none: remote_port 0)'
+        findings.wrong('remote port', text, remedy)
+        return {}
+    findings.ok('remote port', f'Remote Ethernet answers: status {status}')
+    flags = status.partition(',')[0]
+    runs = flags[RUNNING_FLAG:][:1] == '1'  # counted from the end: RC+ 5 sends one less
+    if runs:
+        text = 'a program runs: until it is stopped, motors stay as they are and no reset is taken'
+        findings.note('remote port', text, 'program.motors: restart in the profile')
+    motors = 'restart' if runs else 'remote_ethernet'
+    return {'ports.remote': port, 'program.motors': motors}

@@ -1,0 +1,165 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with this machine: Python, ROS, message packages, middleware, discovery.
+
+ROS is looked at in a process of its own: an import that hangs or crashes is a finding, too.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+
+from epson_driver.doctor.findings import Findings
+
+ASK_TIMEOUT_S = 60.0
+
+MIN_PYTHON = (3, 11)
+
+SAFE_DOMAINS = range(102)
+"""Whose ports lie below the ephemeral ones of every common system."""
+
+RANGES = ('SUBNET', 'LOCALHOST', 'OFF', 'SYSTEM_DEFAULT')
+
+BUILD = (
+    'source a workspace built with colcon build --base-paths src/epson_driver '
+    'src/epson_driver/interfaces, or install requirements/runtime.txt'
+)
+
+DEFINITIONS: dict[str, Sequence[str]] = {
+    'industrial_msgs.msg.RobotStatus': (
+        'header',
+        'mode',
+        'e_stopped',
+        'drives_powered',
+        'motion_possible',
+        'in_motion',
+        'in_error',
+        'error_codes',
+    ),
+    'control_msgs.msg.JointTrajectoryControllerState': (
+        'header',
+        'joint_names',
+        'reference',
+        'feedback',
+        'error',
+        'output',
+        'speed_scaling_factor',
+    ),
+    'control_msgs.msg.JointTolerance': ('name', 'position', 'velocity', 'acceleration'),
+    'epson_msgs.msg.IoPoint': ('type', 'index', 'value'),
+    'sensor_msgs.msg.JointState': ('header', 'name', 'position', 'velocity', 'effort'),
+    'trajectory_msgs.msg.JointTrajectory': ('header', 'joint_names', 'points'),
+    'diagnostic_msgs.msg.DiagnosticArray': ('header', 'status'),
+}
+"""Messages, and the fields that the driver uses: another package of the same name lacks some."""
+
+_ASK = """
+import importlib, json, os, sys
+found = {}
+for name in sys.argv[1:]:
+    module, _, kind = name.rpartition('.')
+    try:
+        fields = getattr(importlib.import_module(module), kind).get_fields_and_field_types()
+        found[name] = sorted(fields)
+    except Exception as error:
+        found[name] = f'{type(error).__name__}: {error}'
+try:
+    import rclpy
+    from rclpy.utilities import get_rmw_implementation_identifier
+    found['rmw'] = get_rmw_implementation_identifier()
+except Exception as error:
+    found['rclpy'] = f'{type(error).__name__}: {error}'
+sys.stdout.write('\\n' + json.dumps(found))
+"""
+
+
+def check_environment(findings: Findings, environment: Mapping[str, str] = os.environ) -> None:
+    """Look at this machine."""
+    version = platform.python_version()
+    if sys.version_info >= MIN_PYTHON:
+        findings.ok('Python', f'{version}, {sys.executable}')
+    else:
+        findings.wrong('Python', f'{version} is too old', 'Python 3.11 or newer is needed')
+    distribution = environment.get('ROS_DISTRO', '')
+    if distribution:
+        findings.ok('ROS', f'{distribution} ({environment.get("AMENT_PREFIX_PATH", "")})')
+    else:
+        findings.note('ROS', 'no ROS_DISTRO: no ROS workspace is sourced; a pip environment?')
+    _check_ros(findings, environment)
+    _check_discovery(findings, environment)
+
+
+def _check_ros(findings: Findings, environment: Mapping[str, str]) -> None:
+    try:
+        asked = subprocess.run(  # noqa: S603 - our own words
+            [sys.executable, '-c', _ASK, *DEFINITIONS],
+            capture_output=True,
+            text=True,
+            timeout=ASK_TIMEOUT_S,
+            check=False,
+            env=dict(environment),
+        )
+    except subprocess.TimeoutExpired:
+        text = f'importing rclpy took more than {ASK_TIMEOUT_S:g} s'
+        findings.wrong('ROS', text, 'look at RMW_IMPLEMENTATION and at the disk')
+        return
+    try:
+        found = json.loads(asked.stdout.rpartition('\n')[2])
+    except ValueError:
+        last = (asked.stderr.strip().splitlines() or ['nothing was said'])[-1]
+        text = f'importing ROS ended with {asked.returncode}: {last}'
+        findings.wrong('ROS', text, 'look at RMW_IMPLEMENTATION; source only one ROS distribution')
+        return
+    for name, fields in DEFINITIONS.items():
+        _check_definition(findings, name, fields, found[name])
+    if 'rclpy' in found:
+        findings.wrong('rclpy', found['rclpy'], f'{BUILD}; look at RMW_IMPLEMENTATION')
+    else:
+        findings.ok('middleware', found['rmw'])
+
+
+def _check_definition(
+    findings: Findings, name: str, fields: Sequence[str], found: str | list[str]
+) -> None:
+    about = name.replace('.', '/')
+    if isinstance(found, str):
+        findings.wrong(about, found, BUILD)
+    elif lacking := [field for field in fields if field not in found]:
+        text = f'its definition lacks {", ".join(lacking)}'
+        remedy = 'another package of that name comes first: look at AMENT_PREFIX_PATH, PYTHONPATH'
+        findings.wrong(about, text, remedy)
+    else:
+        findings.ok(about, f'has the {len(fields)} fields that are used')
+
+
+def _check_discovery(findings: Findings, environment: Mapping[str, str]) -> None:
+    domain = environment.get('ROS_DOMAIN_ID', '')
+    if not domain:
+        text = '0 (ROS_DOMAIN_ID is not set): shared with everybody on this network who sets none'
+        findings.note('domain', text, 'set ROS_DOMAIN_ID to a number of your own, 1 to 101')
+    elif not domain.isdecimal() or int(domain) > 232:
+        text = f'ROS_DOMAIN_ID = {domain!r} is not a number from 0 to 232'
+        findings.wrong('domain', text, 'set it to a number from 1 to 101')
+    elif int(domain) not in SAFE_DOMAINS:
+        text = f'{domain}: its ports may be taken by other programs'
+        findings.note('domain', text, 'choose one from 1 to 101')
+    else:
+        findings.ok('domain', domain)
+    reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', '')
+    if reach and reach not in RANGES:
+        text = f'ROS_AUTOMATIC_DISCOVERY_RANGE = {reach!r} is none'
+        findings.wrong('discovery range', text, f'must be {" or ".join(RANGES)}')
+    elif reach == 'LOCALHOST':
+        findings.ok('discovery range', 'LOCALHOST: only this machine takes part')
+    elif reach == 'OFF':
+        remedy = 'set it to LOCALHOST or SUBNET'
+        findings.wrong('discovery range', 'OFF: no other node will be found', remedy)
+    else:
+        text = f'{reach or "SUBNET (not set)"}: everybody on this network can move the robot'
+        findings.note('discovery range', text, 'LOCALHOST, or a closed network (docs/security.md)')
+    if environment.get('ROS_LOCALHOST_ONLY', '0') not in ('', '0'):
+        text = 'ROS_LOCALHOST_ONLY is set, which overrides the discovery range'
+        findings.note('discovery range', text, 'unset it, and set ROS_AUTOMATIC_DISCOVERY_RANGE')

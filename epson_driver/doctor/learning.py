@@ -1,0 +1,155 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A controller profile from what was found out, and a sentence for every key that was not."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from epson_driver.doctor.state_facts import Facts
+from epson_driver.profiles import ControllerProfile
+from epson_driver.profiles.profile_rules import RULES
+
+_MOTION = 'it takes a motion to see it, and the doctor moves nothing'
+_WRONG_MESSAGE = 'it takes a wrong message to see it, which can end a program'
+_PERSON = 'only a person knows'
+_CHOICE = 'what the driver sends of a plan is the choice of a person'
+_EDGE = 'it takes an error, an E-stop or a lost link to see it'
+
+NOT_FOUND: Mapping[str, str] = {
+    'name': 'the name of the file',
+    'description': _PERSON,
+    'approximate': 'what was not found out is written here',
+    'error_texts': f'which table lists its error numbers, {_PERSON}',
+    'mode': 'no STATUS said where the key switch is',
+    'cycle_period': 'nothing that is sent shows it',
+    'byte_order': 'no message came',
+    'ports.state': 'no message came',
+    'ports.motion': 'not asked (see --ask), or not answered',
+    'ports.io': 'not asked (see --io), or not answered',
+    'ports.remote': 'not asked (see --remote-port and --ask), or not answered',
+    'motion.': _MOTION,
+    'servo.': _MOTION,
+    'program.interface': 'how trajectories are handed over is the choice of a person',
+    'program.kind': 'not asked (see --ask), or not answered',
+    'program.reply': 'not asked (see --ask), or it has no replies of that kind',
+    'program.acknowledge': _MOTION,
+    'program.failure_replies': 'not asked (see --ask), or it has no replies of that kind',
+    'program.check_sequence': _MOTION,
+    'program.check_limits': 'a point outside the limits is not sent to a robot to try it out',
+    'program.negative_is_stop': _MOTION,
+    'program.stop_works': _MOTION,
+    'program.uses': _MOTION,
+    'program.velocity_unit': _MOTION,
+    'program.corrupt': _WRONG_MESSAGE,
+    'program.late_failure': 'a point outside the limits is not sent to a robot to try it out',
+    'program.accepts': _WRONG_MESSAGE,
+    'program.special_sequences': 'not asked (see --ask), or it has no special sequences',
+    'program.skip_first': _MOTION,
+    'program.motors': 'not asked (see --remote-port and --ask), or not answered',
+    'program.smoothing': _CHOICE,
+    'program.resample_period': _CHOICE,
+    'program.thin_deviation': _CHOICE,
+    'program.download.': _MOTION,
+    'state.period': 'too few messages came',
+    'state.joint_positions_per_status': 'too few messages came',
+    'state.status_with_joints': 'too few messages came',
+    'state.message': 'no joints came',
+    'state.feedback_time': 'it sends no JOINT_FEEDBACK',
+    'state.in_motion': 'too few STATUS came',
+    'state.motion_possible': 'too few STATUS came',
+    'state.errors': _EDGE,
+    'server.reconnect': 'not asked, see --ask',
+    'server.byte_by_byte': 'too few messages came',
+    'server.aborted': _EDGE,
+    'server.lost_client': 'it takes a motion and a lost client to see it',
+    'server.state_clients': 'not asked (see --ask), or 20 at once are served',
+    'server.io_clients': 'outputs may change when an I/O client leaves: not tried again and again',
+    'spel.': 'the simulation only: a SPEL+ program is in its files, not on the wire',
+    'io': 'not asked (see --io), or not answered',
+    'remote.': 'not asked: a session would have to be left alone until it ends',
+}
+"""Why a key was not found out; a name with a dot at its end stands for all that begin so."""
+
+
+def why_not(key: str) -> str:
+    """Return why a key of a profile was not found out."""
+    section = key[: key.rfind('.') + 1]
+    return NOT_FOUND[key] if key in NOT_FOUND else NOT_FOUND[section]
+
+
+def unknown(facts: Facts) -> list[str]:
+    """Return the keys of a profile that were not found out, in the order of the rules."""
+    named = ('name', 'description', 'approximate')
+    return [key for key in RULES if key not in facts and key not in named]
+
+
+def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
+    """Return the text of a profile file: what was found, over another profile for the rest.
+
+    `about`: when and where it was measured. What was not found out is in its comments.
+    """
+    missing = unknown(facts)
+    data: dict[str, Any] = {
+        'like': like,
+        'name': name,
+        'description': f'measured: {about}',
+        'approximate': [
+            f'{len(facts)} keys were measured; {len(missing)} were not, and are as on {like}.'
+        ],
+    }
+    for key in RULES:
+        if key in facts:
+            *sections, last = key.split('.')
+            inner = data
+            for section in sections:
+                inner = inner.setdefault(section, {})
+            inner[last] = _rounded(facts[key])
+    lines = [f'# Made by epson_driver doctor --learn: {about}.', '#', '# Not found out:']
+    lines += [f'# * {key}: {why_not(key)}' for key in missing]
+    if 'io' in facts:
+        lines.append(f'# * io: of it the numbers of points only; what else it has is as on {like}')
+    body = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
+    return '\n'.join(lines) + '\n' + body
+
+
+def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, object, object]]:
+    """Return key, value found and value of the profile, where they are not the same."""
+    found = []
+    for key, value in facts.items():
+        if key.startswith('ports.') or key in ('io', 'mode'):
+            continue
+        held = value_of(profile, key)
+        same = held == value
+        if isinstance(value, float) and isinstance(held, float):
+            same = abs(value - held) <= PERIOD_TOLERANCE_SHARE * held
+        if key == 'server.state_clients' or (key, held) in _SEEN_IN_PART:
+            continue
+        if not same:
+            found.append((key, value, held))
+    return found
+
+
+_SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}
+"""Remote Ethernet is there, but whether a driver should use it, a person knows; that a running
+program must be stopped first shows only while it runs."""
+
+PERIOD_TOLERANCE_SHARE = 0.05
+"""How far a measured period may be off."""
+
+
+def value_of(profile: ControllerProfile, key: str) -> object:
+    """Return a key of a profile as it is written in a file."""
+    held: Any = profile
+    for name in key.split('.'):
+        held = getattr(held, name)
+    if key == 'byte_order':
+        return 'little' if held.value == '<' else 'big'
+    if key == 'mode':
+        return held.name.lower()
+    return getattr(held, 'value', held)
+
+
+def _rounded(value: object) -> object:
+    return float(f'{value:.4g}') if isinstance(value, float) else value

@@ -1,0 +1,132 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A robot cell on this machine: simulated controller, driver, and a person at the pendant."""
+
+import asyncio
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from epson_driver.cli import processes
+from epson_driver.cli.pendant_words import request
+from epson_driver.cli.processes import Ports, Process, RunError
+from epson_driver.exercise.witness import Witness
+from epson_driver.motion import Array
+from epson_driver.profiles import load_controller_profile
+from epson_driver.remote_ethernet.client import execute
+from epson_driver.robots import RobotModel, load_robot_model
+
+PENDANT_TIMEOUT_S = 30.0
+READY_TIMEOUT_S = 120.0
+TRACE = 'wire.pcap'
+
+
+class SimulatedCell:
+    """A running controller and its driver. `environment` is that of a program that uses them.
+
+    `trace` is the file into which the driver records the wire; it is complete when the cell has
+    been closed.
+    """
+
+    def __init__(
+        self, ports: Ports, domain: int, folder: Path, model: RobotModel, password: str
+    ) -> None:
+        self.ports = ports
+        self.domain = domain
+        self.folder = folder
+        self.trace = folder / TRACE
+        self.environment = processes.ros_environment(domain)
+        self.witness = Witness(ports.remote, model, password)
+        self._password = password
+
+    def pendant(self, words: str) -> None:
+        """Do what a person does at the controller: `estop press`, `motors off`, `fault cut 2`.
+
+        Raises UsageError for words that mean nothing, RemoteError if the controller refuses.
+        """
+        command = request(words.split()).commands[0]
+        port, limit = self.ports.remote, PENDANT_TIMEOUT_S
+        asyncio.run(execute('127.0.0.1', port, [command], limit, self._password))
+
+    def fault(self, words: str) -> None:
+        """Begin a fault, as in `cut 2` or `lost_reply skip=4`; `clear` ends all."""
+        self.pendant(f'fault {words}')
+
+    def enable(self) -> None:
+        """Enable the arm, as a person does. Raises RunError that says why it cannot be."""
+        command = [*processes.EXECUTABLE[:2], 'epson_driver.cli.call_trigger']
+        asked = subprocess.run(  # noqa: S603 - our own
+            [*command, '/epson_driver/enable', f'{READY_TIMEOUT_S:g}'],
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if asked.returncode:
+            last = (asked.stderr.strip().splitlines() or ['nothing was said'])[-1]
+            raise RunError(f'~/enable: {last}')
+
+    @property
+    def positions(self) -> Array:
+        """Where the joints are, as the controller says: shape (n,), rad or m.
+
+        Raises RunError if it has said nothing yet.
+        """
+        _, positions = self.witness.seen
+        if not len(positions):
+            raise RunError('the controller has not said yet where the joints are')
+        return np.asarray(positions[-1])
+
+
+@contextmanager
+def simulated_cell(
+    folder: Path,
+    *,
+    robot: str = 'c3_a601s',
+    controller: str = 'rc620',
+    arguments: Sequence[str] = (),
+    parameters: Mapping[str, Any] | None = None,
+    enabled: bool = True,
+) -> Iterator[SimulatedCell]:
+    """Run a cell on free ports and in a free ROS domain; logs and trace go into a folder.
+
+    `arguments` are further ones of sim_controller, `parameters` those of the driver, `__` for a
+    dot. Raises RunError that says what did not start.
+    """
+    model = load_robot_model(robot)
+    log = folder / 'sim_controller.log'
+    words = [f'--robot={robot}', f'--controller={controller}', *arguments]
+    sim = processes.sim_controller(log, *words)
+    started: list[Process] = [sim]
+    cell: SimulatedCell | None = None
+    try:
+        ports = sim.ports()
+        domain = processes.free_ros_domain()
+        given: dict[str, Any] = {
+            'joint_names': f'[{",".join(model.joint_names)}]',
+            'robot_model': robot,
+            'controller': controller,
+            'trace_folder': str(folder),
+            'trace_file': TRACE,
+        }
+        driver = processes.client(
+            folder / 'client.log', ports, domain, **given | dict(parameters or {})
+        )
+        started.append(driver)
+        password = load_controller_profile(controller).remote.password
+        cell = SimulatedCell(ports, domain, folder, model, password)
+        if not cell.witness.wait_for_state(READY_TIMEOUT_S):
+            raise RunError(f'no answer at the remote port within {READY_TIMEOUT_S:g} s')
+        if enabled:
+            cell.enable()
+        driver.check_alive()
+        yield cell
+    finally:
+        if cell is not None:
+            cell.witness.close()
+        for process in reversed(started):  # the driver first: it writes its trace to the end
+            process.end()

@@ -1,0 +1,132 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a program did about a fault, in a word and a sentence."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from xml.etree import ElementTree
+
+import numpy as np
+
+from epson_driver.motion import Array
+
+THERE = 0.01
+"""An arm that ends no further from where it ends without a fault is there, rad or m."""
+
+
+class Verdict(StrEnum):
+    """What the program did."""
+
+    FINISHED = 'finished'
+    GAVE_UP = 'gave up'
+    GAVE_UP_SILENTLY = 'gave up silently'
+    CLAIMED = 'claimed success'
+    REPEATED = 'repeated'
+    HUNG = 'hung'
+    MOVED_AFTER_ESTOP = 'moved after E-stop'
+    NO_MOTION = 'no motion'
+    REFUSED = 'fault refused'
+
+
+GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
+"""What no program has to be ashamed of. The others fail the exercise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What was seen of one run of the program.
+
+    `code` is its exit code, None if it had to be killed after `seconds`; `said` its last line.
+    `trajectories`: how many it had sent to the controller. `end`: where the arm stood then.
+    `refused`: why the controller did not take the fault, empty if it did.
+    """
+
+    case: str
+    code: int | None
+    seconds: float
+    said: str
+    trajectories: int
+    end: Array | None
+    moved: bool = True
+    moved_after_stop: bool = False
+    fault_began: float | None = None
+    refused: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What is told of a case."""
+
+    case: str
+    verdict: Verdict
+    why: str
+    seconds: float
+
+    @property
+    def good(self) -> bool:
+        """Whether the exercise is passed."""
+        return self.verdict in GOOD
+
+
+def judge(seen: Observed, usual: Observed) -> Result:
+    """Return what a program did, compared with its run without a fault."""
+    verdict, why = _verdict(seen, usual)
+    return Result(seen.case, verdict, why, seen.seconds)
+
+
+def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
+    if seen.moved_after_stop:
+        return Verdict.MOVED_AFTER_ESTOP, 'the arm stood after the E-stop, and moved again'
+    if seen.refused:
+        return Verdict.REFUSED, f'the controller did not take it: {seen.refused}'
+    if seen.code is None:
+        return Verdict.HUNG, f'killed after {seen.seconds:.0f} s; last said: {seen.said or "-"}'
+    if not seen.moved:
+        return Verdict.NO_MOTION, f'the fault had nothing to strike; last said: {seen.said or "-"}'
+    if seen.trajectories > usual.trajectories:
+        text = f'{seen.trajectories} trajectories, without the fault {usual.trajectories}'
+        return Verdict.REPEATED, text
+    if seen.code == 0:
+        if seen.end is not None and usual.end is not None:
+            off = float(np.abs(seen.end - usual.end).max())
+            if off > THERE:
+                text = f'exit code 0, but the arm stands {off:.3f} rad or m away from the end'
+                return Verdict.CLAIMED, text
+        return Verdict.FINISHED, seen.said
+    if not seen.said:
+        return Verdict.GAVE_UP_SILENTLY, f'exit code {seen.code}, and not a word'
+    return Verdict.GAVE_UP, seen.said
+
+
+def junit(results: list[Result], command: str) -> str:
+    """Return the results as JUnit XML, a test case for each fault."""
+    failures = sum(not each.good for each in results)
+    suite = ElementTree.Element(
+        'testsuite',
+        name='epson_driver exercise',
+        tests=str(len(results)),
+        failures=str(failures),
+        time=f'{sum(each.seconds for each in results):.3f}',
+    )
+    for each in results:
+        case = ElementTree.SubElement(
+            suite,
+            'testcase',
+            classname='epson_driver.exercise',
+            name=each.case,
+            time=f'{each.seconds:.3f}',
+        )
+        if not each.good:
+            failure = ElementTree.SubElement(case, 'failure', message=each.verdict.value)
+            failure.text = _xml_text(each.why)
+        ElementTree.SubElement(case, 'system-out').text = _xml_text(
+            f'{command}: {each.verdict.value}: {each.why}'
+        )
+    ElementTree.indent(suite)
+    head = '<?xml version="1.0" encoding="utf-8"?>\n'
+    return head + ElementTree.tostring(suite, encoding='unicode') + '\n'
+
+
+def _xml_text(text: str) -> str:
+    """Return a text without the control characters that XML does not allow."""
+    return ''.join(c if c.isprintable() or c in '\n\t' else '\ufffd' for c in text)

@@ -1,0 +1,43 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated controller with its driver as a pytest fixture, for the tests of other packages.
+
+In their conftest.py: `pytest_plugins = ['epson_driver.exercise.pytest_plugin']`.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from epson_driver.exercise.cell import SimulatedCell, simulated_cell
+
+MARKER = (
+    'sim_controller(robot, controller, arguments, parameters, enabled): how the fixture of that '
+    'name is started'
+)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the marker known."""
+    config.addinivalue_line('markers', MARKER)
+
+
+@pytest.fixture
+def sim_controller(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[SimulatedCell]:
+    """Run a simulated controller and the driver, in a ROS domain that nobody else uses.
+
+    The environment of the test is set to that domain, for rclpy in the test and for processes
+    that it starts. `@pytest.mark.sim_controller(controller='rc700a', enabled=False)` changes what
+    `simulated_cell` takes.
+    """
+    marker = request.node.get_closest_marker('sim_controller')
+    options = dict(marker.kwargs) if marker is not None else {}
+    folder = tmp_path / 'cell'
+    folder.mkdir()
+    with simulated_cell(folder, **options) as cell:
+        for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'):
+            monkeypatch.setenv(name, cell.environment[name])
+        yield cell

@@ -1,0 +1,195 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Runs a program in a cell of its own, has something happen, and sees what it does."""
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from epson_driver.error_texts import load_error_texts
+from epson_driver.exercise.cases import NO_FAULT, Case, said
+from epson_driver.exercise.cell import SimulatedCell, simulated_cell
+from epson_driver.exercise.judge import Observed
+from epson_driver.inputs import InputError, printable
+from epson_driver.profiles import load_controller_profile
+from epson_driver.remote_ethernet.client import RemoteError
+from epson_driver.report.run import RunError
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import load_robot_model
+
+MOTION_SHARE = (0.1, 0.6)
+"""The fault begins within this share of the motion, as the seed says."""
+
+LATEST_BEGIN_S = 2.0
+PERSON_COMES_S = 3.0
+"""A person does something about it so long after it began, s."""
+
+AFTERWARDS_S = 2.0
+"""The arm is watched for so long after the person has done it, or the program has ended, s."""
+
+KILL_TIMEOUT_S = 10.0
+MAX_SAID_CHARACTERS = 200
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """What is exercised: a command, on which kind of robot, and for how long at most, s."""
+
+    command: Sequence[str]
+    robot: str
+    controller: str
+    arguments: Sequence[str]
+    seed: int
+    timeout: float
+    enabled: bool
+
+
+def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | None) -> Observed:
+    """Run the program once; logs and trace are left in the folder, which must be new.
+
+    `usual`: its run without a fault, None if this is that one. Raises cell.RunError if controller
+    or driver do not start.
+    """
+    folder.mkdir(parents=True)
+    spel = bool(load_controller_profile(exercise.controller).spel.project)
+    case = replace(case, begin=said(case.begin, spel=spel), person=said(case.person, spel=spel))
+    chance = random.Random(f'{exercise.seed}/{case.name}')  # noqa: S311 - no secret
+    with simulated_cell(
+        folder,
+        robot=exercise.robot,
+        controller=exercise.controller,
+        arguments=[f'--seed={exercise.seed}', *exercise.arguments],
+        enabled=exercise.enabled,
+    ) as cell:
+        seen = _watch(exercise, case, cell, chance, usual)
+    trajectories = _trajectories(cell.trace, exercise.robot)
+    return Observed(
+        case=case.name,
+        code=seen.code,
+        seconds=seen.seconds,
+        said=seen.said,
+        trajectories=trajectories,
+        end=seen.end,
+        moved=seen.moved,
+        moved_after_stop=case.stops and seen.moved_after_stop,
+        fault_began=seen.fault_began,
+        refused=seen.refused,
+    )
+
+
+def _watch(
+    exercise: Exercise,
+    case: Case,
+    cell: SimulatedCell,
+    chance: random.Random,
+    usual: Observed | None,
+) -> Observed:
+    refused = _begin(cell, case) if case.early else ''
+    began = time.monotonic()
+    log = cell.folder / 'program.log'
+    with log.open('wb') as output:
+        program = subprocess.Popen(  # noqa: S603 - the command that a person gave
+            list(exercise.command),
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=cell.environment | {'EPSON_DRIVER_EXERCISE': case.name},
+            start_new_session=True,
+        )
+    deadline = began + exercise.timeout
+    ended = threading.Event()
+
+    def wait() -> None:
+        program.wait()
+        ended.set()
+
+    waiting = threading.Thread(target=wait, name='program', daemon=True)
+    waiting.start()
+    fault_began = 0.0 if case.early else None
+    latest = deadline if usual is None or not case.early else began + usual.seconds
+    moved_at = cell.witness.wait_for_motion(latest, ended)
+    if moved_at is not None and not case.early and case.name != NO_FAULT.name:
+        ended.wait(max(moved_at + _delay(usual, chance) - time.monotonic(), 0.0))
+        fault_began = time.monotonic() - began
+        refused = _begin(cell, case)
+    if fault_began is not None and case.person:
+        ended.wait(PERSON_COMES_S)
+        _help(cell, case)
+    ended.wait(max(deadline - time.monotonic(), 0.0))
+    code = program.returncode if ended.is_set() else None
+    seconds = time.monotonic() - began
+    last = _last_line(log)
+    time.sleep(AFTERWARDS_S)  # a program that has ended may have left a goal behind
+    _kill(program)
+    waiting.join()
+    _, positions = cell.witness.seen
+    return Observed(
+        case=case.name,
+        code=code,
+        seconds=seconds,
+        said=last,
+        trajectories=0,
+        end=np.asarray(positions[-1]) if len(positions) else None,
+        moved=moved_at is not None or case.early,
+        moved_after_stop=cell.witness.moved_after_stop(),
+        fault_began=fault_began,
+        refused=refused,
+    )
+
+
+def _delay(usual: Observed | None, chance: random.Random) -> float:
+    share = chance.uniform(*MOTION_SHARE)
+    return share * min(usual.seconds if usual is not None else 1.0, LATEST_BEGIN_S)
+
+
+def _begin(cell: SimulatedCell, case: Case) -> str:
+    """Begin the fault; return why the controller does not take it, empty if it does."""
+    try:
+        for words in case.begin:
+            cell.pendant(words)
+    except RemoteError as error:
+        return str(error)
+    return ''
+
+
+def _help(cell: SimulatedCell, case: Case) -> None:
+    """Do what a person does; what the controller refuses (there is no error to reset) is so."""
+    for words in case.person:
+        with contextlib.suppress(RemoteError):
+            cell.pendant(words)
+
+
+def _kill(program: subprocess.Popen[bytes]) -> None:
+    """End the program and all that it has started."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(program.pid, number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            program.wait(KILL_TIMEOUT_S)
+            break
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(program.pid, signal.SIGKILL)  # what it has left behind
+
+
+def _last_line(log: Path) -> str:
+    text = log.read_bytes()[-20_000:].decode(errors='replace')
+    lines = [printable(line.strip()) for line in text.splitlines() if line.strip()]
+    return lines[-1][:MAX_SAID_CHARACTERS] if lines else ''
+
+
+def _trajectories(trace: Path, robot: str) -> int:
+    """Return how many trajectories went over the wire."""
+    try:
+        run = read_trace(trace, load_robot_model(robot).limits, load_error_texts())
+    except (InputError, RunError):
+        return 0
+    return len(run.plans)

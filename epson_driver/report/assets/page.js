@@ -1,0 +1,612 @@
+// Copyright 2026 the epson_driver developers
+// SPDX-License-Identifier: Apache-2.0
+// The report page: reads #data, draws the arm (three.js) and the curves (uPlot), and moves both through time.
+(() => {
+  'use strict';
+  const $ = (id) => document.getElementById(id);
+  const data = JSON.parse($('data').textContent);
+  const { runs, arm, colours, flags } = data;
+  const joints = runs[0].figures.joint_names;
+  const compare = runs.length > 1;
+  const letter = (r) => 'AB'[r];
+  const RUN_COLOURS = ['#0b5cad', '#d97706'];
+  const GHOST = 0.05; // rad or m: the plan is drawn as an arm of its own where it is further from the measured one
+  const TAU = 2 * Math.PI;
+
+  // --- reading ------------------------------------------------------------------------------------
+
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+  const floats = (text) => new Float32Array(bytes(text));
+  const column = (values, index, count, scale = 1) => {
+    const found = new Array(values.length / count);
+    for (let k = 0; k < found.length; k++) found[k] = values[k * count + index] * scale;
+    return found;
+  };
+  const columns = (values) => joints.map((_, j) => column(values, j, joints.length));
+  const scaled = (packed) => {
+    const values = new Int16Array(bytes(packed.values));
+    return joints.map((_, j) => column(values, j, joints.length, packed.scale[j]));
+  };
+  for (const run of runs) {
+    const motion = run.figures.motions.find((each) => each.began_s !== null);
+    run.shift = compare ? (motion ? motion.began_s : 0) : 0;
+    run.at = Array.from(floats(run.times), (t) => t - run.shift);
+    run.q = columns(floats(run.positions));
+    run.v = scaled(run.velocities);
+    run.a = scaled(run.accelerations);
+    for (const plan of run.plans) {
+      plan.at = Array.from(floats(plan.times), (t) => t + plan.began - run.shift);
+      plan.q = columns(floats(plan.positions));
+    }
+    run.error = joints.map((_, j) => run.at.map((t) => {
+      const plan = planAt(run, t);
+      return plan ? between(run.at, run.q[j], t) - between(plan.at, plan.q[j], t) : null;
+    }));
+  }
+  const first = Math.min(...runs.map((run) => Math.min(run.at[0], -run.shift)));
+  const last = Math.max(...runs.map((run) => Math.max(run.at[run.at.length - 1], run.figures.duration_s - run.shift)));
+
+  /** The index of the last entry at or before a time; -1 before the first. */
+  function before(times, time) {
+    let low = -1, high = times.length;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (times[middle] <= time) low = middle; else high = middle;
+    }
+    return low;
+  }
+  function between(times, values, time) {
+    const index = before(times, time);
+    if (index < 0) return values[0];
+    if (index >= times.length - 1) return values[times.length - 1];
+    const share = (time - times[index]) / (times[index + 1] - times[index]);
+    return values[index] + share * (values[index + 1] - values[index]);
+  }
+  function planAt(run, time) {
+    for (let p = run.plans.length - 1; p >= 0; p--) {
+      const { at } = run.plans[p];
+      if (time >= at[0]) return time <= at[at.length - 1] ? run.plans[p] : null;
+    }
+    return null;
+  }
+  const conditionAt = (run, time) => {
+    const index = before(run.conditions.map((each) => each[0] - run.shift), time);
+    return index < 0 ? null : run.conditions[index];
+  };
+  const linkAt = (run, time) => {
+    const ports = new Map();
+    for (const [at, port, up] of run.links) if (at - run.shift <= time) ports.set(port, up);
+    return ports;
+  };
+
+  // --- words --------------------------------------------------------------------------------------
+
+  const fixed = (value, digits, unit = '') => (value === null || value === undefined ? '–' : value.toFixed(digits) + unit);
+  const ms = (seconds, digits = 1) => (seconds === null || seconds === undefined ? '–' : (seconds * 1e3).toFixed(digits) + ' ms');
+  function element(tag, text, className) {
+    const made = document.createElement(tag);
+    if (text !== undefined && text !== null) made.textContent = text;
+    if (className) made.className = className;
+    return made;
+  }
+  function table(heads, rows, numbers = []) {
+    const made = element('table');
+    const head = made.appendChild(element('tr'));
+    heads.forEach((text, i) => head.appendChild(element('th', text, numbers.includes(i) ? 'number' : '')));
+    for (const row of rows) {
+      const line = made.appendChild(element('tr'));
+      row.forEach((text, i) => line.appendChild(element('td', text, numbers.includes(i) ? 'number' : '')));
+    }
+    return made;
+  }
+
+  $('title').textContent = runs.map((run) => (compare ? `${letter(runs.indexOf(run))}: ` : '') + run.figures.source).join('  ·  ');
+  $('subtitle').textContent = runs.map((run) => `${run.figures.began.replace('T', ' ').slice(0, 19)} UTC, ${run.figures.duration_s.toFixed(1)} s`)
+    .join('  ·  ') + `  ·  ${data.description}` + (compare ? '  ·  0 s: the arm begins to move' : '');
+  const legend = (text, colour, dashed) => {
+    const made = element('span');
+    const mark = made.appendChild(element('i', null, dashed ? 'dashed' : ''));
+    mark.style.borderColor = colour;
+    made.append(text);
+    $('legend').appendChild(made);
+  };
+  runs.forEach((run, i) => legend(compare ? `${letter(i)}: ${run.figures.source}` : 'measured', RUN_COLOURS[i], compare && i));
+  legend('plan', '#0f766e', true);
+
+  const motionsOf = (run) => run.figures.motions.filter((each) => each.began_s !== null);
+  const cards = [
+    ['in motion', (run) => [motionsOf(run).reduce((sum, m) => sum + m.moved_s, 0).toFixed(2), compare ? 's' : `s, planned ${motionsOf(run).reduce((sum, m) => sum + m.planned_s, 0).toFixed(2)}`]],
+    ['dead time, longest', (run) => {
+      const worst = Math.max(...motionsOf(run).map((m) => m.dead_time_s));
+      return Number.isFinite(worst) ? [(worst * 1e3).toFixed(0), 'ms'] : ['–', ''];
+    }],
+    ['stops not planned', (run) => {
+      const stops = motionsOf(run).reduce((sum, m) => sum + (m.stops || 0), 0);
+      return [stops, '', stops > 0];
+    }],
+    ['off a point at most', (run) => {
+      const worst = Math.max(...motionsOf(run).map((m) => m.waypoint_deviation ?? -1));
+      return worst >= 0 ? [(worst * 1e3).toFixed(1), 'mrad'] : ['–', ''];
+    }],
+    ['highest velocity', (run) => {
+      const share = Math.max(...motionsOf(run).flatMap((m) => m.top_velocity.map((v, j) => v / run.figures.velocity_limits[j])));
+      return Number.isFinite(share) ? [(share * 100).toFixed(0), '% of the limit'] : ['–', ''];
+    }],
+    ['joint states', (run) => [fixed(run.figures.joint_states.rate_hz, 0), 'Hz']],
+    ['longest gap in them', (run) => [fixed(run.figures.joint_states.between_longest_s * 1e3, 0), 'ms', run.figures.joint_states.between_longest_s > 0.3]],
+    ['errors and warnings', (run) => {
+      const count = run.figures.events.filter((each) => each.level !== 'info').length;
+      return [count, '', count > 0];
+    }],
+  ];
+  for (const [name, value] of cards) {
+    const card = $('cards').appendChild(element('div', null, 'card'));
+    const bold = card.appendChild(element('b'));
+    let units = '';
+    runs.forEach((run, i) => {
+      const [number, unit, bad] = value(run);
+      if (i) bold.appendChild(element('small', ' · '));
+      const shownNumber = bold.appendChild(element('em', number, bad ? 'bad' : ''));
+      if (compare) shownNumber.style.color = RUN_COLOURS[i];
+      if (!compare) bold.append(' ', element('small', unit));
+      else units = unit && ` (${unit})`;
+    });
+    card.appendChild(element('span', name + units));
+  }
+
+  const which = (run) => (compare ? [letter(runs.indexOf(run))] : []);
+  const motionRows = runs.flatMap((run) => run.figures.motions.map((m) => [...which(run), `${(m.sent_s - run.shift).toFixed(2)} s`, m.points, fixed(m.planned_s, 2), fixed(m.moved_s, 2),
+    m.dead_time_s === null ? '–' : (m.dead_time_s * 1e3).toFixed(0), m.stops === null ? '–' : m.commanded_stops ? `${m.stops} + ${m.commanded_stops}` : m.stops,
+    m.waypoint_deviation === null ? '–' : (m.waypoint_deviation * 1e3).toFixed(2), m.end_deviation === null ? '–' : (m.end_deviation * 1e3).toFixed(3),
+    m.top_velocity.length ? Math.max(...m.top_velocity).toFixed(2) : '–', m.top_acceleration.length ? Math.max(...m.top_acceleration).toFixed(1) : '–']));
+  const motionHeads = ['sent', 'points', 'planned s', 'moved s', 'dead time ms', 'stops', 'off a point mrad', 'off the end mrad', 'top rad/s', 'top rad/s²'];
+  $('motions').append(motionRows.length ? table(compare ? ['run', ...motionHeads] : motionHeads, motionRows, motionHeads.map((_, i) => i + compare)) : element('p', 'no trajectory was sent'));
+  if (motionRows.length) $('motions').append(element('p', 'Stops: not planned + planned. Dead time: from the first point on the wire to the first motion.'));
+  const messageRows = runs.flatMap((run) => [
+    ...run.figures.messages.map((m) => [...which(run), m.name, m.sender, m.count, fixed(m.rate_hz, 1), ms(m.between_median_s), ms(m.between_p99_s), ms(m.between_longest_s)]),
+    ...run.figures.replies.map((m) => [...which(run), `answered: ${m.name}`, 'controller', m.count, '', ms(m.median_s), ms(m.p99_s), ms(m.longest_s)]),
+  ]);
+  const messageHeads = ['message', 'from', 'count', 'Hz', 'median', '99 %', 'longest'];
+  $('messages').append(table(compare ? ['run', ...messageHeads] : messageHeads, messageRows, [2, 3, 4, 5, 6].map((i) => i + compare)),
+    element('p', 'Times between two messages of a kind; of what was answered, from request to reply.'));
+  for (const run of runs) {
+    const who = compare ? `${letter(runs.indexOf(run))}: ` : '';
+    for (const note of run.figures.notes) $('notes').append(element('li', who + note));
+    if (run.stride > 1) $('notes').append(element('li', `${who}drawn is every ${run.stride}th of ${run.figures.joint_states.count} joint states; the figures are of all`));
+    if (run.events_left_out) $('notes').append(element('li', `${who}${run.events_left_out} more events are in the JSON`));
+  }
+  $('notes').append(element('li', 'velocities that the controller does not send, and all accelerations, are those of a parabola fitted to 60 ms of joint states'));
+  const events = runs.flatMap((run, r) => run.figures.events.map((event) => ({ ...event, at: event.time_s - run.shift, run: r }))).sort((a, b) => a.at - b.at);
+  const eventTable = $('events').appendChild(element('table'));
+  const eventRows = events.map((event) => {
+    const row = eventTable.appendChild(element('tr'));
+    row.append(element('td', `${event.at.toFixed(3)} s`), ...(compare ? [element('td', letter(event.run))] : []));
+    const cell = row.appendChild(element('td', event.text, event.level));
+    if (event.remedy) cell.appendChild(element('small', `→ ${event.remedy}`));
+    row.addEventListener('click', () => setTime(event.at));
+    return row;
+  });
+
+  // --- the arm ------------------------------------------------------------------------------------
+
+  const CREASE = Math.cos(35 * Math.PI / 180);
+  function geometryOf(mesh) {
+    const corners = new Uint16Array(bytes(mesh.vertices));
+    const index = new Uint16Array(bytes(mesh.triangles));
+    const point = (n) => [0, 1, 2].map((k) => mesh.low[k] + mesh.size[k] * corners[3 * n + k] / 65535);
+    const faces = [], around = new Map();
+    for (let f = 0; f < index.length; f += 3) {
+      const [a, b, c] = [point(index[f]), point(index[f + 1]), point(index[f + 2])];
+      const u = b.map((x, k) => x - a[k]), w = c.map((x, k) => x - a[k]);
+      const cross = [u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]];
+      const length = Math.hypot(...cross) || 1;
+      faces.push({ cross, normal: cross.map((x) => x / length), corners: [a, b, c] });
+      for (let k = 0; k < 3; k++) around.set(index[f + k], [...(around.get(index[f + k]) || []), faces.length - 1]);
+    }
+    const positions = new Float32Array(index.length * 3), normals = new Float32Array(index.length * 3);
+    index.forEach((vertex, i) => {
+      const face = faces[Math.floor(i / 3)], sum = [0, 0, 0];
+      for (const other of around.get(vertex)) {
+        const { normal, cross } = faces[other];
+        if (normal[0] * face.normal[0] + normal[1] * face.normal[1] + normal[2] * face.normal[2] >= CREASE) cross.forEach((x, k) => { sum[k] += x; });
+      }
+      const length = Math.hypot(...sum) || 1;
+      for (let k = 0; k < 3; k++) {
+        positions[3 * i + k] = face.corners[i % 3][k];
+        normals[3 * i + k] = sum[k] / length;
+      }
+    });
+    const made = new lib.BufferGeometry();
+    made.setAttribute('position', new lib.BufferAttribute(positions, 3));
+    made.setAttribute('normal', new lib.BufferAttribute(normals, 3));
+    return made;
+  }
+  const geometries = arm.meshes.map(geometryOf);
+  const vector = (values) => new lib.Vector3(...values);
+
+  /** An arm: `set` moves its joints, `tool` returns where tool0 is. */
+  function makeArm(tint, opacity) {
+    const base = new lib.Group();
+    const links = [base];
+    arm.origins.forEach((origin) => {
+      const link = new lib.Group();
+      link.position.fromArray(origin);
+      links[links.length - 1].add(link);
+      links.push(link);
+    });
+    const tool = new lib.Group();
+    tool.position.fromArray(arm.tool0);
+    links[links.length - 1].add(tool);
+    const material = (colour) => new lib.MeshStandardMaterial({
+      color: tint ? new lib.Color(tint) : new lib.Color().setRGB(...colour, 'srgb'), roughness: 0.55, metalness: 0.05, side: lib.DoubleSide,
+      transparent: opacity < 1, opacity, depthWrite: opacity === 1,
+      polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 8, // where both arms are in the same place, the solid one is seen
+    });
+    const add = (link, geometry, colour) => {
+      const mesh = new lib.Mesh(geometry, material(colour));
+      mesh.castShadow = opacity === 1;
+      mesh.receiveShadow = opacity === 1;
+      links[link].add(mesh);
+      return mesh;
+    };
+    arm.meshes.forEach((mesh, i) => add(mesh.link, geometries[i], mesh.colour));
+    if (!arm.meshes.length) [...arm.origins, arm.tool0].forEach((origin, i) => {
+      const way = vector(origin), length = way.length();
+      add(i, new lib.SphereGeometry(0.035, 24, 16), [0.4, 0.45, 0.5]);
+      if (length < 0.01) return;
+      const rod = add(i, new lib.CylinderGeometry(0.028, 0.028, length, 24), [0.88, 0.88, 0.87]);
+      rod.position.copy(way).multiplyScalar(0.5);
+      rod.quaternion.setFromUnitVectors(new lib.Vector3(0, 1, 0), way.normalize());
+    });
+    const axes = arm.axes.map(vector);
+    return {
+      base,
+      set(q) {
+        q.forEach((value, j) => {
+          const link = links[j + 1];
+          if (arm.types[j] === 'prismatic') link.position.fromArray(arm.origins[j]).addScaledVector(axes[j], value);
+          else link.quaternion.setFromAxisAngle(axes[j], value);
+        });
+      },
+      tool() {
+        base.updateWorldMatrix(true, true);
+        return tool.getWorldPosition(new lib.Vector3());
+      },
+    };
+  }
+
+  const poseAt = (times, q, time) => q.map((values) => between(times, values, time));
+  let view = null;
+  try {
+    view = makeView();
+  } catch (error) {
+    $('view-note').textContent = `no 3D view: ${error.message}. The curves work without it.`;
+  }
+  function makeView() {
+    const renderer = new lib.WebGLRenderer({ canvas: $('scene'), antialias: true, alpha: true });
+    renderer.shadowMap.enabled = true;
+    renderer.shadowMap.type = lib.PCFShadowMap;
+    const scene = new lib.Scene();
+    scene.add(new lib.HemisphereLight(0xffffff, 0xb9c2cc, 1.7));
+    const sun = new lib.DirectionalLight(0xffffff, 2.1);
+    sun.position.set(1.2, -1.6, 2.6);
+    sun.castShadow = true;
+    sun.shadow.mapSize.set(1024, 1024);
+    Object.assign(sun.shadow.camera, { left: -1.3, right: 1.3, top: 1.3, bottom: -1.3, near: 0.1, far: 7 });
+    sun.shadow.radius = 5;
+    sun.shadow.bias = -0.0006;
+    sun.shadow.normalBias = 0.006;
+    scene.add(sun);
+    const ground = new lib.Mesh(new lib.PlaneGeometry(8, 8), new lib.ShadowMaterial({ opacity: 0.2 }));
+    ground.receiveShadow = true;
+    scene.add(ground);
+    const grid = new lib.GridHelper(3, 30, 0x9fb0c0, 0xd3dbe3);
+    grid.rotation.x = Math.PI / 2;
+    grid.position.z = -0.0005;
+    grid.material.transparent = true;
+    grid.material.opacity = 0.6;
+    scene.add(grid);
+    const arms = runs.map((_, i) => makeArm(i ? RUN_COLOURS[1] : null, i ? 0.5 : 1));
+    const ghost = makeArm('#0f9d8a', 0.22);
+    ghost.base.visible = false;
+    for (const each of [...arms, ghost]) scene.add(each.base);
+    const path = (times, q, colour) => {
+      const points = [], step = Math.max(1, Math.floor(times.length / 900));
+      for (let k = 0; k < times.length; k += step) {
+        ghost.set(q.map((values) => values[k]));
+        points.push(ghost.tool());
+      }
+      scene.add(new lib.Line(new lib.BufferGeometry().setFromPoints(points), new lib.LineBasicMaterial({ color: colour })));
+      return points;
+    };
+    const all = runs.flatMap((run, i) => [...path(run.at, run.q, RUN_COLOURS[i]), ...run.plans.flatMap((plan) => path(plan.at, plan.q, '#0f9d8a'))]);
+    const tip = new lib.Mesh(new lib.SphereGeometry(0.011, 20, 14), new lib.MeshStandardMaterial({ color: RUN_COLOURS[0] }));
+    scene.add(tip);
+    const size = Math.max(0.5, ...all.map((point) => Math.max(Math.hypot(point.x, point.y), point.z)));
+    const camera = new lib.PerspectiveCamera(33, 1, 0.02, 40);
+    camera.up.set(0, 0, 1);
+    camera.position.set(1.6 * size + 0.14, -1.6 * size - 0.14, 1.05 * size + 0.22);
+    const controls = new lib.OrbitControls(camera, renderer.domElement);
+    controls.target.set(0.14 * size, 0, 0.53 * size);
+    controls.update();
+    let asked = false;
+    const render = () => {
+      asked = false;
+      renderer.render(scene, camera);
+    };
+    const soon = () => {
+      if (!asked) requestAnimationFrame(render);
+      asked = true;
+    };
+    controls.addEventListener('change', soon);
+    new ResizeObserver(() => {
+      const { clientWidth, clientHeight } = $('view');
+      renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+      renderer.setSize(clientWidth, clientHeight, false);
+      camera.aspect = clientWidth / clientHeight;
+      camera.updateProjectionMatrix();
+      soon();
+    }).observe($('view'));
+    return {
+      set(time) {
+        runs.forEach((run, i) => arms[i].set(poseAt(run.at, run.q, time)));
+        tip.position.copy(arms[0].tool());
+        const plan = planAt(runs[0], time);
+        const there = plan ? poseAt(plan.at, plan.q, time) : [];
+        const here = poseAt(runs[0].at, runs[0].q, time);
+        ghost.base.visible = there.some((value, j) => Math.abs(value - here[j]) > GHOST);
+        if (ghost.base.visible) ghost.set(there);
+        soon();
+      },
+    };
+  }
+  if (view) $('view-note').textContent = compare ? 'A as it is · B in orange · green: the plan of A · drag to turn' : 'green: the plan, where it is elsewhere at this time · drag to turn';
+
+  // --- lamps and joints ---------------------------------------------------------------------------
+
+  const tri = (condition, name) => (condition ? condition[1][flags.indexOf(name)] : -1);
+  const said = (value, yes, no, yesClass, noClass) => (value === 1 ? [yes, yesClass] : value === 0 ? [no, noClass] : ['unknown', '']);
+  function lampsAt(run, time) {
+    const c = conditionAt(run, time), links = linkAt(run, time);
+    const down = [...links].filter(([, up]) => !up).map(([port]) => port);
+    const error = tri(c, 'in_error');
+    return [
+      ['link', ...(links.size ? down.length ? [`${down.join(', ')} lost`, 'bad'] : ['connected', 'good'] : ['unknown', ''])],
+      ['motors', ...said(tri(c, 'drives_powered'), 'on', 'off', 'good', 'warn')],
+      ['E-stop', ...said(tri(c, 'e_stopped'), 'pressed', 'released', 'bad', 'good')],
+      ['error', ...(error === 1 ? [c[3].join(', ') || 'yes', 'bad'] : error === 0 ? ['none', 'good'] : ['unknown', ''])],
+      ['key switch', ...(c ? { 1: ['manual', 'warn'], 2: ['automatic', 'good'] }[c[2]] || ['unknown', ''] : ['unknown', ''])],
+      ['motion', ...said(tri(c, 'in_motion'), 'moving', 'standing', 'good', '')],
+      ['ready', ...said(tri(c, 'motion_possible'), 'yes', 'no', 'good', 'warn')],
+    ];
+  }
+  const lampElements = runs.flatMap((run, r) => lampsAt(run, first).map(([name]) => {
+    const made = $('lamps').appendChild(element('div', null, 'lamp'));
+    made.dataset.lamp = name;
+    made.append(element('i'), element('b'), element('span', compare ? `${name} ${letter(r)}` : name));
+    return made;
+  }));
+  const unit = (j) => (data.units[j] === 'm' ? ['mm', 1e3] : ['°', 180 / Math.PI]);
+  const jointHead = $('joints').appendChild(element('tr'));
+  ['joint', data.units.includes('m') ? 'rad, m' : 'rad', data.units.includes('m') ? '°, mm' : '°', 'velocity', 'in its range'].forEach((text, i) => jointHead.appendChild(element('th', text, i && i < 4 ? 'number' : '')));
+  const jointRows = joints.map((name, j) => {
+    const row = $('joints').appendChild(element('tr'));
+    const cells = [name, '', '', '', null].map((text, i) => row.appendChild(element('td', text, i && i < 4 ? 'number' : '')));
+    const range = cells[4].appendChild(element('span', null, 'range'));
+    range.style.color = colours[j % colours.length];
+    return [...cells, range.appendChild(element('i'))];
+  });
+  function showNumbers(time) {
+    const run = runs[0], q = poseAt(run.at, run.q, time), v = poseAt(run.at, run.v, time);
+    q.forEach((value, j) => {
+      const [sign, factor] = unit(j);
+      jointRows[j][1].textContent = value.toFixed(4);
+      jointRows[j][2].textContent = (value * factor).toFixed(2) + sign;
+      jointRows[j][3].textContent = v[j].toFixed(3);
+      const share = (value - data.limits.low[j]) / (data.limits.high[j] - data.limits.low[j]);
+      jointRows[j][5].style.left = `calc(${(Math.min(Math.max(share, 0), 1) * 100).toFixed(2)}% - 2px)`;
+    });
+    let wrong = false;
+    runs.flatMap((each) => lampsAt(each, time)).forEach(([name, text, state], i) => {
+      lampElements[i].className = `lamp ${state}`;
+      lampElements[i].children[1].textContent = text;
+      wrong ||= state === 'bad' || (name === 'motors' && state === 'warn');
+    });
+    let told = null;
+    events.forEach((event, i) => {
+      eventRows[i].classList.toggle('past', event.at <= time);
+      if (event.at <= time && event.level !== 'info' && event.remedy) told = event;
+    });
+    $('advice').replaceChildren(...(wrong && told ? [element('b', told.text), element('span', `→ ${told.remedy}`)] : []));
+  }
+
+  // --- curves -------------------------------------------------------------------------------------
+
+  const shown = joints.map(() => true);
+  const plots = [];
+  let zooming = false;
+  joints.forEach((name, j) => {
+    const chip = $('chips').appendChild(element('button', null, 'chip'));
+    chip.appendChild(element('i')).style.color = colours[j % colours.length];
+    chip.append(name);
+    chip.setAttribute('aria-pressed', 'true');
+    chip.addEventListener('click', () => {
+      shown[j] = !shown[j];
+      chip.setAttribute('aria-pressed', String(shown[j]));
+      for (const plot of plots) if (plot.perJoint) runs.forEach((_, r) => plot.u.setSeries(1 + r * joints.length + j, { show: shown[j] }));
+    });
+  });
+
+  function drawPlans(u) {
+    const { ctx } = u;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
+    ctx.clip();
+    const dot = 2.2 * devicePixelRatio;
+    for (const plan of runs.flatMap((run) => run.plans)) {
+      joints.forEach((_, j) => {
+        if (!shown[j]) return;
+        ctx.fillStyle = ctx.strokeStyle = colours[j % colours.length];
+        if (plan.at.length > 150) {
+          ctx.setLineDash([2 * devicePixelRatio, 4 * devicePixelRatio]);
+          ctx.beginPath();
+          plan.at.forEach((t, k) => ctx[k ? 'lineTo' : 'moveTo'](u.valToPos(t, 'x', true), u.valToPos(plan.q[j][k], 'y', true)));
+          ctx.stroke();
+          return;
+        }
+        plan.at.forEach((t, k) => {
+          ctx.beginPath();
+          ctx.arc(u.valToPos(t, 'x', true), u.valToPos(plan.q[j][k], 'y', true), dot, 0, TAU);
+          ctx.fill();
+        });
+      });
+    }
+    ctx.restore();
+  }
+
+  /** The range of positions: of what was measured, and of the plans' points that are in sight. */
+  function withPlans(u, low, high) {
+    const { min, max } = u.scales.x;
+    let least = low ?? 0, most = high ?? 0;
+    for (const plan of runs.flatMap((run) => run.plans)) plan.at.forEach((t, k) => {
+      if (t < min || t > max) return;
+      joints.forEach((_, j) => {
+        if (!shown[j]) return;
+        least = Math.min(least, plan.q[j][k]);
+        most = Math.max(most, plan.q[j][k]);
+      });
+    });
+    return lib.uPlot.rangeNum(least, most, 0.1, true);
+  }
+
+  function addPlot(name, hint, series, options = {}) {
+    const box = $('plots').appendChild(element('div', null, 'plot'));
+    const line = box.appendChild(element('div', name, 'name'));
+    line.appendChild(element('span', hint));
+    const tables = series.map(({ x, y }) => [x, y]);
+    const joined = lib.uPlot.join(tables, tables.map(() => [0, 1]));
+    const axis = { stroke: '#5d6b79', grid: { stroke: '#edf0f3', width: 1 }, ticks: { show: false }, font: '11px system-ui, sans-serif' };
+    const u = new lib.uPlot({
+      width: box.clientWidth - 16, height: options.height || 158, legend: { show: false }, padding: [8, 20, 0, 0],
+      cursor: { sync: { key: 'time' }, points: { show: false }, drag: { x: true, y: false } },
+      scales: { x: { time: false, range: (_, low, high) => [low ?? first, high ?? last] }, y: options.y || {} },
+      axes: [{ ...axis, size: 24, values: (_, ticks) => ticks.map((t) => `${+t.toFixed(4)} s`) }, { ...axis, size: 52 }],
+      series: [{}, ...series.map((each) => ({ width: 1.4, points: { show: false }, ...each.style }))],
+      hooks: {
+        draw: options.draw ? [options.draw] : [],
+        setScale: [(self, key) => {
+          if (key !== 'x') return;
+          mark(self);
+          if (zooming) return;
+          zooming = true;
+          const { min, max } = self.scales.x;
+          for (const other of plots) if (other.u !== self) other.u.setScale('x', { min, max });
+          zooming = false;
+        }],
+      },
+    }, joined, box);
+    const now = u.over.appendChild(element('div', null, 'now'));
+    u.now = now;
+    let pressed = 0;
+    u.over.addEventListener('mousedown', (event) => { pressed = event.offsetX; });
+    u.over.addEventListener('click', (event) => { if (Math.abs(event.offsetX - pressed) < 3) setTime(u.posToVal(event.offsetX, 'x')); });
+    u.over.addEventListener('dblclick', () => u.setScale('x', { min: first, max: last }));
+    plots.push({ u, box, perJoint: Boolean(options.perJoint) });
+    u.setScale('x', { min: first, max: last });
+  }
+  function mark(u) {
+    if (!u.now) return;
+    const left = u.valToPos(time, 'x');
+    u.now.style.left = `${left}px`;
+    u.now.style.display = left < 0 || left > u.over.clientWidth ? 'none' : 'block';
+  }
+  const jointSeries = (values) => runs.flatMap((run, r) => joints.map((_, j) => ({
+    x: run.at, y: values(run)[j], style: { stroke: colours[j % colours.length], dash: r ? [5, 4] : undefined, width: r ? 1.1 : 1.4 },
+  })));
+  let time = first;
+  const measured = runs.every((run) => run.figures.velocities === 'measured');
+  addPlot('Position', compare ? 'rad · dashed: B · dots: points of the plans' : 'rad · dots: points of the plan', jointSeries((run) => run.q), { perJoint: true, height: 200, draw: drawPlans, y: { range: withPlans } });
+  addPlot('Velocity', `rad/s · ${measured ? 'measured' : 'from the positions'}`, jointSeries((run) => run.v), { perJoint: true });
+  addPlot('Acceleration', 'rad/s² · from the positions', jointSeries((run) => run.a), { perJoint: true });
+  if (runs.some((run) => run.plans.length)) addPlot('Behind or ahead of the plan', 'rad · measured − planned, counted from the first motion', jointSeries((run) => run.error), { perJoint: true, height: 130 });
+  addPlot('Between two joint states', 'ms', runs.map((run, r) => ({ x: run.gaps.map((gap) => gap[0] - run.shift), y: run.gaps.map((gap) => gap[1]), style: { stroke: RUN_COLOURS[r], width: 1 } })), { height: 110, y: { range: (_, low, high) => [0, Math.max(high * 1.1, 1)] } });
+  if (runs.some((run) => run.replies.length)) addPlot('Time to a reply', 'ms', runs.map((run, r) => ({
+    x: run.replies.map((each) => each[0] - run.shift), y: run.replies.map((each) => each[1] * 1e3),
+    style: { stroke: RUN_COLOURS[r], width: 0, paths: () => null, points: { show: true, size: 5, stroke: RUN_COLOURS[r], fill: `${RUN_COLOURS[r]}55` } },
+  })), { height: 110, y: { range: (_, low, high) => [0, Math.max((high || 0) * 1.1, 1)] } });
+  new ResizeObserver(() => { for (const { u, box } of plots) u.setSize({ width: box.clientWidth - 16, height: u.height }); drawLanes(); }).observe($('plots'));
+
+  // --- time ---------------------------------------------------------------------------------------
+
+  const LANES = [['drives_powered', 'motors', '#1c9a5b', '#e7b45c'], ['e_stopped', 'E-stop', '#d5342b', '#e3ede7'], ['in_error', 'error', '#d5342b', '#e3ede7'], ['in_motion', 'motion', '#0b5cad', '#e3ebf3']];
+  const LEFT = 46;
+  $('lanes').style.height = `${10 + LANES.length * (compare ? 16 : 11)}px`;
+  function drawLanes() {
+    const canvas = $('lanes'), ratio = devicePixelRatio, width = canvas.clientWidth, height = canvas.clientHeight;
+    canvas.width = width * ratio;
+    canvas.height = height * ratio;
+    const ctx = canvas.getContext('2d');
+    ctx.scale(ratio, ratio);
+    const x = (t) => LEFT + 8 + (width - LEFT - 16) * (t - first) / (last - first);
+    const rows = LANES.length * runs.length, each = (height - 8) / rows;
+    runs.forEach((run, r) => LANES.forEach(([flag, name, on, off], l) => {
+      const top = (l * runs.length + r) * each;
+      run.conditions.forEach((condition, k) => {
+        const from = x(condition[0] - run.shift), next = run.conditions[k + 1];
+        const to = x(next ? next[0] - run.shift : Math.min(last, run.figures.duration_s - run.shift));
+        const value = tri(condition, flag);
+        ctx.fillStyle = value === 1 ? on : value === 0 ? off : '#d5dbe1';
+        ctx.fillRect(from, top + 1, Math.max(to - from, 0.7), each - 1.5);
+      });
+      if (r === 0) {
+        ctx.fillStyle = '#5d6b79';
+        ctx.font = '10px system-ui, sans-serif';
+        ctx.fillText(name, 0, top + each * runs.length / 2 + 4);
+      }
+    }));
+    for (const event of events) {
+      ctx.fillStyle = { error: '#d5342b', warning: '#e08a00', info: '#8795a3' }[event.level];
+      ctx.fillRect(x(event.at) - 0.75, height - 7, 1.5, 7);
+    }
+    ctx.fillStyle = '#17212b';
+    ctx.fillRect(x(time) - 0.75, 0, 1.5, height);
+  }
+  $('lanes').addEventListener('click', (event) => setTime(first + (last - first) * (event.offsetX - LEFT - 8) / ($('lanes').clientWidth - LEFT - 16)));
+  const slider = $('time');
+  slider.min = first;
+  slider.max = last;
+  slider.step = Math.min(0.01, (last - first) / 1000) || 0.01;
+  slider.addEventListener('input', () => setTime(Number(slider.value)));
+
+  function setTime(wanted) {
+    time = Math.min(Math.max(wanted, first), last);
+    slider.value = time;
+    $('clock').textContent = `${time.toFixed(3)} s`;
+    if (view) view.set(time);
+    showNumbers(time);
+    for (const { u } of plots) mark(u);
+    drawLanes();
+  }
+  let playing = null;
+  function play() {
+    if (playing !== null) {
+      playing = null;
+      $('play').textContent = '▶';
+      return;
+    }
+    if (time >= last) setTime(first);
+    playing = performance.now();
+    $('play').textContent = '❚❚';
+    requestAnimationFrame(function step(now) {
+      if (playing === null) return;
+      setTime(time + Math.max(now - playing, 0) / 1e3 * Number($('speed').value));
+      playing = now;
+      if (time >= last) play(); else requestAnimationFrame(step);
+    });
+  }
+  $('play').addEventListener('click', play);
+  const start = runs[0].figures.motions.find((each) => each.began_s !== null);
+  setTime(start ? start.began_s - runs[0].shift + start.moved_s * 0.4 : first);
+  document.body.dataset.ready = 'yes';
+})();

@@ -1,0 +1,135 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Writes a run as an MCAP bag that Foxglove, PlotJuggler and `ros2 bag` read.
+
+The topics of commands are not in it: a plan is `report/plan`, so that playing the bag back on a
+network with a robot moves nothing.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from epson_driver.report.bag_types import typestore
+from epson_driver.report.figures import Figures
+from epson_driver.report.run import FLAGS, NANOSECONDS, Run, RunError
+
+METADATA_VERSION: Final = 9
+"""As ROS 2 Jazzy writes it."""
+
+LEVELS = {'info': 20, 'warning': 30, 'error': 40}
+"""As in rcl_interfaces/Log."""
+
+TOPICS = {
+    'joint_states': 'sensor_msgs/msg/JointState',
+    'robot_status': 'industrial_msgs/msg/RobotStatus',
+    'report/plan': 'trajectory_msgs/msg/JointTrajectory',
+    'report/events': 'rcl_interfaces/msg/Log',
+    'report/reply_latency': 'std_msgs/msg/Float64',
+}
+
+
+def write_bag(run: Run, numbers: Figures, folder: Path) -> None:
+    """Write a run into a new folder. Velocities are those of the figures.
+
+    Raises RunError if the folder exists, OSError if it cannot be written; no half of a bag is
+    left behind then.
+    """
+    if folder.exists():
+        raise RunError(f'{folder}: is there already; a bag is a new folder')
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f'.{folder.name}', dir=folder.parent) as scratch:
+        made = Path(scratch, folder.name)
+        _write(run, numbers, made)
+        shutil.move(made, folder)
+
+
+def _write(run: Run, numbers: Figures, folder: Path) -> None:
+    store = typestore()
+    rows = sorted(_messages(run, numbers, store), key=lambda row: row[0])
+    writer = Writer(folder, version=METADATA_VERSION, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        connections = {
+            topic: writer.add_connection(f'/{topic}', kind, typestore=store)
+            for topic, kind in TOPICS.items()
+        }
+        for stamp, topic, message in rows:
+            data = store.serialize_cdr(message, TOPICS[topic])
+            writer.write(connections[topic], stamp, data)
+
+
+def _messages(run: Run, numbers: Figures, store: Any) -> Iterator[tuple[int, str, Any]]:
+    """Yield ns since 1970, topic and message."""
+    types = store.types
+    stamp_type, header_type = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
+
+    def stamp(time: float) -> tuple[int, Any]:
+        at = run.nanoseconds(time)
+        return at, stamp_type(*divmod(at, NANOSECONDS))
+
+    state = types[TOPICS['joint_states']]
+    names = list(run.joint_names)
+    none = np.array([], dtype=float)
+    for time, position, velocity in zip(
+        run.times.tolist(), run.positions, numbers.velocities, strict=True
+    ):
+        at, when = stamp(time)
+        yield (
+            at,
+            'joint_states',
+            state(header_type(when, ''), names, position.copy(), velocity.copy(), none),
+        )
+    tri, mode = types['industrial_msgs/msg/TriState'], types['industrial_msgs/msg/RobotMode']
+    status = types[TOPICS['robot_status']]
+    for condition in run.conditions:
+        at, when = stamp(condition.time)
+        flags = {name: tri(value) for name, value in zip(FLAGS, condition.flags, strict=True)}
+        codes = np.array(condition.error_codes, dtype=np.int32)
+        yield (
+            at,
+            'robot_status',
+            status(
+                header=header_type(when, ''),
+                mode=mode(condition.mode),
+                error_codes=codes,
+                **flags,
+            ),
+        )
+    trajectory = types[TOPICS['report/plan']]
+    point = types['trajectory_msgs/msg/JointTrajectoryPoint']
+    duration = types['builtin_interfaces/msg/Duration']
+    for plan in run.plans:
+        at, when = stamp(plan.sent)
+        points = [
+            point(
+                position.copy(), none, none, none, duration(*divmod(round(t * 1e9), NANOSECONDS))
+            )
+            for t, position in zip(plan.times.tolist(), plan.positions, strict=True)
+        ]
+        yield at, 'report/plan', trajectory(header_type(when, ''), names, points)
+    log = types[TOPICS['report/events']]
+    for event in run.events:
+        at, when = stamp(event.time)
+        text = f'{event.text}\n{event.remedy}' if event.remedy else event.text
+        yield (
+            at,
+            'report/events',
+            log(
+                stamp=when,
+                level=LEVELS[event.level],
+                name='epson_driver report',
+                msg=text,
+                file='',
+                function='',
+                line=0,
+            ),
+        )
+    number = types[TOPICS['report/reply_latency']]
+    for reply in run.replies:
+        yield stamp(reply.time)[0], 'report/reply_latency', number(reply.latency)

@@ -1,0 +1,313 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a run from a bag: of `ros2 bag record` (MCAP or SQLite), or one that bag_file.py wrote."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.interfaces import Connection
+
+from epson_driver.error_texts import ErrorTexts
+from epson_driver.inputs import printable
+from epson_driver.report.bag_types import typestore
+from epson_driver.report.condition_events import condition_events
+from epson_driver.report.run import (
+    FLAGS,
+    NANOSECONDS,
+    Condition,
+    Event,
+    Plan,
+    Reply,
+    Run,
+    RunError,
+    Traffic,
+    array,
+)
+from epson_driver.report.sent_times import Arrival, sent_times
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+ROBOT_STATUS = 'industrial_msgs/msg/RobotStatus'
+TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+LOG = 'rcl_interfaces/msg/Log'
+STRING = 'std_msgs/msg/String'
+FLOAT = 'std_msgs/msg/Float64'
+CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
+
+WARNING, ERROR = 30, 40
+"""Levels of rcl_interfaces/Log."""
+
+MAX_JOINT_STATES = 3_000_000
+"""Of a bag: 4.6 hours at 182 Hz."""
+
+LINK_LOST = (
+    'check cable, network and controller; the driver connects again by itself, then ~/enable'
+)
+
+WANTED = (
+    "record joint_states, robot_status, rosout and the driver's ~/link_state, ~/controller_state"
+)
+
+
+def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run:
+    """Return the run in a bag: a folder, or its one file.
+
+    namespace: the robot's, needed if the bag has several joint_states. Raises RunError that says
+    what is missing, or why the bag cannot be read.
+    """
+    try:
+        with AnyReader([path], default_typestore=typestore()) as reader:
+            return _Bag(reader, path, namespace).run(texts)
+    except (AnyReaderError, OSError) as error:
+        raise RunError(printable(f'{path}: {error}')) from error
+    except RunError:
+        raise
+    except Exception as error:  # what a damaged bag makes the library raise is not documented
+        raise RunError(printable(f'{path}: cannot be read as a bag: {error!r}')) from error
+
+
+class _Bag:
+    """A bag while it is read."""
+
+    def __init__(self, reader: Any, path: Path, namespace: str | None) -> None:
+        self._reader = reader
+        self._path = path
+        self._states: Any = self._choose(namespace)
+        self._prefix = self._states.topic.rpartition('/')[0]
+        self._began = 0
+        self._names: tuple[str, ...] = ()
+        self._damaged = False
+        self._times: list[float] = []
+        self._positions: list[list[float]] = []
+        self._velocities: list[list[float]] = []
+        self._conditions: list[Condition] = []
+        self._plans: list[Plan] = []
+        self._events: list[Event] = []
+        self._replies: list[Reply] = []
+        self._links: list[tuple[float, str, bool]] = []
+        self._followed: list[tuple[float, float, list[float]]] = []
+        self._traffic: dict[tuple[str, str], list[float]] = defaultdict(list)
+        self._ours = any(each.topic.endswith('/report/events') for each in reader.connections)
+
+    def _choose(self, namespace: str | None) -> Any:
+        found = {
+            each.topic: each for each in self._reader.connections if each.msgtype == JOINT_STATE
+        }
+        if namespace is not None:
+            wanted = f'/{namespace.strip("/")}/joint_states'.replace('//', '/')
+            if wanted not in found:
+                has = ', '.join(sorted(found)) or 'none'
+                raise RunError(f'{self._path}: no {wanted} in it (joint states: {has})')
+            return found[wanted]
+        if not found:
+            topics = ', '.join(sorted(each.topic for each in self._reader.connections)) or 'none'
+            raise RunError(f'{self._path}: no joint states in it (topics: {topics}): {WANTED}')
+        if len(found) > 1:
+            text = f'joint states of several robots are in it ({", ".join(sorted(found))})'
+            raise RunError(f'{self._path}: {text}: choose one with --namespace')
+        return next(iter(found.values()))
+
+    def _belongs(self, connection: Connection) -> bool:
+        """Return whether a topic is of this robot, or of all."""
+        return connection.topic == '/rosout' or connection.topic.startswith(f'{self._prefix}/')
+
+    def run(self, texts: ErrorTexts) -> Run:
+        """Read the messages in the order of their times."""
+        self._began = int(self._reader.start_time)
+        takers: dict[str, Callable[[Connection, float, Any], None]] = {
+            JOINT_STATE: self._joint_state,
+            ROBOT_STATUS: self._robot_status,
+            TRAJECTORY: self._trajectory,
+            LOG: self._log,
+            STRING: self._string,
+            FLOAT: self._float,
+            CONTROLLER_STATE: self._controller_state,
+        }
+        wanted = [
+            each
+            for each in self._reader.connections
+            if each.msgtype in takers
+            and self._belongs(each)
+            and (each.msgtype != JOINT_STATE or each is self._states)
+        ]
+        broken = ''
+        end = 0.0
+        for connection, stamp, message in self._read(wanted):
+            if isinstance(message, str):
+                broken = message
+                break
+            end = (stamp - self._began) / NANOSECONDS
+            self._traffic[connection.topic, connection.msgtype].append(end)
+            takers[connection.msgtype](connection, end, message)
+        if not self._times:
+            raise RunError(f'{self._path}: {self._states.topic} has no message with positions')
+        return self._finished(texts, end, broken)
+
+    def _read(self, wanted: list[Connection]) -> Iterator[tuple[Any, int, Any]]:
+        """Yield connection, ns and message; a bag that breaks off ends with the reason."""
+        try:
+            for connection, stamp, data in self._reader.messages(connections=wanted):
+                yield connection, stamp, self._reader.deserialize(data, connection.msgtype)
+        except Exception as error:  # a bag that ends in the middle ends there
+            if not self._times:
+                raise
+            yield None, 0, f'the bag breaks off: {error!r}'
+
+    def _joint_state(self, _connection: Connection, time: float, message: Any) -> None:
+        if not self._names:
+            self._names = tuple(message.name)
+        if tuple(message.name) != self._names or len(message.position) != len(self._names):
+            return
+        if not (np.isfinite(message.position).all() and np.isfinite(message.velocity).all()):
+            if not self._damaged:
+                text = 'joint states in which not all are numbers'
+                self._events.append(Event(time, 'warning', text, 'look at who published them'))
+            self._damaged = True
+            return
+        if len(self._times) >= MAX_JOINT_STATES:
+            raise RunError(f'{self._path}: more than {MAX_JOINT_STATES} joint states')
+        stamp = message.header.stamp
+        at = (stamp.sec * NANOSECONDS + stamp.nanosec - self._began) / NANOSECONDS
+        if abs(at - time) > 5.0:  # no stamp, or another clock
+            at = time
+        if self._times and at <= self._times[-1]:
+            at = self._times[-1] + 1e-6
+        self._times.append(at)
+        self._positions.append(message.position.tolist())
+        self._velocities.append(message.velocity.tolist())
+
+    def _robot_status(self, _connection: Connection, time: float, message: Any) -> None:
+        flags = tuple(int(getattr(message, name).val) for name in FLAGS)
+        codes = tuple(int(code) for code in message.error_codes)
+        self._conditions.append(
+            Condition(time, flags, int(message.mode.val), codes)  # type: ignore[arg-type]
+        )
+
+    def _trajectory(self, connection: Connection, time: float, message: Any) -> None:
+        order = self._order(message.joint_names)
+        if order is None or not message.points:
+            return
+        times = array(
+            [
+                p.time_from_start.sec + p.time_from_start.nanosec / NANOSECONDS
+                for p in message.points
+            ]
+        )
+        positions = array([[p.positions[k] for k in order] for p in message.points], len(order))
+        self._plans.append(Plan(time, times - times[0], positions))
+        if not self._ours:
+            text = f'a trajectory of {len(times)} points ({connection.topic})'
+            self._events.append(Event(time, 'info', text))
+
+    def _controller_state(self, _connection: Connection, time: float, message: Any) -> None:
+        order = self._order(message.joint_names)
+        reference = message.reference
+        if order is None or len(reference.positions) != len(message.joint_names):
+            return
+        since = reference.time_from_start
+        self._followed.append(
+            (
+                time,
+                since.sec + since.nanosec / NANOSECONDS,
+                [float(reference.positions[k]) for k in order],
+            )
+        )
+
+    def _log(self, connection: Connection, time: float, message: Any) -> None:
+        if connection.topic == '/rosout' and 'epson' not in message.name:
+            return
+        text, _, remedy = message.msg.partition('\n') if self._ours else (message.msg, '', '')
+        level = 'info'
+        if message.level >= WARNING:
+            level = 'error' if message.level >= ERROR else 'warning'
+        self._events.append(Event(time, level, text, remedy))
+
+    def _string(self, connection: Connection, time: float, message: Any) -> None:
+        if connection.topic.endswith('/link_state'):
+            up = message.data == 'connected'
+            self._links.append((time, 'motion and state', up))
+            self._events.append(
+                Event(
+                    time,
+                    'info' if up else 'warning',
+                    f'link: {message.data}',
+                    '' if up else LINK_LOST,
+                )
+            )
+
+    def _float(self, connection: Connection, time: float, message: Any) -> None:
+        if connection.topic.endswith('/report/reply_latency'):
+            self._replies.append(Reply(time, float(message.data), 'request'))
+
+    def _sent(self) -> list[float]:
+        """Return when the joint states were sent: their stamps are times of arrival."""
+        arrivals = [Arrival(time, joints=True) for time in self._times]
+        arrivals += [Arrival(each.time, joints=False) for each in self._conditions]
+        return sent_times(sorted(arrivals, key=lambda arrival: arrival.time))
+
+    def _order(self, names: list[str]) -> list[int] | None:
+        """Return where our joints are among others; None if they are not all there."""
+        if not self._names:
+            return None  # a plan before the first joint state says nothing
+        return [names.index(n) for n in self._names] if set(self._names) <= set(names) else None
+
+    def _finished(self, texts: ErrorTexts, end: float, broken: str) -> Run:
+        joints = len(self._names)
+        notes = [f'from a bag: {self._states.topic} and what else of the robot is in it']
+        events = list(self._events)
+        if broken:
+            notes.append(broken)
+            events.append(Event(end, 'error', 'the recording breaks off here'))
+        if not self._conditions:
+            notes.append(
+                f'no robot_status: nothing is known of motors, E-stop and errors; {WANTED}'
+            )
+        if not self._ours:
+            events += condition_events(self._conditions, texts)
+        plans = self._plans or list(_followed_plans(self._followed, joints))
+        if not plans:
+            notes.append('no plan in it: neither ~/controller_state nor a trajectory')
+        measured = all(len(row) == joints for row in self._velocities)
+        return Run(
+            source=self._path.name,
+            began=self._began,
+            joint_names=self._names,
+            times=array(self._times),
+            positions=array(self._positions, joints),
+            velocities=array(self._velocities, joints) if measured else None,
+            sent=np.maximum.accumulate(array(self._sent())),
+            conditions=self._conditions,
+            plans=sorted(plans, key=lambda plan: plan.sent),
+            events=sorted(events, key=lambda event: event.time),
+            traffic=[
+                Traffic(topic, kind.rpartition('/')[2], array(times))
+                for (topic, kind), times in sorted(self._traffic.items())
+            ],
+            replies=self._replies,
+            links=self._links,
+            notes=notes,
+            ended=end,
+        )
+
+
+def _followed_plans(
+    followed: list[tuple[float, float, list[float]]], joints: int
+) -> Iterator[Plan]:
+    """Yield the plans that ~/controller_state shows: its reference, goal by goal."""
+    rows: list[tuple[float, float, list[float]]] = []
+    for row in followed:
+        if rows and row[1] < rows[-1][1]:  # the time from the start begins anew
+            yield _plan(rows, joints)
+            rows = []
+        if not rows or row[1] > rows[-1][1]:
+            rows.append(row)
+    if rows:
+        yield _plan(rows, joints)
+
+
+def _plan(rows: list[tuple[float, float, list[float]]], joints: int) -> Plan:
+    times = array([since for _, since, _ in rows])
+    return Plan(rows[0][0] - rows[0][1], times, array([p for *_, p in rows], joints))

@@ -1,0 +1,254 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A run in numbers, ready for JSON: rates and timing, replies, and each motion."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array, Trajectory
+from epson_driver.report.derivatives import likely_derivatives
+from epson_driver.report.measure import Recording, measure
+from epson_driver.report.run import NANOSECONDS, Event, Plan, Run
+from epson_driver.robots import RobotModel
+
+FORMAT = 1
+"""Number of the JSON's form; it changes when a name changes its meaning or goes."""
+
+STANDSTILL_RAD = 5e-4
+"""A joint that is no further than this from where it stood has not begun to move, rad or m."""
+
+MAX_PAIRS = 25_000_000
+"""Points times joint states that are compared; of longer motions every nth state is."""
+
+STOP_SHARE = 0.02
+"""Share of its top speed below which a moving arm counts as standing, for the list of stops."""
+
+MIN_STOP_S = 0.03
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How evenly things came: rate in Hz, times between two in s; None with fewer than two."""
+
+    count: int
+    rate: float | None = None
+    median: float | None = None
+    p99: float | None = None
+    longest: float | None = None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One trajectory and what became of it. Times in s, angles in rad (m), per joint as lists.
+
+    dead_time: from the first point on the wire to the first motion of a joint. moved: how long
+    the arm moved. stops: on the way, that the plan did not ask for. waypoint_deviation: how far
+    from a point the motion passed, whatever the time. None: the arm did not move.
+    """
+
+    sent: float
+    points: int
+    planned: float
+    began: float | None = None
+    dead_time: float | None = None
+    moved: float | None = None
+    stops: int | None = None
+    commanded_stops: int | None = None
+    waypoint_deviation: float | None = None
+    end_deviation: float | None = None
+    top_velocity: tuple[float, ...] = ()
+    top_acceleration: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """All figures of a run. velocities, accelerations: shape (k, m), as the page draws them."""
+
+    velocities: Array
+    accelerations: Array
+    joint_states: Timing
+    traffic: tuple[tuple[str, str, Timing], ...]
+    replies: tuple[tuple[str, Timing], ...]
+    motions: tuple[Motion, ...]
+    stops: tuple[tuple[float, float], ...]
+    """When the arm came to a standstill on the way, and for how long, s."""
+
+
+def figures(run: Run) -> Figures:
+    """Return the figures of a run. Velocities are the measured ones if there are any."""
+    sent = run.times if run.sent is None else run.sent
+    fitted, accelerations = likely_derivatives(sent, run.times, run.positions)
+    velocities = fitted if run.velocities is None else run.velocities
+    motions, stops = [], []
+    for number, plan in enumerate(run.plans, start=1):
+        until = run.plans[number].sent if number < len(run.plans) else math.inf
+        motion = _motion(plan, until, run, velocities, accelerations)
+        motions.append(motion)
+        if motion.began is not None and motion.moved is not None:
+            stops += _standstills(run, velocities, motion.began, motion.began + motion.moved)
+    names = sorted({reply.name for reply in run.replies})
+    return Figures(
+        velocities,
+        accelerations,
+        _between(run.times),
+        tuple((each.name, each.sender, _between(each.times)) for each in run.traffic),
+        tuple(
+            (name, _latencies([each.latency for each in run.replies if each.name == name]))
+            for name in names
+        ),
+        tuple(motions),
+        tuple(stops),
+    )
+
+
+def _between(times: Array) -> Timing:
+    if len(times) < 2:
+        return Timing(len(times))
+    gaps = np.diff(times)
+    span = float(times[-1] - times[0])
+    return Timing(
+        len(times),
+        len(gaps) / span if span > 0.0 else None,
+        float(np.median(gaps)),
+        float(np.quantile(gaps, 0.99)),
+        float(gaps.max()),
+    )
+
+
+def _latencies(values: Sequence[float]) -> Timing:
+    return Timing(
+        len(values),
+        None,
+        float(np.median(values)),
+        float(np.quantile(values, 0.99)),
+        float(max(values)),
+    )
+
+
+def _motion(plan: Plan, until: float, run: Run, velocities: Array, accelerations: Array) -> Motion:
+    """Return what became of a plan, from the joint states until the next one."""
+    bare = Motion(plan.sent, len(plan.times), float(plan.times[-1]))
+    here = np.flatnonzero((run.times >= plan.sent) & (run.times < until))
+    if len(here) < 2:
+        return bare
+    positions = run.positions[here]
+    before = run.positions[max(int(here[0]) - 1, 0)]
+    away = np.abs(positions - before).max(axis=1) > STANDSTILL_RAD
+    if not away.any():
+        return bare
+    first = int(np.argmax(away))
+    settled = np.abs(positions - positions[-1]).max(axis=1) > STANDSTILL_RAD
+    last = int(np.flatnonzero(settled)[-1]) + 1 if settled.any() else first
+    last = max(last, first + 1) if first + 1 < len(here) else last
+    moving = here[first : last + 1]
+    began = float(run.times[moving[0]])
+    names = run.joint_names
+    stops = commanded = None
+    waypoint = None
+    if len(plan.times) > 1 and len(moving) > 4:
+        stride = math.ceil(len(plan.times) * len(here) / MAX_PAIRS)
+        recording = Recording(
+            run.times[here][::stride], positions[::stride], velocities[here][::stride]
+        )
+        measured = measure(Trajectory(names, plan.times, plan.positions), recording)
+        stops, commanded = measured.stops, measured.commanded_stops
+        waypoint = measured.waypoint_deviation
+    return Motion(
+        sent=plan.sent,
+        points=len(plan.times),
+        planned=float(plan.times[-1]),
+        began=began,
+        dead_time=began - plan.sent,
+        moved=float(run.times[moving[-1]]) - began,
+        stops=stops,
+        commanded_stops=commanded,
+        waypoint_deviation=waypoint,
+        end_deviation=float(np.abs(positions[-1] - plan.positions[-1]).max()),
+        top_velocity=tuple(np.abs(velocities[moving]).max(axis=0).tolist()),
+        top_acceleration=tuple(np.abs(accelerations[moving]).max(axis=0).tolist()),
+    )
+
+
+def _standstills(
+    run: Run, velocities: Array, begin: float, end: float
+) -> list[tuple[float, float]]:
+    """Return when the arm stood between two times, and for how long."""
+    here = np.flatnonzero((run.times >= begin) & (run.times <= end))
+    speed = np.abs(velocities[here]).max(axis=1)
+    still = speed < STOP_SHARE * speed.max()
+    moving = np.flatnonzero(~still)
+    if moving.size < 2:
+        return []
+    inside = still[moving[0] : moving[-1]].astype(np.int8)
+    edges = np.diff(inside, prepend=0, append=0)
+    times = run.times[here][moving[0] :]
+    found = [
+        (float(times[first]), float(times[last] - times[first]))
+        for first, last in zip(
+            np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
+        )
+    ]
+    return [(at, long) for at, long in found if long >= MIN_STOP_S]
+
+
+def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotModel) -> Any:
+    """Return the figures as what json.dumps takes. Names end in their unit where they have one."""
+    limits = model.limits
+    return {
+        'format': FORMAT,
+        'source': run.source,
+        'robot_model': model.name,
+        'began': datetime.fromtimestamp(run.began / NANOSECONDS, UTC).isoformat(),
+        'duration_s': run.ended,
+        'joint_names': list(run.joint_names),
+        'velocity_limits': limits.velocity.tolist(),
+        'acceleration_limits': limits.acceleration.tolist(),
+        'velocities': 'computed' if run.velocities is None else 'measured',
+        'joint_states': _timing(numbers.joint_states),
+        'messages': [
+            {'name': name, 'sender': sender} | _timing(timing)
+            for name, sender, timing in numbers.traffic
+        ],
+        'replies': [
+            {
+                'name': name,
+                'count': timing.count,
+                'median_s': timing.median,
+                'p99_s': timing.p99,
+                'longest_s': timing.longest,
+            }
+            for name, timing in numbers.replies
+        ],
+        'motions': [_motion_json(each) for each in numbers.motions],
+        'standstills': [{'time_s': at, 'duration_s': long} for at, long in numbers.stops],
+        'events': [
+            {'time_s': each.time, 'level': each.level, 'text': each.text, 'remedy': each.remedy}
+            for each in events
+        ],
+        'notes': list(run.notes),
+    }
+
+
+_IN_SECONDS = ('sent', 'planned', 'began', 'dead_time', 'moved')
+
+
+def _motion_json(motion: Motion) -> dict[str, Any]:
+    return {
+        f'{name}_s' if name in _IN_SECONDS else name: value
+        for name, value in asdict(motion).items()
+    }
+
+
+def _timing(timing: Timing) -> dict[str, Any]:
+    return {
+        'count': timing.count,
+        'rate_hz': timing.rate,
+        'between_median_s': timing.median,
+        'between_p99_s': timing.p99,
+        'between_longest_s': timing.longest,
+    }

@@ -1,0 +1,143 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The report as one HTML file. It needs nothing else, and its policy forbids every request."""
+
+import base64
+import hashlib
+import html
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.report.arm_shape import arm_shape, text
+from epson_driver.report.figures import Figures, as_json
+from epson_driver.report.run import FLAGS, Condition, Run
+from epson_driver.robots import RobotModel
+
+MAX_SAMPLES = 15_000
+"""Joint states in a page, of all runs together; of more, every nth is drawn. 82 s at 182 Hz."""
+
+MAX_EVENTS = 2000
+"""Events in a page; the JSON has all."""
+
+MAX_PLAN_POINTS = 4000
+
+COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#8a8000')
+
+
+def page(runs: Sequence[tuple[Run, Figures]], model: RobotModel) -> str:
+    """Return the page of one run, or of two side by side, of one kind of robot."""
+    data = {
+        'arm': arm_shape(model),
+        'model': model.name,
+        'description': model.description,
+        'units': list(model.limits.units),
+        'limits': {
+            'low': model.limits.position_min.tolist(),
+            'high': model.limits.position_max.tolist(),
+            'velocity': model.limits.velocity.tolist(),
+            'acceleration': model.limits.acceleration.tolist(),
+        },
+        'colours': COLOURS,
+        'flags': FLAGS,
+        'runs': [_run(run, numbers, model, len(runs)) for run, numbers in runs],
+    }
+    assets = files('epson_driver.report').joinpath('assets')
+    bundle, own, style, more = (
+        assets.joinpath(name).read_text(encoding='utf-8')
+        for name in ('bundle.js', 'page.js', 'bundle.css', 'page.css')
+    )
+    scripts, style = (bundle, own), style + more
+    allowed = ' '.join(_hash(each) for each in scripts)
+    policy = (
+        f"default-src 'none'; script-src {allowed}; style-src {_hash(style)}; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    title = html.escape(' and '.join(run.source for run, _ in runs))
+    inert = json.dumps(data, allow_nan=False, separators=(',', ':')).replace('<', '\\u003c')
+    code = ''.join(f'<script>{each}</script>\n' for each in scripts)
+    body = assets.joinpath('page.html').read_text(encoding='utf-8')
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        '<meta name="viewport" content="width=device-width">\n'
+        f'<title>{title}: run report</title>\n<style>{style}</style>\n</head>\n'
+        f'<body>\n{body}\n<script id="data" type="application/json">{inert}</script>\n'
+        f'{code}</body>\n</html>\n'
+    )
+
+
+def _hash(source: str) -> str:
+    digest = hashlib.sha256(source.encode()).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
+
+
+def _run(run: Run, numbers: Figures, model: RobotModel, among: int) -> dict[str, Any]:
+    stride = -(-len(run.times) // (MAX_SAMPLES // among))
+    events = list(run.events)
+    figures = as_json(run, numbers, events[:MAX_EVENTS], model)
+    return {
+        'figures': figures,
+        'events_left_out': max(len(events) - MAX_EVENTS, 0),
+        'stride': stride,
+        'times': text(run.times[::stride].astype('<f4')),
+        'positions': text(run.positions[::stride].astype('<f4')),
+        'velocities': _scaled(numbers.velocities[::stride]),
+        'accelerations': _scaled(numbers.accelerations[::stride]),
+        'conditions': _changes(run.conditions),
+        'links': [list(each) for each in run.links],
+        'plans': [
+            {
+                'sent': plan.sent,
+                'began': plan.sent if motion.began is None else motion.began,
+                'times': text(plan.times[:: _every(plan.times)].astype('<f4')),
+                'positions': text(plan.positions[:: _every(plan.times)].astype('<f4')),
+            }
+            for plan, motion in zip(run.plans, numbers.motions, strict=True)
+        ],
+        'gaps': _gaps(run.times),
+        'replies': [[each.time, each.latency] for each in run.replies[: MAX_SAMPLES // 5]],
+    }
+
+
+def _every(times: Array) -> int:
+    return -(-len(times) // MAX_PLAN_POINTS)
+
+
+def _scaled(values: Array) -> dict[str, Any]:
+    """Return values as 16 bit numbers with one scale for each column."""
+    largest = np.abs(values).max(axis=0, initial=1e-9)
+    return {
+        'scale': (largest / 32767.0).tolist(),
+        'values': text(np.round(values / largest * 32767.0).astype('<i2')),
+    }
+
+
+def _changes(conditions: Sequence[Condition]) -> list[list[Any]]:
+    """Return the conditions that differ from the one before: time, flags, mode, errors."""
+    found: list[list[Any]] = []
+    before: object = None
+    for each in conditions:
+        now = (each.flags, each.mode, each.error_codes)
+        if now != before:
+            found.append([each.time, list(each.flags), each.mode, list(each.error_codes)])
+        before = now
+    return found
+
+
+def _gaps(times: Array) -> list[list[float]]:
+    """Return when a joint state came late or early: time and ms since the one before.
+
+    Of long runs the largest in each of MAX_SAMPLES / 5 stretches: none that matters is left out.
+    """
+    if len(times) < 2:
+        return []
+    gaps = np.diff(times) * 1e3
+    stretch = -(-len(gaps) // (MAX_SAMPLES // 5))
+    starts = np.arange(0, len(gaps), stretch)
+    largest = [start + int(np.argmax(gaps[start : start + stretch])) for start in starts.tolist()]
+    return [[round(float(times[at + 1]), 4), round(float(gaps[at]), 2)] for at in largest]

@@ -1,0 +1,373 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a run from the driver's own trace (docs/trace.md), or from a capture of tcpdump."""
+
+import math
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, JointBounds
+from epson_driver.error_texts import ErrorTexts
+from epson_driver.inputs import printable
+from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
+from epson_driver.motion import JointLimits
+from epson_driver.report.condition_events import condition_events
+from epson_driver.report.run import (
+    NANOSECONDS,
+    Condition,
+    Event,
+    Plan,
+    Reply,
+    Run,
+    RunError,
+    Traffic,
+    array,
+)
+from epson_driver.report.sent_times import Arrival, sent_times
+from epson_driver.simple_message import (
+    CommType,
+    Frame,
+    JointFeedback,
+    JointPosition,
+    JointTraj,
+    JointTrajPt,
+    JointTrajPtFull,
+    Message,
+    MessageType,
+    MotionCtrl,
+    MotionReply,
+    Packet,
+    ReplyCode,
+    SimpleMessageError,
+    SpecialSequence,
+    Status,
+    ValidFields,
+    decode,
+)
+from epson_driver.simple_message.motoman import Command, Result
+from epson_driver.trace.pcap import PcapError
+from epson_driver.trace.recording import read_recording
+from epson_driver.trace.script import Entry, Kind, ScriptError, make_script
+
+SILENCE_S = 0.3
+"""Without a joint state for longer, while the state port is connected, an event says so, s."""
+
+LINK_LOST = (
+    'check cable, network and controller; the driver connects again by itself, then ~/enable'
+)
+NO_FRAME = 'check that nothing else uses the port, and the network for devices that alter data'
+CANNOT_BE = 'check robot model and units (--robot), the encoder, and what alters bytes on the way'
+NO_REPLY = 'look at the program on the controller: it may hang or have ended'
+
+COMMANDS = {
+    Command.STOP_MOTION: ('warning', 'STOP sent'),
+    Command.START_SERVOS: ('info', 'motors on asked for'),
+    Command.STOP_SERVOS: ('info', 'motors off asked for'),
+    Command.RESET_ALARM: ('info', 'reset asked for'),
+}
+
+
+def read_trace(
+    path: Path, limits: JointLimits, texts: ErrorTexts, controller: str | None = None
+) -> Run:
+    """Return the run in a pcap file; a file that ends in the middle ends the run there.
+
+    limits: of the robot's joints; their names count, as the wire has numbers only, and what is
+    faster than a joint can be is left out, with an event. controller: its address, needed if
+    the file has several. Raises RunError, or InputError if the file cannot be read.
+    """
+    try:
+        steps = read_recording(path)
+        script = make_script(steps, controller)
+    except (PcapError, ScriptError) as error:
+        raise RunError(printable(f'{path}: {error}')) from error
+    roles = {port: role for role, port in script.ports.items()}
+    reader = _Reader(limits, {n: roles.get(p, '') for n, p in script.port_of.items()})
+    for entry in script.entries:
+        reader.take(entry)
+    if not reader.times:
+        raise RunError(printable(f'{path}: no joint states are in it'))
+    began = min(step.time for step in steps if step.number in script.port_of)
+    return reader.run(path.name, round(began * NANOSECONDS), limits.names, texts)
+
+
+class _Reader:
+    """Collects a run, entry by entry."""
+
+    def __init__(self, limits: JointLimits, role_of: dict[int, str]) -> None:
+        self._joints = joints = len(limits.names)
+        self._bounds = JointBounds(joints, limits, DEFAULT_MARGINS)
+        self._doubtful = False
+        self._role_of = role_of
+        self.times: list[float] = []
+        self._positions: list[tuple[float, ...]] = []
+        self._velocities: list[tuple[float, ...]] = []
+        self._conditions: list[Condition] = []
+        self._events: list[Event] = []
+        self._traffic: dict[tuple[str, str], list[float]] = defaultdict(list)
+        self._replies: list[Reply] = []
+        self._links: list[tuple[float, str, bool]] = []
+        self._pending: dict[int, PendingReplies] = defaultdict(PendingReplies)
+        self._plans = _Plans(joints)
+        self._silent_since: float | None = None
+        self._arrivals: dict[int, list[Arrival]] = defaultdict(list)
+        self._broken: set[int] = set()
+        self._end = 0.0
+
+    def take(self, entry: Entry) -> None:
+        """Take the next thing that happened."""
+        self._end = entry.time
+        role = self._role_of[entry.connection]
+        if entry.kind is Kind.OPEN:
+            self._links.append((entry.time, role, True))
+            self._event(entry, 'info', f'{role} port connected')
+        elif entry.kind in (Kind.END, Kind.RESET):
+            self._links.append((entry.time, role, False))
+            how = 'closed' if entry.kind is Kind.END else 'broken off'
+            self._event(entry, 'error', f'{role} port {how} by the controller', LINK_LOST)
+            self._pending.pop(entry.connection, None)
+            self._silent_since = None
+        elif entry.frame is None:
+            if entry.connection not in self._broken:
+                self._broken.add(entry.connection)
+                text = f'{role} port: {len(entry.data)} bytes that are no message'
+                self._event(entry, 'error', text, NO_FRAME)
+        else:
+            self._take_frame(entry, entry.frame)
+
+    def _take_frame(self, entry: Entry, frame: Frame) -> None:
+        try:
+            packet = decode(frame)
+        except SimpleMessageError as error:
+            self._event(entry, 'error', f'a message that cannot be read: {error}', NO_FRAME)
+            return
+        sender = 'driver' if entry.kind is Kind.REQUEST else 'controller'
+        name = _name(packet.msg_type)
+        if packet.comm_type is CommType.SERVICE_REPLY:
+            name += ' reply'
+        self._traffic[name, sender].append(entry.time)
+        if entry.kind is Kind.REQUEST:
+            self._take_request(entry, packet)
+        elif packet.comm_type is CommType.SERVICE_REPLY:
+            self._take_reply(entry, packet)
+        else:
+            self._take_topic(entry.time, packet.message, self._arrivals[entry.connection])
+
+    def _take_topic(self, time: float, message: Message, arrivals: list[Arrival]) -> None:
+        if isinstance(message, JointPosition):
+            arrivals.append(Arrival(time, joints=self._state(time, message.joints, ())))
+        elif isinstance(message, JointFeedback) and message.valid_fields & ValidFields.POSITION:
+            measured = message.valid_fields & ValidFields.VELOCITY
+            timed = message.valid_fields & ValidFields.TIME
+            kept = self._state(time, message.positions, message.velocities if measured else ())
+            arrivals.append(Arrival(time, joints=kept, told=message.time if timed else None))
+        elif isinstance(message, Status):
+            arrivals.append(Arrival(time, joints=False))
+            codes = (message.error_code,) if message.error_code else ()
+            flags = (
+                _tri(message.drives_powered),
+                _tri(message.e_stopped),
+                _tri(message.in_error),
+                _tri(message.in_motion),
+                _tri(message.motion_possible),
+            )
+            mode = message.mode if message.mode in (1, 2) else -1
+            self._conditions.append(Condition(time, flags, mode, codes))
+
+    def _state(
+        self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
+    ) -> bool:
+        """Take joints; return whether they can be true."""
+        since = self._silent_since
+        if since is not None and time - since > SILENCE_S:
+            text = f'no joint state for {time - since:.2f} s'
+            remedy = "check the controller's state task and the network"
+            self._events.append(Event(since, 'warning', text, remedy))
+        self._silent_since = time
+        why = self._why_not(time, positions, velocities)
+        if why is not None:
+            if not self._doubtful:
+                text = f'joint states that cannot be true: {why}'
+                self._events.append(Event(time, 'warning', text, CANNOT_BE))
+            self._doubtful = True
+            return False
+        self._doubtful = False
+        if self.times and time <= self.times[-1]:  # several in one piece: as if 1 µs apart
+            time = self.times[-1] + 1e-6
+        self.times.append(time)
+        self._positions.append(positions[: self._joints])
+        self._velocities.append(velocities[: self._joints])
+        return True
+
+    def _why_not(
+        self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
+    ) -> str | None:
+        """Return why the joints cannot be there; None if they can. Their signs are not known."""
+        here = positions[: self._joints]
+        if not all(math.isfinite(value) for value in (*here, *velocities[: self._joints])):
+            return 'not all are numbers'
+        if not self.times:
+            return None
+        elapsed = max(time - self.times[-1], 0.0)
+        return self._bounds.why_not_from(self._positions[-1], here, elapsed)
+
+    def _take_request(self, entry: Entry, packet: Packet) -> None:
+        message = packet.message
+        pending = PendingRequest(
+            packet.msg_type,
+            sequence_of(message),
+            entry.time,
+            lambda _packet, _time: None,
+            command_of(message),
+        )
+        if packet.comm_type is CommType.SERVICE_REQUEST:
+            self._pending[entry.connection].add(pending)
+        if isinstance(message, JointTrajPt | JointTrajPtFull | JointTraj):
+            points = message.points if isinstance(message, JointTraj) else (message,)
+            for point in points:
+                if point.sequence == SpecialSequence.STOP_TRAJECTORY:
+                    self._event(entry, 'warning', 'STOP sent')
+                    self._plans.end()
+                elif self._plans.take(entry.time, point):
+                    self._event(entry, 'info', 'a trajectory begins')
+        elif isinstance(message, MotionCtrl) and message.command in COMMANDS:
+            self._event(entry, *COMMANDS[Command(message.command)])
+
+    def _take_reply(self, entry: Entry, packet: Packet) -> None:
+        request = self._pending[entry.connection].take(packet)
+        if request is None:
+            self._event(
+                entry, 'warning', f'a reply that answers nothing ({_name(packet.msg_type)})'
+            )
+            return
+        name = _name(request.msg_type)
+        if request.sequence == SpecialSequence.STOP_TRAJECTORY:
+            name = 'STOP'
+        elif request.command is not None:
+            name = _command(request.command)
+        self._replies.append(Reply(request.sent, entry.time - request.sent, name))
+        reply = packet.message
+        refused = packet.reply_code == ReplyCode.FAILURE
+        if isinstance(reply, MotionReply):
+            refused = reply.result not in (Result.SUCCESS, Result.BUSY)
+        if refused:
+            which = (
+                '' if request.sequence is None or request.sequence < 0 else f' {request.sequence}'
+            )
+            text = f'the controller refused {name}{which}'
+            self._event(entry, 'error', text, 'the next error of the controller says why')
+
+    def _event(self, entry: Entry, level: str, text: str, remedy: str = '') -> None:
+        self._events.append(Event(entry.time, level, text, remedy))
+
+    def run(self, source: str, began: int, joint_names: tuple[str, ...], texts: ErrorTexts) -> Run:
+        """Return what was collected."""
+        sent = [time for each in self._arrivals.values() for time in sent_times(each)]
+        measured = all(len(row) == self._joints for row in self._velocities)
+        for pending in self._pending.values():
+            if len(pending):
+                text = f'{len(pending)} requests without a reply'
+                self._events.append(Event(self._end, 'warning', text, NO_REPLY))
+        notes = [
+            'from the wire: names and order of the joints are those of the robot model; what went '
+            'over the remote port is not recorded'
+        ]
+        if not measured:
+            notes.append('the controller sends no velocities: they are computed')
+        events = [*self._events, *condition_events(self._conditions, texts)]
+        return Run(
+            source=source,
+            began=began,
+            joint_names=joint_names,
+            times=array(self.times),
+            positions=array(self._positions, self._joints),
+            velocities=array(self._velocities, self._joints) if measured else None,
+            sent=np.maximum.accumulate(array(sent)),
+            conditions=self._conditions,
+            plans=self._plans.finished(),
+            events=sorted(events, key=lambda event: event.time),
+            traffic=[
+                Traffic(name, sender, array(times))
+                for (name, sender), times in sorted(self._traffic.items())
+            ],
+            replies=self._replies,
+            links=self._links,
+            notes=notes,
+            ended=self._end,
+        )
+
+
+class _Plans:
+    """Puts trajectories together from the points that were sent."""
+
+    def __init__(self, joints: int) -> None:
+        self._joints = joints
+        self._done: list[Plan] = []
+        self._sent = 0.0
+        self._last = -1
+        self._times: list[float] = []
+        self._points: list[tuple[float, ...]] = []
+
+    def take(self, time: float, point: JointTrajPt | JointTrajPtFull) -> bool:
+        """Take a point; return whether it is the first of a trajectory."""
+        if point.sequence < 0 or (point.sequence == self._last and point.sequence):
+            return False  # how the trajectory comes; a point that was sent again
+        if isinstance(point, JointTrajPtFull):
+            positions, seconds = point.positions, point.time
+        else:
+            positions, seconds = point.joints, point.duration
+        if not all(map(math.isfinite, (*positions, seconds))):
+            return False
+        again = len(self._points) == 1 and self._same(point)
+        first = not self._points or (point.sequence == 0 and not again)
+        if first:
+            self.end()
+            self._sent = time
+        elif point.sequence == 0:
+            return False
+        if not isinstance(point, JointTrajPtFull):  # it says how long after the one before
+            seconds = 0.0 if first else self._times[-1] + seconds
+        self._times.append(seconds)
+        self._last = point.sequence
+        self._points.append(positions[: self._joints])
+        return first
+
+    def _same(self, point: JointTrajPt | JointTrajPtFull) -> bool:
+        """Return whether it is the first point again, which a busy controller is sent twice."""
+        positions = point.positions if isinstance(point, JointTrajPtFull) else point.joints
+        return isinstance(point, JointTrajPtFull) and positions[: self._joints] == self._points[0]
+
+    def end(self) -> None:
+        """End the trajectory that is being collected, if there is one."""
+        if self._points:
+            times = array(self._times)
+            latest = np.maximum.accumulate(times)
+            keep = np.concatenate([[True], times[1:] > latest[:-1]])
+            positions = array(self._points, self._joints)
+            self._done.append(Plan(self._sent, times[keep] - times[0], positions[keep]))
+        self._times, self._points, self._last = [], [], -1
+
+    def finished(self) -> list[Plan]:
+        """Return all trajectories; the last one ends."""
+        self.end()
+        return self._done
+
+
+def _name(msg_type: int) -> str:
+    try:
+        return MessageType(msg_type).name
+    except ValueError:
+        return f'message type {msg_type}'
+
+
+def _command(command: int) -> str:
+    try:
+        return Command(command).name
+    except ValueError:
+        return f'command {command}'
+
+
+def _tri(value: int) -> int:
+    return value if value in (0, 1) else -1

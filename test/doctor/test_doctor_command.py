@@ -1,0 +1,241 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver doctor` as a person calls it; this machine; MoveIt; `ros2 doctor`."""
+
+import json
+import os
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import pytest
+from support.sim_process import started
+
+from epson_driver.cli import doctor as command
+from epson_driver.cli import processes
+from epson_driver.cli.moveit_joints import joints_of
+from epson_driver.doctor.environment import check_environment
+from epson_driver.doctor.findings import Finding, Findings, Level, as_text
+from epson_driver.robots import load_robot_model
+from epson_driver.share import share_file
+
+
+def doctor(*words, **environment):
+    return subprocess.run(
+        [sys.executable, '-m', 'epson_driver.cli', 'doctor', *words],
+        capture_output=True,
+        text=True,
+        timeout=550,
+        check=False,
+        env=processes.ros_environment(processes.free_ros_domain()) | environment,
+    )
+
+
+def checked(**changes):
+    """Return what is found on this machine with other environment variables, by its name."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith('ROS_')} | changes
+    findings = Findings(lambda finding: None)
+    check_environment(findings, environment)
+    return {(each.level, each.about): each for each in findings.all}
+
+
+def test_this_machine_is_in_order():
+    found = checked(ROS_DOMAIN_ID='42', ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+    assert not [key for key in found if key[0] is Level.WRONG]
+    assert found[Level.OK, 'middleware'].found == 'rmw_fastrtps_cpp'
+    assert found[Level.OK, 'domain'].found == '42'
+
+
+@pytest.mark.parametrize(
+    ('changes', 'key', 'said'),
+    [
+        ({'ROS_DOMAIN_ID': 'five'}, (Level.WRONG, 'domain'), "'five' is not a number"),
+        ({'ROS_DOMAIN_ID': '150'}, (Level.NOTE, 'domain'), 'ports may be taken'),
+        ({}, (Level.NOTE, 'domain'), 'shared with everybody'),
+        ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, (Level.WRONG, 'discovery range'), 'OFF'),
+        ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'MARS'}, (Level.WRONG, 'discovery range'), 'is none'),
+        ({'ROS_LOCALHOST_ONLY': '1'}, (Level.NOTE, 'discovery range'), 'overrides'),
+        ({'RMW_IMPLEMENTATION': 'rmw_none'}, (Level.WRONG, 'ROS'), 'rmw_none'),
+    ],
+)
+def test_what_is_wrong_with_this_machine_is_named(changes, key, said):
+    found = checked(**changes)
+    assert said in found[key].found
+    assert found[key].remedy
+
+
+def test_another_package_of_the_same_name_is_found_out(tmp_path):
+    package = tmp_path / 'industrial_msgs'
+    package.mkdir()
+    (package / '__init__.py').touch()
+    (package / 'msg.py').write_text(
+        'class RobotStatus:\n'
+        '    @staticmethod\n'
+        '    def get_fields_and_field_types():\n'
+        '        return {"header": 1, "mode": 1}\n'
+    )
+    found = checked(PYTHONPATH=str(tmp_path))
+    finding = found[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
+    assert 'lacks e_stopped' in finding.found
+
+
+def test_a_controller_is_examined_and_the_text_is_saved(tmp_path):
+    process, ports = started()
+    try:
+        text = tmp_path / 'doctor.txt'
+        words = ['127.0.0.1', '--seconds', '2', '--save', str(text)]
+        words += [f'--{name}-port={port}' for name, port in ports.items()]
+        run = doctor(*words)
+    finally:
+        process.terminate()
+        process.wait()
+    assert 'Traceback' not in run.stderr
+    assert 'state port' in run.stdout
+    saved = text.read_text(encoding='utf-8')
+    assert 'ok      byte order: little-endian, FLOAT32' in saved
+    assert 'skipped motion, I/O, remote port: not opened' in saved
+
+
+@pytest.mark.slow
+def test_a_learned_profile_drives_the_simulated_controller(tmp_path):
+    process, ports = started('--controller', 'fanuc')
+    learned = tmp_path / 'ours.yaml'
+    try:
+        words = ['127.0.0.1', '--controller=fanuc', '--ask', f'--learn={learned}']
+        run = doctor(*words, *[f'--{name}-port={port}' for name, port in ports.items()])
+    finally:
+        process.terminate()
+        process.wait()
+    assert learned.is_file(), run.stdout + run.stderr
+    process, _ = started('--controller', str(learned))
+    process.terminate()
+    assert process.wait() == 0
+
+
+def test_nobody_there_is_one_wrong_line_and_exit_code_1(tmp_path):
+    learned = tmp_path / 'x.yaml'
+    run = doctor('127.0.0.1', '--state-port', '1', '--learn', str(learned))
+    assert run.returncode == 1
+    assert 'state port: 127.0.0.1:1: Connection refused' in run.stdout
+    assert '→ start the program on the controller' in run.stdout
+    assert 'no profile is written' in run.stdout
+    assert not learned.exists()
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (('--ask',), 'give its address'),
+        (('not a host',), 'must be an IP address'),
+        (('127.0.0.1', '--controller', 'mars'), 'no mars'),
+        (('127.0.0.1', '--robot', 'mars'), 'no mars'),
+        (('127.0.0.1', '--learn', 'x.txt'), 'must end in .yaml'),
+        (('127.0.0.1', '--seconds', '0'), 'must be a number from 1 to 600'),
+    ],
+)
+def test_wrong_arguments_are_said_in_one_sentence(monkeypatch, capsys, words, said):
+    monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', *words])
+    with pytest.raises(SystemExit, match='2'):
+        command.main()
+    assert said in capsys.readouterr().err
+
+
+def test_a_profile_that_is_there_is_not_overwritten(tmp_path, monkeypatch, capsys):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('precious')
+    monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', '127.0.0.1', '--learn', str(path)])
+    with pytest.raises(SystemExit, match='2'):
+        command.main()
+    assert 'is there already' in capsys.readouterr().err
+    assert path.read_text() == 'precious'
+
+
+def test_the_text_has_every_line_and_what_to_do():
+    findings = [
+        Finding(Level.OK, 'a', 'fine'),
+        Finding(Level.WRONG, 'b', 'broken', 'mend it'),
+    ]
+    assert as_text(findings, ['head']) == (
+        'head\n\nok      a: fine\nwrong   b: broken\n        -> mend it\n\n1 wrong\n'
+    )
+
+
+def test_joints_of_a_description():
+    text = share_file('urdf', 'c3_a601s.urdf').read_text(encoding='utf-8')
+    assert joints_of(text) == list(load_robot_model('c3_a601s').joint_names)
+    assert joints_of('<robot') == []
+
+
+MOVE_GROUP = """
+import rclpy, sys
+rclpy.init()
+node = rclpy.create_node('move_group')
+node.declare_parameter('robot_description', open(sys.argv[1]).read())
+print('ready', flush=True)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.slow
+def test_the_joints_of_a_running_moveit_are_compared():
+    domain = processes.free_ros_domain()
+    environment = processes.ros_environment(domain)
+    urdf = share_file('urdf', 'c3_a601s.urdf')
+    node = subprocess.Popen(
+        [sys.executable, '-c', MOVE_GROUP, str(urdf)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert node.stdout is not None
+        assert node.stdout.readline() == 'ready\n'
+        asked = subprocess.run(
+            [sys.executable, '-m', 'epson_driver.cli.moveit_joints', '60'],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=300,
+        )
+    finally:
+        node.kill()
+        node.wait()
+    assert json.loads(asked.stdout) == list(load_robot_model('c3_a601s').joint_names)
+
+
+def test_ros2_doctor_counts_what_is_wrong(monkeypatch):
+    """ros2doctor is no wheel: its two modules stand in, with the names that its checks use."""
+    said = []
+
+    class Result:
+        def __init__(self):
+            self.errors = self.warnings = 0
+
+        def add_error(self):
+            self.errors += 1
+
+        def add_warning(self):
+            self.warnings += 1
+
+    api = types.ModuleType('ros2doctor.api')
+    api.DoctorCheck, api.Result = object, Result
+    words = types.ModuleType('ros2doctor.api.format')
+    words.doctor_error = words.doctor_warn = said.append
+    for name, module in (
+        ('ros2doctor', types.ModuleType('ros2doctor')),
+        ('ros2doctor.api', api),
+        ('ros2doctor.api.format', words),
+    ):
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setenv('ROS_DOMAIN_ID', 'five')
+    monkeypatch.delitem(sys.modules, 'epson_driver.cli.ros2_doctor', raising=False)
+    from epson_driver.cli.ros2_doctor import EpsonDriverCheck
+
+    check = EpsonDriverCheck()
+    assert check.category() == 'epson_driver'
+    assert check.check().errors == 1 + any('rclpy' in each for each in said)
+    assert any('ROS_DOMAIN_ID' in each for each in said)
+    text = (Path(__file__).parents[2] / 'setup.py').read_text(encoding='utf-8')
+    assert 'cli.ros2_doctor:EpsonDriverCheck' in text

@@ -1,0 +1,113 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joint signs and tool0, with a person who jogs: real TCP, a scripted arm."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from support.event_loop import run
+
+from epson_driver.doctor.findings import Findings, Level
+from epson_driver.doctor.listening import conversation
+from epson_driver.doctor.pose_checks import check_joints, check_tool
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.simple_message import LITTLE_ENDIAN, JointPosition, encode, joint_data, topic
+
+MODEL = load_robot_model('c3_a601s')
+HERE = np.array([0.3, -0.4, 0.5, 0.2, -0.6, 0.1])
+
+
+class Arm:
+    """A state port that sends where the arm stands; `moves`: what a jog does, by joint."""
+
+    def __init__(self, moves=None, typed=''):
+        self.joints = HERE.copy()
+        self._moves = moves or {}
+        self._typed = typed
+        self._jogged = 0
+
+    async def send(self, _reader, writer):
+        try:
+            while True:
+                message = JointPosition(0, joint_data(self.joints.tolist()))
+                writer.write(encode(topic(message), LITTLE_ENDIAN))
+                await writer.drain()
+                await asyncio.sleep(0.01)
+        except ConnectionError:
+            writer.close()
+
+    async def person(self, sentence):
+        if sentence.startswith('X Y Z'):
+            return self._typed
+        joint, self._jogged = self._jogged, self._jogged + 1
+        move = self._moves.get(joint, (joint, 0.02))
+        if move is None:
+            return 's'
+        self.joints[move[0]] += move[1]
+        return ''
+
+
+def checked(arm, check):
+    findings = Findings(lambda finding: None)
+
+    async def scenario():
+        server = await asyncio.start_server(arm.send, '127.0.0.1', 0)
+        port = server.sockets[0].getsockname()[1]
+        async with conversation('127.0.0.1', port) as state:
+            await check(state, MODEL, arm.person, findings)
+        server.close()
+        await asyncio.sleep(0.1)
+
+    run(scenario())
+    return {each.about: each for each in findings.all}
+
+
+def test_joints_that_follow_are_ok():
+    assert {each.level for each in checked(Arm(), check_joints).values()} == {Level.OK}
+
+
+@pytest.mark.parametrize(
+    ('moves', 'joint', 'said', 'remedy'),
+    [
+        ({2: (2, -0.02)}, 3, 'its sign is turned', 'joint_signs: -1 for joint_3'),
+        ({1: (4, 0.02)}, 2, 'joint_2 did not move, number 5 did', 'joint_names'),
+        ({0: (0, 0.001)}, 1, 'no joint moved', 'jog further'),
+    ],
+)
+def test_what_is_wrong_with_a_joint_is_named(moves, joint, said, remedy):
+    found = checked(Arm(moves), check_joints)
+    assert found[f'joint {joint}'].level is Level.WRONG
+    assert said in found[f'joint {joint}'].found
+    assert remedy in found[f'joint {joint}'].remedy
+    assert sum(each.level is Level.WRONG for each in found.values()) == 1
+
+
+def test_a_joint_may_be_skipped():
+    assert checked(Arm({3: None}), check_joints)['joint 4'].level is Level.SKIPPED
+
+
+def shown(off_mm=0.0, turned_deg=0.0):
+    position, angles = Kinematics(MODEL).epson_point(HERE)
+    off, turned = np.array([off_mm, 0, 0]), np.array([turned_deg, 0, 0])
+    numbers = [*(position * 1000.0 + off), *(np.degrees(angles) + turned)]
+    return ' '.join(f'{value:.3f}' for value in numbers)
+
+
+@pytest.mark.parametrize(
+    ('typed', 'level', 'said'),
+    [
+        (shown(), Level.OK, 'as on the pendant'),
+        (shown(turned_deg=360.0), Level.OK, 'as on the pendant'),
+        (shown(off_mm=5.0), Level.WRONG, '5.0 mm'),
+        (shown(turned_deg=2.0), Level.WRONG, '2.00 degrees'),
+        ('', Level.SKIPPED, 'nothing was typed'),
+        ('1 2 3', Level.WRONG, 'are not six numbers'),
+        ('1 2 3 4 5 nan', Level.WRONG, 'are not six numbers'),
+    ],
+)
+def test_tool0_is_compared_with_the_pendant(typed, level, said):
+    found = checked(Arm(typed=typed), check_tool)['tool0']
+    assert found.level is level
+    assert said in found.found

@@ -1,0 +1,11 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A program with a defect: if the motion does not work, it waits for ever that it has."""
+
+from moving import Mover
+
+mover = Mover()
+why = mover.move()
+while why:
+    mover.rest(1.0)
+print('there')

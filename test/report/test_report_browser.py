@@ -1,0 +1,87 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The page in a real browser: it moves the arm, has no error, asks nobody for anything."""
+
+import io
+
+import numpy as np
+import pytest
+from support.browser import browser_page
+from support.recorded_run import usual_run
+
+from epson_driver.error_texts import load_error_texts
+from epson_driver.report.figures import figures
+from epson_driver.report.page import page
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import load_robot_model
+
+MODEL = load_robot_model('c3_a601s')
+pytestmark = pytest.mark.slow  # ten seconds and more in a browser without a graphics card
+
+HARMLESS = 'GPU stall due to ReadPixels'
+"""What Chromium says when a test takes pictures of WebGL without a graphics card."""
+
+
+@pytest.fixture(scope='module')
+def pages(tmp_path_factory):
+    """Return two files: the report of a run, and that of two side by side."""
+    folder = tmp_path_factory.mktemp('pages')
+    runs = []
+    for name, options in (('a', {}), ('b', {'estop': 2.0})):
+        path = usual_run(**options).write(folder / f'{name}.pcap')
+        runs.append(read_trace(path, MODEL.limits, load_error_texts()))
+    one, both = folder / 'one.html', folder / 'both.html'
+    one.write_text(page([(runs[1], figures(runs[1]))], MODEL), encoding='utf-8')
+    both.write_text(page([(run, figures(run)) for run in runs], MODEL), encoding='utf-8')
+    return one, both
+
+
+def colours(tab):
+    """Return the picture of the arm."""
+    from PIL import Image
+
+    picture = Image.open(io.BytesIO(tab.locator('#scene').screenshot(timeout=120_000)))
+    return np.asarray(picture.convert('RGB')).astype(int)
+
+
+def move_slider(tab, time):
+    tab.locator('#time').evaluate(
+        '(e, v) => { e.value = v; e.dispatchEvent(new Event("input", {bubbles: true})); }',
+        str(time),
+    )
+    tab.wait_for_timeout(300)
+
+
+def test_the_slider_moves_the_arm_and_nobody_is_asked_for_anything(pages):
+    with browser_page() as (tab, told, requested):
+        tab.goto(f'file://{pages[0]}')
+        tab.wait_for_selector('body[data-ready=yes]', timeout=120_000)
+        move_slider(tab, 1.0)
+        first = tab.locator('#joints tr:nth-child(2) td:nth-child(2)').inner_text()
+        before = colours(tab)
+        assert len(np.unique(before.reshape(-1, 3), axis=0)) > 100
+        move_slider(tab, 2.0)
+        assert tab.locator('#joints tr:nth-child(2) td:nth-child(2)').inner_text() != first
+        changed = (np.abs(colours(tab) - before).max(axis=2) > 30).sum()
+        assert changed > 500, 'the arm in the picture did not move'
+        assert tab.locator('[data-lamp="E-stop"] b').inner_text() == 'released'
+        move_slider(tab, 3.5)
+        assert tab.locator('[data-lamp="E-stop"] b').inner_text() == 'pressed'
+        assert '→' in tab.locator('#advice').inner_text()
+        assert tab.locator('.plot canvas').count() == 6
+        assert [text for text in told if HARMLESS not in text] == []
+        assert requested == [f'file://{pages[0]}']
+
+
+def test_two_runs_in_one_page_and_the_page_opened_twice(pages):
+    with browser_page() as (tab, told, requested):
+        for _ in range(2):
+            tab.goto(f'file://{pages[1]}')
+            tab.wait_for_selector('body[data-ready=yes]', timeout=120_000)
+        assert tab.locator('.lamp').count() == 14
+        tab.locator('#play').click()
+        tab.wait_for_timeout(500)
+        tab.locator('#play').click()
+        assert tab.locator('#clock').inner_text().endswith(' s')
+        assert [text for text in told if HARMLESS not in text] == []
+        assert {each.partition('#')[0] for each in requested} == {f'file://{pages[1]}'}

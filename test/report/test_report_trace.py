@@ -1,0 +1,255 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A run read from a trace of which everything is known, and from traces with something wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.recorded_run import (
+    BEGAN,
+    DEAD_TIME,
+    MOVED,
+    PERIOD,
+    POINTS,
+    SENT,
+    Recorder,
+    position,
+    usual_run,
+)
+
+from epson_driver.error_texts import load_error_texts
+from epson_driver.report.derivatives import derivatives
+from epson_driver.report.figures import STANDSTILL_RAD, figures
+from epson_driver.report.page import page
+from epson_driver.report.run import NO, YES, RunError
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import load_robot_model
+from epson_driver.simple_message import JointPosition, JointTrajPt, Status, joint_data
+
+LIMITS = load_robot_model('c3_a601s').limits
+TEXTS = load_error_texts()
+
+
+def read(recorder: Recorder, folder: Path, **options):
+    return read_trace(recorder.write(folder / 'run.pcap'), LIMITS, TEXTS, **options)
+
+
+def texts(run, level=None):
+    return [event.text for event in run.events if level in (None, event.level)]
+
+
+@pytest.mark.invariant(8)
+def test_joints_are_those_of_the_wire_to_the_bit(tmp_path):
+    run = read(usual_run(), tmp_path)
+    slots = [slot for slot in range(800) if slot % 11 != 10]
+    held = np.array([position(0.01 + slot * PERIOD) for slot in slots])
+    expected = held.astype(np.float32).astype(float)
+    assert len(run.times) == len(slots)
+    assert np.array_equal(run.positions, expected)
+    assert run.began == BEGAN * 10**9
+    assert run.velocities is None
+
+
+def test_the_plan_its_dead_time_and_its_figures_are_found(tmp_path):
+    run = read(usual_run(), tmp_path)
+    (plan,) = run.plans
+    assert plan.sent == pytest.approx(SENT, abs=1e-6)
+    assert plan.times == pytest.approx([0.0, 1.0, 2.0])
+    assert np.array_equal(plan.positions, POINTS.astype(np.float32).astype(float))
+    (motion,) = figures(run).motions
+    # it is seen to move when a joint has left its place by the bound: t³ · 2π²/3 of the whole way
+    seen = MOVED * (STANDSTILL_RAD * 3 / (2 * np.pi**2)) ** (1 / 3)
+    assert motion.dead_time == pytest.approx(DEAD_TIME + seen, abs=0.011)
+    assert motion.moved == pytest.approx(MOVED - 2 * seen, abs=0.022)
+    assert motion.stops == 0
+    assert motion.waypoint_deviation < 1e-3
+    assert motion.end_deviation < 1e-6
+    assert motion.top_velocity[0] == pytest.approx(1.0, rel=0.01)  # 2 · way / time
+    assert motion.top_acceleration[0] == pytest.approx(2 * np.pi / MOVED**2, rel=0.05)
+
+
+def test_replies_rates_and_gaps_are_those_of_the_wire(tmp_path):
+    run = read(usual_run(), tmp_path)
+    numbers = figures(run)
+    ((name, replies),) = numbers.replies
+    assert (name, replies.count) == ('JOINT_TRAJ_PT', 3)
+    assert replies.longest == pytest.approx(0.004, abs=2e-6)
+    assert numbers.joint_states.longest == pytest.approx(0.01, abs=2e-6)
+    assert numbers.joint_states.median == pytest.approx(0.005, abs=2e-6)
+    counts = {(each.name, each.sender): len(each.times) for each in run.traffic}
+    assert counts['JOINT_TRAJ_PT', 'driver'] == counts['JOINT_POSITION reply', 'controller'] == 3
+    assert counts['STATUS', 'controller'] == 72
+
+
+def test_an_e_stop_is_told_with_its_error_and_what_helps(tmp_path):
+    run = read(usual_run(estop=2.0), tmp_path)
+    errors = [event for event in run.events if event.level == 'error']
+    assert errors[0].text == 'E-stop pressed'
+    assert any('2313' in event.text and event.remedy for event in errors)
+    assert all(event.remedy for event in errors)
+    assert 'STOP sent' in texts(run, 'warning')
+    assert {'motors off'} <= set(texts(run, 'warning'))
+    assert run.conditions[-1].flag('e_stopped') == YES
+    assert run.conditions[-1].flag('drives_powered') == NO
+
+
+def test_each_trajectory_is_a_plan_of_its_own_and_a_stop_ends_one(tmp_path):
+    recorder = usual_run(4.0)
+    for number in (0, 1):
+        point = JointTrajPt(number, (0.5,) * 10, 0.5, 0.5)
+        recorder.asks(4.1 + number, 11000, point)
+    first, second = read(recorder, tmp_path).plans
+    assert (len(first.times), len(second.times)) == (3, 2)
+    assert second.sent == pytest.approx(4.1, abs=1e-6)
+
+
+def test_a_refused_point_a_lost_link_and_bytes_that_are_none_are_events(tmp_path):
+    recorder = usual_run()
+    recorder.asks(4.2, 11000, JointTrajPt(3))
+    recorder.refuses(4.21, 11000, JointPosition(3))
+    recorder.asks(4.3, 11000, JointTrajPt(4))
+    recorder.raw(4.4, 11002, b'\xff' * 40)
+    recorder.lose(4.5, 11002)
+    run = read(recorder, tmp_path)
+    told = texts(run, 'error')
+    assert 'the controller refused JOINT_TRAJ_PT 3' in told
+    assert 'state port: 40 bytes that are no message' in told
+    assert 'state port closed by the controller' in told
+    assert '1 requests without a reply' in texts(run, 'warning')
+    assert run.links[-1][1:] == ('state', False)
+
+
+def test_silence_while_connected_is_an_event(tmp_path):
+    recorder = usual_run(1.0)
+    recorder.says(2.0, 11002, JointPosition())
+    assert [t for t in texts(read(recorder, tmp_path)) if t.startswith('no joint state for 0.99')]
+
+
+@pytest.mark.parametrize('share', [0.25, 0.5, 0.9])
+def test_a_trace_that_ends_in_the_middle_ends_the_run_there(tmp_path, share):
+    whole = usual_run().content()
+    path = tmp_path / 'cut.pcap'
+    path.write_bytes(whole[: int(len(whole) * share)])
+    run = read_trace(path, LIMITS, TEXTS)
+    full = read(usual_run(), tmp_path)
+    assert 0 < len(run.times) < len(full.times)
+    assert np.array_equal(run.positions, full.positions[: len(run.times)])
+    figures(run)
+
+
+def test_the_time_of_sending_takes_the_jitter_of_arrival_away(tmp_path):
+    jitter = np.random.default_rng(3).exponential(0.004, 4000)
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    arrived = 0.0
+    for slot in range(800):
+        time = 0.01 + slot * 0.005
+        arrived = max(time + jitter[slot], arrived + 2e-6)
+        recorder.says(arrived, 11002, JointPosition(0, (0.4 * time,) * 10))
+    run = read(recorder, tmp_path)
+    numbers = figures(run)
+    settled = (run.times > 1.0) & (run.times < 3.5)
+    bare, _ = derivatives(run.times, run.positions)
+    error = np.abs(numbers.velocities[settled, 0] - 0.4).mean()
+    assert error < 0.25 * np.abs(bare[settled, 0] - 0.4).mean()
+    assert error < 0.01
+    assert np.all(run.sent <= run.times + 1e-5)
+
+
+@pytest.mark.invariant(7)
+def test_points_out_of_order_leave_a_plan_whose_times_grow(tmp_path):
+    recorder = usual_run()
+    for number, duration in enumerate((0.0, 2.0, -1.5, 0.5, 4.0)):
+        point = JointTrajPt(number, (0.1 * number,) * 10, 0.5, duration)
+        recorder.asks(4.2 + 0.1 * number, 11000, point)
+    plan = read(recorder, tmp_path).plans[-1]
+    assert np.all(np.diff(plan.times) > 0.0)
+    assert len(plan.times) == len(plan.positions) == 3
+
+
+def test_a_trace_that_begins_in_the_middle_of_a_trajectory_has_the_rest_of_it(tmp_path):
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    recorder.connect(0.0, 11000)
+    recorder.says(0.01, 11002, JointPosition())
+    for number in (5, 6):
+        recorder.asks(0.1 * number, 11000, JointTrajPt(number, (0.1 * number,) * 10, 0.5, 0.4))
+    (plan,) = read(recorder, tmp_path).plans
+    assert plan.times == pytest.approx([0.0, 0.4])
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('wrong', [float('nan'), float('inf'), 3e38, 2.5])
+def test_joints_that_cannot_be_are_an_event_and_no_figure(tmp_path, wrong):
+    recorder = usual_run()
+    recorder.says(4.004, 11002, JointPosition(0, (wrong,) * 10))
+    recorder.says(4.006, 11002, JointPosition(0, (wrong,) * 10))
+    recorder.asks(4.007, 11000, JointTrajPt(0, (wrong,) * 10))
+    run = read(recorder, tmp_path)
+    told = [text for text in texts(run, 'warning') if 'cannot be true' in text]
+    assert len(told) == 1
+    numbers = figures(run)
+    assert np.isfinite(numbers.velocities).all()
+    assert np.abs(numbers.velocities).max() < 1.1
+    assert len(run.sent) == len(run.times)
+    assert page([(run, numbers)], load_robot_model('c3_a601s'))  # json.dumps takes no NaN
+
+
+@pytest.mark.invariant(8)
+@pytest.mark.parametrize('seed', [2, 4, 9, 15])
+def test_a_controller_that_pauses_again_and_again_did_not_move_faster(tmp_path, seed):
+    chance = np.random.default_rng(seed)
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    time = 0.0
+    while time < 4.0:
+        time += 0.005
+        if chance.random() < 0.01:
+            time += chance.uniform(0.02, 0.4)
+        recorder.says(time, 11002, JointPosition(0, (0.4 * time,) * 10))
+    numbers = figures(read(recorder, tmp_path))
+    assert np.abs(numbers.velocities).max() < 0.45
+
+
+@pytest.mark.invariant(8)
+@pytest.mark.parametrize('seed', [0, 2, 4])
+def test_joint_states_that_were_held_up_and_came_in_bursts_show_no_jump(tmp_path, seed):
+    """They were counted as sent when they came: 500 rad/s and a million rad/s² of an arm at 1."""
+    chance = np.random.default_rng(seed)
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    arrived = until = 0.0
+    for slot in range(800):
+        time = 0.01 + slot * 0.005
+        if chance.random() < 0.006:
+            until = time + chance.uniform(0.05, 0.4)
+        arrived = max(time, until, arrived + 1e-5)
+        recorder.says(arrived, 11002, JointPosition(0, joint_data(position(time).tolist())))
+    numbers = figures(read(recorder, tmp_path))
+    assert np.abs(numbers.velocities).max() < 1.15  # it was 1.0
+    assert np.abs(numbers.accelerations).max() < 20.0  # it was 1.6
+
+
+@pytest.mark.parametrize(
+    ('content', 'said'),
+    [
+        (b'', 'not a capture'),
+        (b'\0' * 100, 'not a capture'),
+        (usual_run().content()[:24], 'no connection to a controller'),
+    ],
+)
+def test_a_file_without_a_run_is_refused_with_the_reason(tmp_path, content, said):
+    path = tmp_path / 'bad.pcap'
+    path.write_bytes(content)
+    with pytest.raises(RunError, match=said) as error:
+        read_trace(path, LIMITS, TEXTS)
+    assert str(path) in str(error.value)
+
+
+def test_a_trace_without_joint_states_is_refused(tmp_path):
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    recorder.says(0.1, 11002, Status())
+    with pytest.raises(RunError, match='no joint states'):
+        read(recorder, tmp_path)
