@@ -136,6 +136,7 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             io_port=usual.io if ports.io is None else ports.io,
             remote_port=usual.remote if ports.remote is None else ports.remote,
             io_timeout=more.io_timeout,
+            io=profile.io,
             byte_order=BYTE_ORDERS[more.byte_order],
             state_timeout=more.state_timeout,
             limits=limits,

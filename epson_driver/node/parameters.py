@@ -81,7 +81,8 @@ TABLE = (
         'remote_port',
         0,
         'TCP port of its Remote Ethernet server (RC700-A: 5000), through which ~/enable, '
-        '~/disable and ~/reset_error act on the motors; 0: not used.',
+        '~/disable and ~/reset_error act on the motors, and, where the profile says so, the I/O '
+        'is reached; 0: not used.',
         0,
         65535,
     ),
