@@ -10,6 +10,7 @@ import numpy as np
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.io.gripper import GripperWiring
 from epson_driver.driver.smoothing.smoothing import usual_smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.error_texts import load_error_texts
@@ -30,7 +31,7 @@ class Settings:
     """What most robots need not set. Names, units and defaults are those of the ROS parameters.
 
     None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
-    rad (m), all joints. Times in s. See docs/ros_interface.md for each.
+    rad (m), all joints. Times in s. gripper: how it is wired, if there is one. See docs/ros_interface.md for each.
     """
 
     joint_names: tuple[str, ...] | None = None
@@ -48,6 +49,7 @@ class Settings:
     goal_tolerance: float | None = None
     goal_time: float = 0.0
     stopped_velocity_tolerance: float = 0.01
+    gripper: GripperWiring | None = None
 
     def __post_init__(self) -> None:
         for name, rule in _RULES.items():
@@ -104,6 +106,7 @@ class Setup:
     start_tolerance: float
     goal_tolerance: np.ndarray[tuple[int], np.dtype[np.float64]]
     goal_time: float
+    gripper: GripperWiring | None
 
 
 def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: Settings) -> Setup:
@@ -167,4 +170,5 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             ]
         ),
         more.goal_time,
+        more.gripper,
     )
