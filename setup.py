@@ -89,10 +89,18 @@ setup(
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed']},
     python_requires='>=3.11',
-    # ROS packages are not listed: on a ROS machine they are not Python distributions.
-    # requirements/runtime.txt has them for an environment without ROS.
+    # No ROS package is needed for the Python API. On a ROS machine rosdep brings them, and they
+    # are not Python distributions; the extra `ros` is for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
+        'ros': [
+            'ros-jazzy-rclpy[fastrtps]',
+            'ros-jazzy-diagnostic-msgs',
+            'ros-jazzy-sensor-msgs',
+            'ros-jazzy-std-msgs',
+            'ros-jazzy-std-srvs',
+            'ros-jazzy-trajectory-msgs',
+        ],
         'report': ['matplotlib'],
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
