@@ -30,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Otherwise Fast DDS would multicast on every network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
+.PHONY: demo docs test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
@@ -39,6 +39,7 @@ help:
 	@echo "make test-all      run the slow tests as well (half an hour)"
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff and mypy"
+	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
 	@echo "make bench         measure the CPU time of the smoother, drivers, collision checks and the SPEL+ program"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to benchmark/results"
@@ -53,6 +54,7 @@ help:
 demo: ALSO := $(if $(findstring --plan,$(ARGS)),planning)
 test test-all soak-tests coverage lint generate pictures: ALSO := dev
 bench bench-motion: ALSO := bench
+docs: ALSO := docs
 
 demo: $(VENV)/.driver $(if $(findstring --plan,$(ARGS)),$(VENV)/.planning)
 	$(BIN)/epson_driver demo $(ARGS)
@@ -78,6 +80,9 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(VENV)/.docs
+	$(BIN)/python docs/make_site.py
 
 # one thread per process: the matrices are small, and two processes share the machine
 bench: $(VENV)/.bench
@@ -121,8 +126,12 @@ $(VENV)/.interfaces: $(VENV)/.runtime interfaces/requirements-build.txt $(INTERF
 $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(INSTALL) driver
 
-$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/planning.txt requirements/generate.txt
+$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/docs.txt requirements/planning.txt \
+		requirements/generate.txt
 	@$(INSTALL) dev
+
+$(VENV)/.docs: $(VENV)/.driver requirements/docs.txt
+	@$(INSTALL) docs
 
 $(VENV)/.planning: $(VENV)/.driver requirements/planning.txt
 	@$(INSTALL) planning
