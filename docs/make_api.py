@@ -36,19 +36,21 @@ CLASSES = (
 HEAD = """\
 # Python API reference
 
-Made by `docs/make_api.py` from the docstrings; [python.md](python.md) explains it, with examples. All of it is in
-`epson_driver.robot`; `from epson_driver import Robot` is enough for most programs.
+Made by `docs/make_api.py` from the docstrings; [python.md](python.md) explains it, with
+examples. All of it is in `epson_driver.robot`; `from epson_driver import Robot` is enough for
+most programs.
 
-`epson_driver.aio` has the same classes for asyncio: there every method is awaited that is not a property, `simulated`,
-`set_speed_scaling`, `pose_of_epson_point` or one of the `on_` methods, and `Motion.wait` has no `timeout`, as
-`asyncio.timeout` does that. Besides, `await robot.catch_up()` lets what has come be read in a program that held the
-event loop.
+`epson_driver.aio` has the same classes for asyncio: there every method is awaited that is not
+a property, `simulated`, `set_speed_scaling`, `pose_of_epson_point` or one of the `on_` methods,
+and `Motion.wait` has no `timeout`, as `asyncio.timeout` does that. Besides, `await
+robot.catch_up()` lets what has come be read in a program that held the event loop.
 """
 
 
 def page() -> str:
     """Return the page."""
-    parts = [HEAD]
+    title, *rest = HEAD.split('\n\n')
+    parts = [title + '\n', *map(_wrapped, rest)]
     for file, name in CLASSES:
         tree = ast.parse((PACKAGE / file).read_text(encoding='utf-8'))
         (found,) = (

@@ -97,7 +97,9 @@ def test_no_page_asks_another_host_for_anything(pages: dict[Path, Page]) -> None
         assert 'mermaid' not in page.classes, file
         assert 'data-md-component="source"' not in file.read_text(encoding='utf-8'), file
     for sheet in SITE.rglob('*.css'):
-        asked = re.findall(r'(?:url\(|@import)\s*["\']?((?:https?:)?//[^)"\']+)', sheet.read_text())
+        asked = re.findall(
+            r'(?:url\(|@import)\s*["\']?((?:https?:)?//[^)"\']+)', sheet.read_text()
+        )
         assert not asked, sheet
 
 

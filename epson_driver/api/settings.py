@@ -31,7 +31,8 @@ class Settings:
     """What most robots need not set. Names, units and defaults are those of the ROS parameters.
 
     None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
-    rad (m), all joints. Times in s. gripper: how it is wired, if there is one. See docs/ros_interface.md for each.
+    rad (m), all joints. Times in s. gripper: how it is wired, if there is one. See
+    docs/ros_interface.md for each.
     """
 
     joint_names: tuple[str, ...] | None = None

@@ -123,11 +123,15 @@ def test_a_task_that_is_cancelled_between_two_moves_leaves_the_arm_at_rest():
                 robot = aio.Robot(
                     motion_port=ports.motion, state_port=ports.state, remote_port=ports.remote
                 )
-                with pytest.raises(TimeoutError):
+
+                async def session(robot=robot, seconds=seconds):
                     async with robot:
                         await robot.enable()
                         async with asyncio.timeout(seconds):
                             await moves(robot)
+
+                with pytest.raises(TimeoutError):
+                    await session()
                 there = controller.arm.commanded
                 await asyncio.sleep(1.0)
                 assert np.array_equal(there, controller.arm.commanded)

@@ -18,7 +18,7 @@ MEGABYTE = 1e6
 LARGEST_MB = 140
 """Of the environment on disk, without byte code; docs/python.md has the number measured."""
 
-USER = '''
+USER = """
 import asyncio
 
 from epson_driver import GripperWiring, MotionError, Robot, RobotError, Settings
@@ -53,7 +53,7 @@ if __name__ == '__main__':
     with Robot.simulated() as simulated:
         go(simulated)
     asyncio.run(main())
-'''
+"""
 
 pytestmark = pytest.mark.slow
 
@@ -80,7 +80,16 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     interpreter = folder / 'env' / 'bin' / 'python'
     constraints = ROOT / 'requirements' / 'constraints.txt'
     made = run(
-        interpreter, *'-m pip install --no-compile -q -c'.split(), constraints, ROOT, where=folder
+        interpreter,
+        '-m',
+        'pip',
+        'install',
+        '--no-compile',
+        '-q',
+        '-c',
+        constraints,
+        ROOT,
+        where=folder,
     )
     if 'No matching distribution' in made.stderr or 'Failed to establish' in made.stderr:
         pytest.skip(f'no package index: {made.stderr[-300:]}')
@@ -104,7 +113,9 @@ def test_the_first_example_of_the_docs_runs_there(python: Path) -> None:
     assert 'the arm is enabled' in ran.stdout
 
 
-@pytest.mark.parametrize('name', ['robots', 'sim_controller', 'pendant', 'replay', 'smooth', 'spel'])
+@pytest.mark.parametrize(
+    'name', ['robots', 'sim_controller', 'pendant', 'replay', 'smooth', 'spel']
+)
 def test_executables_that_need_no_ros_work(python: Path, name: str) -> None:
     ran = run(python.with_name('epson_driver'), name, '--help', where=python.parent)
     assert ran.returncode == 0, ran.stderr
@@ -140,7 +151,7 @@ def test_those_that_need_ros_say_in_one_sentence_which_extra_is_missing(
 
 
 def test_a_user_s_file_passes_mypy_strict_as_it_is(python: Path, tmp_path: Path) -> None:
-    """mypy sees the installed package, with its py.typed, as a user's does: no option but strict."""
+    """mypy sees the installed package, with its py.typed, as a user's does."""
     file = tmp_path / 'user.py'
     file.write_text(USER, encoding='utf-8')
     words = ['-m', 'mypy', '--strict', '--cache-dir', tmp_path / 'cache']

@@ -184,9 +184,7 @@ class PolledIo:
             for item, value in zip(items, written, strict=True)
         ]
         good = [
-            item
-            for item, result in zip(items, results, strict=True)
-            if result is IoResult.SUCCESS
+            item for item, result in zip(items, results, strict=True) if result is IoResult.SUCCESS
         ]
         done = iter(await ask(good) if good else [])
         answers = []
@@ -300,4 +298,3 @@ def _most(group: int, ranges: Sequence[IoRange]) -> int:
     first = group % WORD_GROUPS * width
     (outputs,) = (held.count for held in ranges if held.io_type == IoType.DIGITAL_OUTPUT)
     return int((1 << min(width, outputs - first)) - 1)
-

@@ -3,8 +3,8 @@
 """Points by EPSON's Remote Ethernet: $GetIO, $SetIO and the like, one dialogue for each request.
 
 The controller serves one client at its remote port: nothing is kept open, and the motors' commands
-go first. Outputs are read with the statement Print, as there is no command for it; that and setting
-anything are refused while a task runs or the arm moves (docs/io.md).
+go first. Outputs are read with the statement Print, as there is no command for it; that and
+setting anything are refused while a task runs or the arm moves (docs/io.md).
 """
 
 import asyncio

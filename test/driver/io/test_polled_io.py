@@ -14,7 +14,8 @@ from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.io.io_driver import IoUnavailableError
 from epson_driver.driver.io.polled_io import ranges_of, refusal
 from epson_driver.driver.stopping.motors import Action, RemoteEthernetMotors
-from epson_driver.profiles import IoProfile, load_controller_profile
+from epson_driver.profiles import load_controller_profile
+from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
