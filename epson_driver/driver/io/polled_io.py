@@ -204,6 +204,7 @@ class PolledIo:
 
     async def _ask(self) -> None:
         """Ask for the values every `publish_period`, and when woken, until cancelled."""
+        await self._wake.wait()
         attempt = 0
         while True:
             try:

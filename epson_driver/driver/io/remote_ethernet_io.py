@@ -66,6 +66,7 @@ class RemoteEthernetIo:
 
     async def run(self, came: Callable[[], None], lost: Callable[[str], None]) -> None:
         """Nothing is kept open: every request shows whether the controller is there."""
+        came()
         await asyncio.Event().wait()
 
     async def read(self, addresses: Sequence[IoAddress]) -> list[Told]:

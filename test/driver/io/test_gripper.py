@@ -66,6 +66,7 @@ def test_jaws_that_do_not_move_are_an_error_that_says_which_input_is_missing():
             with pytest.raises(GripperError, match=r'DI 4 \(opened\) did not come on within 2 s'):
                 await gripper.move(opened=True)
             jaws.stuck = False
+            await gripper.move(opened=False)
             await gripper.move(opened=True)
             jaws.stuck = True
             with pytest.raises(GripperError, match=r'DI 5 \(closed\) did not .* it is open'):
