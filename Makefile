@@ -52,7 +52,8 @@ help:
 
 # ALSO: the steps after the driver, so that all sizes are announced before the first download
 demo: ALSO := $(if $(findstring --plan,$(ARGS)),planning)
-test test-all soak-tests coverage lint generate pictures: ALSO := dev
+test soak-tests coverage lint generate pictures: ALSO := dev
+test-all: ALSO := dev docs
 bench bench-motion: ALSO := bench
 docs: ALSO := docs
 
@@ -62,7 +63,7 @@ demo: $(VENV)/.driver $(if $(findstring --plan,$(ARGS)),$(VENV)/.planning)
 test: $(VENV)/.dev
 	$(PYTEST) $(or $(ARGS),$(ALL_TESTS))
 
-test-all: $(VENV)/.dev
+test-all: $(VENV)/.dev $(VENV)/.docs
 	$(PYTEST) -m 'not soak' $(or $(ARGS),$(ALL_TESTS))
 
 soak-tests: $(VENV)/.dev
@@ -126,8 +127,7 @@ $(VENV)/.interfaces: $(VENV)/.runtime interfaces/requirements-build.txt $(INTERF
 $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(INSTALL) driver
 
-$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/docs.txt requirements/planning.txt \
-		requirements/generate.txt
+$(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/planning.txt requirements/generate.txt
 	@$(INSTALL) dev
 
 $(VENV)/.docs: $(VENV)/.driver requirements/docs.txt

@@ -5,7 +5,8 @@
 The pages keep their places, so that every link between them holds. What they link to besides
 pages (profiles, robot models, the licence) is shown on pages made for it, and a folder as the list
 of its files. No page asks another host for anything: fonts are the reader's, and diagrams are
-drawn here instead of by a script from elsewhere.
+drawn here instead of by a script from elsewhere. Only the search needs a server, as browsers start
+no worker from a file: `python -m http.server -d build/site`.
 """
 
 import argparse
@@ -95,8 +96,6 @@ font = false
 features = ["navigation.indexes", "content.code.copy"]
 
 [project.plugins.search]
-
-[project.plugins.offline]
 """
 
 
@@ -123,7 +122,8 @@ def _linked(page: Path, text: str) -> str:
     """Return a page whose links to files and folders lead to the pages made for them."""
 
     def link(found: re.Match[str]) -> str:
-        shown, target, anchor = found[1], found[2], found[3] or ''
+        shown, target = found[1], found[2]
+        anchor = re.sub('-+', '-', found[3] or '').removesuffix('-')  # as the builder makes them
         place = page.parent / target
         if place.is_dir():
             target = f'{target.rstrip("/")}/index.md'

@@ -83,7 +83,7 @@ STEPS = {
             410,
             'py-opw-kinematics',
         ),
-        Step('docs', 'builder of the site', ('requirements/docs.txt',), 29, 60, 'zensical'),
+        Step('docs', 'builder of the site', ('requirements/docs.txt',), 33, 130, 'zensical'),
         Step('bench', 'what is compared', ('requirements/bench.txt',), 118, 246, 'scipy'),
     )
 }
