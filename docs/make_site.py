@@ -142,7 +142,9 @@ def _drawn(page: Path, text: str) -> str:
         nonlocal count
         count += 1
         picture = page.with_name(f'{page.stem}_{count}.svg')
-        _write(picture, mmdr.render(found[1]).svg())
+        drawn: str = mmdr.render(found[1]).svg()
+        width = re.findall(r'viewBox="\S+ \S+ (\S+) \S+"', drawn)[0]
+        _write(picture, drawn.replace('width="100%"', f'width="{width}"', 1))  # its own size
         return f'![Diagram {count}]({picture.name})\n'
 
     return DIAGRAM.sub(draw, text)
