@@ -74,6 +74,10 @@ class Gripper:
 
     async def state(self) -> GripperState:
         """Return what the inputs show now. Raises GripperError."""
+        return self._believed(*await self._inputs())
+
+    async def _inputs(self) -> tuple[bool, bool]:
+        """Return whether the inputs for open and for closed are on. Raises GripperError."""
         wiring = self.wiring
         inputs = [
             IoAddress(IoType.DIGITAL_INPUT, index)
@@ -87,10 +91,13 @@ class Gripper:
             if answer.text:
                 raise GripperError(f'the inputs of the gripper are not known: {answer.text}')
         opened, closed = (bool(answer.value) for answer in answers)
+        return opened, closed
+
+    def _believed(self, opened: bool, closed: bool) -> GripperState:
         if opened and closed:
             raise GripperError(
-                f'DI {wiring.opened_input} (opened) and DI {wiring.closed_input} (closed) are '
-                'both on: check the wiring'
+                f'DI {self.wiring.opened_input} (opened) and DI {self.wiring.closed_input} '
+                '(closed) are both on: check the wiring'
             )
         return GripperState(opened, closed)
 
@@ -109,14 +116,14 @@ class Gripper:
         await self._write([(off, 0), (on, 1)])
         ends = asyncio.get_running_loop().time() + wiring.time
         while True:
-            state = await self.state()
+            inputs = await self._inputs()
             if command != self._commands:
                 raise GripperError('a newer command took its place')
-            if state.opened if opened else state.closed:
-                return state
+            if inputs == (opened, not opened):
+                return GripperState(*inputs)
             left = ends - asyncio.get_running_loop().time()
             if left <= 0.0:
-                return self._late(state, opened)
+                return self._late(self._believed(*inputs), opened)
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(min(LOOK_PERIOD_S, left)):
                     await self._io.changed.wait()
