@@ -30,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Otherwise Fast DDS would multicast on every network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo browser test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
+.PHONY: demo browser docs test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
@@ -41,6 +41,7 @@ help:
 	@echo "make test-all      run the slow tests as well (half an hour)"
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff and mypy"
+	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
 	@echo "make bench         measure the CPU time of the smoother, drivers, collision checks, the SPEL+ program and the panel"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to benchmark/results"
@@ -55,8 +56,10 @@ DEMO_EXTRAS := $(if $(filter --plan,$(ARGS)),planning) $(if $(filter --panel,$(A
 
 # ALSO: the steps after the driver, so that all sizes are announced before the first download
 demo: ALSO := $(DEMO_EXTRAS)
-test test-all soak-tests coverage lint generate pictures: ALSO := dev
+test soak-tests coverage lint generate pictures: ALSO := dev
+test-all: ALSO := dev docs
 bench bench-motion: ALSO := bench
+docs: ALSO := docs
 
 demo: $(VENV)/.driver $(DEMO_EXTRAS:%=$(VENV)/.%)
 	$(BIN)/epson_driver demo $(ARGS)
@@ -67,7 +70,7 @@ browser: $(VENV)/.browser
 test: $(VENV)/.dev
 	$(PYTEST) $(or $(ARGS),$(ALL_TESTS))
 
-test-all: $(VENV)/.dev
+test-all: $(VENV)/.dev $(VENV)/.docs
 	$(PYTEST) -m 'not soak' $(or $(ARGS),$(ALL_TESTS))
 
 soak-tests: $(VENV)/.dev
@@ -85,6 +88,9 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(VENV)/.docs
+	$(BIN)/python docs/make_site.py
 
 # one thread per process: the matrices are small, and two processes share the machine
 bench: $(VENV)/.bench
@@ -132,6 +138,9 @@ $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 $(VENV)/.dev: $(VENV)/.driver requirements/dev.txt requirements/generate.txt requirements/panel.txt requirements/planning.txt \
 		requirements/report.txt
 	@$(INSTALL) dev
+
+$(VENV)/.docs: $(VENV)/.driver requirements/docs.txt
+	@$(INSTALL) docs
 
 $(VENV)/.planning: $(VENV)/.driver requirements/planning.txt
 	@$(INSTALL) planning

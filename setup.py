@@ -102,10 +102,18 @@ setup(
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed', 'report/assets/*']},
     python_requires='>=3.11',
-    # ROS packages are not listed: on a ROS machine they are not Python distributions.
-    # requirements/runtime.txt has them for an environment without ROS.
+    # No ROS package is needed for the Python API. On a ROS machine rosdep brings them, and they
+    # are not Python distributions; the extra `ros` is for an environment without ROS.
     install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
     extras_require={
+        'ros': [
+            'ros-jazzy-rclpy[fastrtps]',
+            'ros-jazzy-diagnostic-msgs',
+            'ros-jazzy-sensor-msgs',
+            'ros-jazzy-std-msgs',
+            'ros-jazzy-std-srvs',
+            'ros-jazzy-trajectory-msgs',
+        ],
         'report': ['matplotlib', 'rosbags'],
         'panel': ['viser==1.1.1'],  # exactly: panel/web_server.py relies on its inside
         'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],

@@ -8,9 +8,9 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from epson_driver.robot import MotionError, Robot, RobotError, Settings
+    from epson_driver.robot import GripperWiring, MotionError, Robot, RobotError, Settings
 
-__all__ = ['MotionError', 'Robot', 'RobotError', 'Settings']
+__all__ = ['GripperWiring', 'MotionError', 'Robot', 'RobotError', 'Settings']
 
 
 def __getattr__(name: str) -> object:

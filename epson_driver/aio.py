@@ -24,6 +24,7 @@ import numpy.typing as npt
 from epson_driver.api import moves
 from epson_driver.api.callbacks import Changes
 from epson_driver.api.errors import MotionError, RobotError, in_python, not_begun
+from epson_driver.api.gripper import Gripper, GripperState, GripperWiring
 from epson_driver.api.io import Io
 from epson_driver.api.motion import Motion
 from epson_driver.api.settings import Ports, Settings, make_setup
@@ -32,6 +33,7 @@ from epson_driver.api.status import ControllerError, RobotStatus, robot_status
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.io.gripper import Gripper as DrivenGripper
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
@@ -47,6 +49,9 @@ from epson_driver.simple_message import Status
 
 __all__ = [
     'ControllerError',
+    'Gripper',
+    'GripperState',
+    'GripperWiring',
     'Io',
     'Motion',
     'MotionError',
@@ -94,6 +99,7 @@ class Robot:
         self._driver: Driver | None = None
         self._commands: ArmCommands | None = None
         self._task: asyncio.Task[None] | None = None
+        self._gripper: DrivenGripper | None = None
         self._heard = Notification()
         self._link_reason = 'not connected yet'
         errors = self._setup.configuration.errors
@@ -101,6 +107,8 @@ class Robot:
         self._changes = Changes(self.callback_failed, errors)
         self.io = Io(lambda: self._connected()[0].io)
         """Inputs and outputs."""
+        self.gripper = Gripper(self._driven_gripper)
+        """The gripper that the settings describe."""
 
     @classmethod
     def simulated(
@@ -151,6 +159,8 @@ class Robot:
             driver = Driver(configuration, self, self._setup.goals)
             driver.goal_queue.start_tolerance = self._setup.start_tolerance
             self._driver, self._commands = driver, ArmCommands(driver)
+            wiring = self._setup.gripper
+            self._gripper = None if wiring is None else DrivenGripper(driver.io, wiring)
             self._task = asyncio.create_task(driver.run())
             self._task.add_done_callback(lambda _: self._heard.notify_all())
             await self._wait_until_ready(driver, timeout)
@@ -480,6 +490,10 @@ class Robot:
             failure = None if self._task.cancelled() else self._task.exception()
             raise RobotError(f'the driver has ended ({failure}): call close(), then connect()')
         return self._driver, self._commands
+
+    def _driven_gripper(self) -> DrivenGripper | None:
+        self._connected()
+        return self._gripper
 
     async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
         try:

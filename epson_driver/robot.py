@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from epson_driver import aio
 from epson_driver.api.errors import MotionError, RobotError
+from epson_driver.api.gripper import GripperState, GripperWiring
 from epson_driver.api.settings import Settings
 from epson_driver.api.status import ControllerError, RobotStatus
 from epson_driver.api.threads import CallbackThread, LoopThread
@@ -29,6 +30,9 @@ from epson_driver.robots import RobotModel
 
 __all__ = [
     'ControllerError',
+    'Gripper',
+    'GripperState',
+    'GripperWiring',
     'Io',
     'Motion',
     'MotionError',
@@ -97,6 +101,36 @@ class Io:
         self._running().run(partial(self._io.write, kind, index, value))
 
 
+class Gripper:
+    """Opens and closes the gripper that `Settings(gripper=GripperWiring(...))` describes.
+
+    Without that, each method raises RobotError that says so. The arm need not be enabled for it.
+    """
+
+    def __init__(self, gripper: aio.Gripper, running: Callable[[], LoopThread]) -> None:
+        self._gripper = gripper
+        self._running = running
+
+    def open(self) -> GripperState:
+        """Open it; return its state when it is open.
+
+        Raises RobotError if it does not open in its time, or if a newer command took its place.
+        """
+        return self._running().run(self._gripper.open)
+
+    def close(self) -> GripperState:
+        """Close it; return its state: closed, or neither if it holds something.
+
+        Whether it holds something is known after its `time`. Raises RobotError if it stays open,
+        or if a newer command took its place.
+        """
+        return self._running().run(self._gripper.close)
+
+    def state(self) -> GripperState:
+        """Return what its inputs show now. Raises RobotError if they are not known."""
+        return self._running().run(self._gripper.state)
+
+
 class Robot:
     """One arm. `connect` first, or use it in a `with` block, which stops the arm at its end.
 
@@ -134,6 +168,8 @@ class Robot:
         self._callbacks = CallbackThread('robot callbacks', self._callback_failed)
         self.io = Io(self._robot.io, self._running)
         """Inputs and outputs."""
+        self.gripper = Gripper(self._robot.gripper, self._running)
+        """The gripper that the settings describe."""
 
     @classmethod
     def simulated(

@@ -85,6 +85,7 @@ STEPS = {
             'py-opw-kinematics',
         ),
         Step('browser', 'what drives a browser', ('requirements/browser.txt',), 52, 164, 'viser'),
+        Step('docs', 'builder of the site', ('requirements/docs.txt',), 33, 130, 'zensical'),
         Step('bench', 'what is compared, panel', ('requirements/bench.txt',), 129, 285, 'scipy'),
     )
 }

@@ -24,6 +24,13 @@ def test_state_machine_diagrams_are_those_of_the_code(page: str) -> None:
     assert 'stateDiagram-v2' in written
 
 
+def test_the_api_reference_is_that_of_the_docstrings() -> None:
+    made = runpy.run_path(str(ROOT / 'docs' / 'make_api.py'))
+    written = made['PAGE'].read_text(encoding='utf-8')
+    assert written == made['page'](), 'run `python docs/make_api.py`'
+    assert '### Robot.move_joints' in written
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     targets = re.findall(r'\]\((?!https?:)([^)#:]+)[^)]*\)', page.read_text(encoding='utf-8'))

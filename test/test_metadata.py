@@ -46,6 +46,11 @@ def test_a_manifest_has_what_release_tools_ask_for(path: Path) -> None:
     assert package.licenses == ['Apache-2.0']
 
 
+def test_nothing_of_ros_is_required(setup_arguments: dict[str, Any]) -> None:
+    """`pip install epson_driver` alone gives the Python API (docs/python.md)."""
+    assert setup_arguments['install_requires'] == ['numpy', 'ruckig', 'PyYAML', 'rich']
+
+
 def test_packages_of_one_release_have_one_version(setup_arguments: dict[str, Any]) -> None:
     ours = [path for path in MANIFESTS if path.parent.name not in COPIES]
     versions = {parse_package(str(path)).version for path in ours}
@@ -63,10 +68,12 @@ def test_every_extra_serves_code(setup_arguments: dict[str, Any]) -> None:
         path.read_text(encoding='utf-8') for path in (ROOT / 'epson_driver').rglob('*.py')
     )
     extras = setup_arguments['extras_require']
-    assert set(extras) == {'dev', 'panel', 'planning', 'report', 'test'}
+    assert set(extras) == {'dev', 'panel', 'planning', 'report', 'ros', 'test'}
     for extra in ('panel', 'planning', 'report'):
         for requirement in extras[extra]:
             name = requirement.partition('==')[0]
             module = IMPORTED_AS.get(name, name)
             assert re.search(rf'^\s*(import|from) {module}\b', code, re.MULTILINE), name
+    runtime = (ROOT / 'requirements' / 'runtime.txt').read_text(encoding='utf-8')
+    assert extras['ros'] == re.findall(r'(?m)^ros-\S+$', runtime)
     assert set(extras['test']) <= {*extras['dev'], *extras['planning']}

@@ -13,6 +13,7 @@ _NAMES = {
     '~/stop': 'stop()',
     'robot_ip': 'host',
     'the parameter io_port': 'io_port',
+    'the parameter remote_port': 'remote_port',
     ' (or set allow_nonzero_velocity_at_trajectory_end)': '',
 }
 

@@ -6,7 +6,8 @@ from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
 from epson_driver.api.errors import RobotError
-from epson_driver.driver.io.io_driver import IoAnswer, IoDriver, IoUnavailableError
+from epson_driver.driver.io import io_access
+from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
 from epson_driver.driver.io.io_results import NAMES
 from epson_driver.inputs import choice, count
 from epson_driver.simple_message import IoAddress, IoSetting, IoType
@@ -24,7 +25,7 @@ VALUE = count(-(2**31), 2**31 - 1)
 class Io:
     """Reads and writes single points. A controller without I/O is a RobotError that says so."""
 
-    def __init__(self, driver: Callable[[], IoDriver]) -> None:
+    def __init__(self, driver: Callable[[], io_access.Io]) -> None:
         self._driver = driver
 
     async def read(self, kind: str, index: int) -> int:

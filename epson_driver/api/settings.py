@@ -10,6 +10,7 @@ import numpy as np
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.io.gripper import GripperWiring
 from epson_driver.driver.smoothing.smoothing import usual_smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.error_texts import load_error_texts
@@ -30,7 +31,8 @@ class Settings:
     """What most robots need not set. Names, units and defaults are those of the ROS parameters.
 
     None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
-    rad (m), all joints. Times in s. See docs/ros_interface.md for each.
+    rad (m), all joints. Times in s. gripper: how it is wired, if there is one. See
+    docs/ros_interface.md for each.
     """
 
     joint_names: tuple[str, ...] | None = None
@@ -48,6 +50,7 @@ class Settings:
     goal_tolerance: float | None = None
     goal_time: float = 0.0
     stopped_velocity_tolerance: float = 0.01
+    gripper: GripperWiring | None = None
 
     def __post_init__(self) -> None:
         for name, rule in _RULES.items():
@@ -104,6 +107,7 @@ class Setup:
     start_tolerance: float
     goal_tolerance: np.ndarray[tuple[int], np.dtype[np.float64]]
     goal_time: float
+    gripper: GripperWiring | None
 
 
 def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: Settings) -> Setup:
@@ -136,6 +140,7 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             io_port=usual.io if ports.io is None else ports.io,
             remote_port=usual.remote if ports.remote is None else ports.remote,
             io_timeout=more.io_timeout,
+            io=profile.io,
             byte_order=BYTE_ORDERS[more.byte_order],
             state_timeout=more.state_timeout,
             limits=limits,
@@ -167,4 +172,5 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             ]
         ),
         more.goal_time,
+        more.gripper,
     )

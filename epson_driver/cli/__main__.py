@@ -20,6 +20,11 @@ from epson_driver.share import share_file
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 """Message packages that no binary release has: they are built from interfaces/."""
 
+NO_WHEELS = ('control_msgs', *INTERFACES)
+"""Message packages that there are no wheels of."""
+
+NOT_OF_ROS = {'matplotlib': 'report', 'scipy': 'planning', 'ompl': 'planning'}
+"""Modules that come with another extra than `ros`, and that one."""
 
 BROKEN_PIPE = 141
 """The exit code after nobody reads the output any more, as shells have it: 128 and SIGPIPE."""
@@ -60,15 +65,18 @@ def _run() -> int:
         print(f'{_unknown(name)}{_usage()}', file=sys.stderr)
         return 2
     del sys.argv[1]
+    ready = False
     try:
         executable = import_module(f'epson_driver.cli.{name}')
+        ready = True
+        raise_at_interrupt()
+        result: int = executable.main()
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.startswith('epson_driver'):
+        top = (error.name or '').partition('.')[0]
+        if top in ('', 'epson_driver') or (ready and top not in NOT_OF_ROS):
             raise
-        print(f'epson_driver {name}: {_missing(error.name)}', file=sys.stderr)
+        print(f'epson_driver {name}: {_missing(top)}', file=sys.stderr)
         return 1
-    raise_at_interrupt()
-    result: int = executable.main()
     return result
 
 
@@ -87,13 +95,17 @@ def _unknown(name: str) -> str:
     return f'epson_driver: no executable {name[:100]!r}{guess}\n\n'
 
 
-def _missing(module: str) -> str:
-    package = module.partition('.')[0]
-    text = f'the Python module {package} is missing: source a ROS 2 workspace'
+def _missing(package: str) -> str:
+    text = f'the Python module {package} is missing: '
+    if package in NOT_OF_ROS:
+        return f"{text}pip install 'epson_driver[{NOT_OF_ROS[package]}]'"
+    text += 'this needs ROS 2; source a workspace'
     if package in INTERFACES:
         text += ' that was built with colcon build --base-paths src/epson_driver '
         text += 'src/epson_driver/interfaces'
-    return f'{text}, or install requirements/runtime.txt (see README.md)'
+    if package in NO_WHEELS:
+        return f'{text}, or pip install ./interfaces/{package} in the source tree'
+    return f"{text}, or pip install 'epson_driver[ros]' (see README.md)"
 
 
 if __name__ == '__main__':

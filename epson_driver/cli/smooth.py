@@ -9,6 +9,7 @@ point-to-point controller and a plain spline make of the plan.
 import argparse
 import sys
 import time
+from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 
@@ -39,6 +40,9 @@ MAX_PROBLEMS_SHOWN = 3
 """How many of the problems of a plan are spelled out."""
 
 
+NO_PICTURE = "none, as matplotlib is missing: pip install 'epson_driver[report]'"
+
+
 class _PlanError(ValueError):
     """A plan that cannot be smoothed. The text says what to do."""
 
@@ -58,6 +62,9 @@ def main() -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     console = Console()
+    draws = find_spec('matplotlib') is not None
+    if arguments.picture and not draws:
+        raise _PlanError(f'--picture: {NO_PICTURE}')
     file: Path = arguments.file
     mode = Mode(arguments.mode)
     limits = load_robot_model(arguments.robot).limits
@@ -87,8 +94,10 @@ def _run(arguments: argparse.Namespace) -> int:
     columns.append(ours)
     study = Study(plan_read, limits, timed, columns)
     console.print(_table(study, planner, arguments.look_ahead))
-    draw(picture, study)
-    console.print(f'trajectory: {output}\npicture: {picture}', highlight=False)
+    if draws:
+        draw(picture, study)
+    shown = picture if draws else NO_PICTURE
+    console.print(f'trajectory: {output}\npicture: {shown}', highlight=False, markup=False)
     return 0
 
 

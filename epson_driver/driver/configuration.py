@@ -11,10 +11,12 @@ from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, Margins
 from epson_driver.driver.stopping.motors import MotorsKind
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.motion import JointLimits
+from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.simple_message import ByteOrder
 
 NO_SMOOTHING = Smoothing()
 STREAMING = DeliveryRules()
+USUAL_IO = IoProfile()
 
 
 @dataclass(frozen=True)
@@ -22,11 +24,11 @@ class Configuration:
     """Where the controller is and what it expects. An io or remote port of 0 is not used.
 
     `errors` says what its error numbers mean; None: they are EPSON's. `delivery` says how
-    trajectories reach it, `mapping` how it counts joints; None: as ROS does. Where the
-    byte order is not given, `usual_byte_order` holds until its messages show it. `motors`: how
-    they are switched, and errors reset. `state_period`: s between two messages of its state, to
-    begin with. `margins`: how far beyond `limits` its joints may be. `configured_as`: what kind of
-    controller and robot that is, for people.
+    trajectories reach it, `io` which points it has and how they are reached, `mapping` how it
+    counts joints; None: as ROS does. Where the byte order is not given, `usual_byte_order` holds
+    until its messages show it. `motors`: how they are switched, and errors reset. `state_period`:
+    s between two messages of its state, to begin with. `margins`: how far beyond `limits` its
+    joints may be. `configured_as`: what kind of controller and robot that is, for people.
     """
 
     host: str
@@ -43,6 +45,7 @@ class Configuration:
     usual_byte_order: ByteOrder = ByteOrder.LITTLE
     io_port: int = 0
     io_timeout: float = 1.0
+    io: IoProfile = USUAL_IO
     motors: MotorsKind = 'remote_ethernet'
     state_period: float = 0.005
     margins: Margins = DEFAULT_MARGINS

@@ -16,7 +16,7 @@ from epson_driver.driver.delivery.delivery_factory import make_delivery
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.pace import Pace
-from epson_driver.driver.io.io_driver import IoDriver
+from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
 from epson_driver.driver.state.joint_mapping import unmapped
@@ -31,6 +31,7 @@ from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
 from epson_driver.link.silence import Silence, passed
 from epson_driver.log_lines import LogThrottle
+from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import (
     CommType,
     Dialect,
@@ -110,15 +111,19 @@ class Driver:
             on_state=self._on_motion_link,
             byte_order=order,
         )
-        self.io = IoDriver(
+        turns = RemoteTurns()
+        self.io = make_io(
+            configuration.io,
             configuration.host,
-            configuration.io_port,
+            (configuration.io_port, configuration.remote_port),
             byte_order=order,
             timeout=configuration.io_timeout,
+            turns=turns,
         )
-        self.trace = Trace((self.state_link, self.motion_link, self.io.link))
+        links = [self.state_link, self.motion_link]
+        self.trace = Trace([*links, *([] if self.io.link is None else [self.io.link])])
         if order is None:
-            for link in (self.state_link, self.motion_link):
+            for link in links:
                 link.dialect = Dialect(configuration.usual_byte_order)
         self.changed = Notification()
         """Notified when a status came, a goal or a stop ended, or STOP was answered."""
@@ -128,6 +133,7 @@ class Driver:
                 configuration.host,
                 configuration.remote_port,
                 self.motion_link,
+                turns,
             )
         )
         self.stopper = Stopper(
@@ -159,7 +165,6 @@ class Driver:
         self._dialect_known = order is not None
         self.stop_due = False
         """STOP is to be sent on this motion connection before anything else."""
-        links = (self.state_link, self.motion_link)
         kind = configuration.configured_as
         self._reports = {link.name: LinkReports(link, kind) for link in links}
 

@@ -33,6 +33,15 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
         }
     ),
     MessageType.MOTION_CTRL: frozenset({MessageType.MOTION_REPLY}),
+    **{
+        asked: frozenset({answered, MessageType.IOCTRL_REPLY})
+        for asked, answered in (
+            (MessageType.READ_IO_BIT, MessageType.READ_IO_BIT_REPLY),
+            (MessageType.WRITE_IO_BIT, MessageType.WRITE_IO_BIT_REPLY),
+            (MessageType.READ_IO_GROUP, MessageType.READ_IO_GROUP_REPLY),
+            (MessageType.WRITE_IO_GROUP, MessageType.WRITE_IO_GROUP_REPLY),
+        )
+    },
 }
 """Types of reply per type of request; a type that is not listed is answered by itself."""
 

@@ -51,11 +51,14 @@ class Diagnostics:
         )
 
     def _io(self, now: float) -> Iterator[DiagnosticStatus]:
-        """Yield the I/O link if it is used. Without it the arm moves all the same: a warning."""
+        """Yield the I/O if it is used. Without it the arm moves all the same: a warning."""
         io = self._driver.io
         if not io.used:
             return
-        status = self._link(io.link, now)
+        if io.link is None:  # a dialogue for each request: there is no link to tell of
+            status = self._status('io', DiagnosticStatus.OK, 'answers', {}, io.place)
+        else:
+            status = self._link(io.link, now)
         if io.reason:
             status.level, status.message = DiagnosticStatus.WARN, io.reason
         yield status

@@ -42,6 +42,7 @@ def driver_configuration(
         remote_port=values['remote_port'],
         io_port=values['io_port'],
         io_timeout=values['io_timeout'],
+        io=profile.io,
         byte_order=BYTE_ORDERS[values['byte_order']],
         state_timeout=values['state_timeout'],
         limits=replace(model.limits, names=names),

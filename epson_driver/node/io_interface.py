@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node's I/O: `~/io_states`, `~/read_io` and `~/write_io` over an `IoDriver`."""
+"""The node's I/O: `~/io_states`, `~/read_io` and `~/write_io` over the driver's I/O."""
 
 from array import array
 from collections.abc import Callable, Coroutine, Sequence
@@ -13,7 +13,8 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from epson_driver.driver.io.io_driver import IoAnswer, IoDriver, IoUnavailableError
+from epson_driver.driver.io.io_access import Io
+from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.simple_message import IoAddress, IoSetting
 
@@ -22,7 +23,7 @@ class IoInterface:
     """Publishes what the driver knows of the I/O, and serves requests. Made in its event loop."""
 
     def __init__(
-        self, node: Node, io: IoDriver, bridge: LoopBridge, callback_group: CallbackGroup
+        self, node: Node, io: Io, bridge: LoopBridge, callback_group: CallbackGroup
     ) -> None:
         self._io = io
         self._bridge = bridge

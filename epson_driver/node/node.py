@@ -30,6 +30,7 @@ from epson_driver.node import messages, parameters
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.driver_configuration import driver_configuration, goal_settings
 from epson_driver.node.goal_server import GoalServer
+from epson_driver.node.gripper_server import GripperServer, gripper_wiring
 from epson_driver.node.io_interface import IoInterface
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives
@@ -85,6 +86,12 @@ class ClientNode:
         group = ReentrantCallbackGroup()
         self._make_services(group)
         self._io = IoInterface(node, self.driver.io, self._bridge, group)
+        wiring = gripper_wiring(self._parameters)
+        self.gripper_server = (
+            None
+            if wiring is None
+            else GripperServer(node, self.driver.io, wiring, self._bridge, group)
+        )
         self._speed = SpeedScalingInterface(
             node, self.driver.goal_queue.scaling, self._bridge, group
         )

@@ -11,7 +11,16 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from epson_driver.error_texts import load_error_texts
-from epson_driver.inputs import HOST, JOINT_NAMES, InputError, Rule, near_name, shown
+from epson_driver.inputs import (
+    HOST,
+    JOINT_NAMES,
+    InputError,
+    Rule,
+    count,
+    list_of,
+    near_name,
+    shown,
+)
 from epson_driver.profiles import ControllerProfile, load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import MAX_JOINTS
@@ -24,6 +33,20 @@ POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
 GOAL_TOLERANCE = {'rad': 0.01, 'm': 0.001}
 
 JOINTS = [f'joint_{i}' for i in range(1, 7)]
+
+
+PAIR = 2
+_EACH_POINT = list_of(count(-1, 2**31 - 1))
+
+
+def _pair(value: Any) -> list[int]:
+    if not isinstance(value, list) or len(value) != PAIR:
+        raise ValueError
+    points: list[int] = _EACH_POINT.read(value)
+    return points
+
+
+POINT_PAIR = Rule(_pair, 'must be two whole numbers from -1 on')
 
 
 @dataclass(frozen=True)
@@ -81,7 +104,8 @@ TABLE = (
         'remote_port',
         0,
         'TCP port of its Remote Ethernet server (RC700-A: 5000), through which ~/enable, '
-        '~/disable and ~/reset_error act on the motors; 0: not used.',
+        '~/disable and ~/reset_error act on the motors, and, where the profile says so, the I/O '
+        'is reached; 0: not used.',
         0,
         65535,
     ),
@@ -258,6 +282,26 @@ TABLE = (
         0.001,
         10000.0,
         now=True,
+    ),
+    Row(
+        'gripper.outputs',
+        [-1, -1],
+        'Digital outputs that open and close a gripper, for ~/gripper_cmd; -1, -1: there is none.',
+        rule=POINT_PAIR,
+    ),
+    Row(
+        'gripper.inputs',
+        [-1, -1],
+        'Digital inputs that tell that it is open, and closed; -1, -1: there is none.',
+        rule=POINT_PAIR,
+    ),
+    Row('gripper.stroke', 0.05, 'How far it opens [m].', 1e-4, 2.0),
+    Row(
+        'gripper.time',
+        2.0,
+        'After so long at most it is open, is closed, or holds something [s].',
+        0.05,
+        60.0,
     ),
     Row(
         'constraints.stopped_velocity_tolerance',

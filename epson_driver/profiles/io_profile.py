@@ -5,9 +5,9 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Literal
 
-from epson_driver.inputs import InputError, count, number, printable, shown
+from epson_driver.inputs import InputError, choice, count, number, printable, shown
 from epson_driver.simple_message import IoType
 
 MAX_POINTS = 4096
@@ -26,6 +26,11 @@ OUTPUTS = {'DO': IoType.DIGITAL_OUTPUT, 'AO': IoType.ANALOG_OUTPUT}
 
 ALL = 'all'
 
+IoAccess = Literal['server', 'remote_ethernet', 'motoman']
+"""How a driver reaches the points, see IoProfile."""
+
+ACCESSES: tuple[IoAccess, ...] = ('server', 'remote_ethernet', 'motoman')
+
 NO_POINTS: frozenset[Point] = frozenset()
 
 
@@ -33,6 +38,9 @@ NO_POINTS: frozenset[Point] = frozenset()
 class IoProfile:
     """The points of one controller; the defaults are those of an RC620.
 
+    * `access`: how a driver reaches them. server: the messages of docs/io.md at the I/O port, if a
+      program on the controller serves it; remote_ethernet: EPSON's commands at the remote port;
+      motoman: MotoROS' messages at the I/O port.
     * Numbers of points per type. 24 digital inputs and 16 outputs are its standard I/O; analogue
       I/O is an optional board there; `flags` are SPEL+'s memory I/O bits.
     * `analog_range`: the smallest and the largest value of analogue points, V.
@@ -40,10 +48,12 @@ class IoProfile:
       on the wire.
     * `keep_on_reset`, `keep_on_link_loss`: the outputs that stay as they are then. All others
       take their safe value.
-    * `publish_period`: subscribed values are sent every so many s, changed or not.
+    * `publish_period`: subscribed values are sent every so many s, changed or not; where nobody
+      sends them (access by remote_ethernet or motoman), the driver asks so often.
       `publish_interval`: changes are sent at once, but never closer than this, s.
     """
 
+    access: IoAccess = 'server'
     digital_inputs: int = 24
     digital_outputs: int = 16
     analog_inputs: int = 2
@@ -103,6 +113,7 @@ def read_io_profile(data: Mapping[Any, Any], file: str) -> IoProfile:
 _POINTS = count(0, MAX_POINTS)
 _PERIOD = number(0.001, LONGEST_PERIOD)
 _RULES = {
+    'access': choice(*ACCESSES),
     'digital_inputs': _POINTS,
     'digital_outputs': _POINTS,
     'analog_inputs': _POINTS,

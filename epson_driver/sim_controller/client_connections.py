@@ -19,6 +19,7 @@ from epson_driver.sim_controller.condition.tasks import (
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
+from epson_driver.sim_controller.io.motoman_io_session import MotomanIoSession
 from epson_driver.sim_controller.ports.program_ports import ProgramPorts
 from epson_driver.sim_controller.ports.session import Client, Send, Session
 from epson_driver.sim_controller.programs.motion_session import MotionSession
@@ -289,6 +290,8 @@ def _open(controller: Controller, port: str, send: Send, client: Client) -> Sess
                 controller.clock,
                 send,
             )
+        case 'io' if controller.profile.io.access == 'motoman':
+            return MotomanIoSession(controller.io, controller.dialect, send)
         case 'io':
             return IoSession(
                 controller.io,

@@ -33,6 +33,17 @@ from epson_driver.simple_message.messages import (
     Ping,
     Status,
 )
+from epson_driver.simple_message.motoman_io import (
+    IoCtrlReply,
+    ReadIoBit,
+    ReadIoBitReply,
+    ReadIoGroup,
+    ReadIoGroupReply,
+    WriteIoBit,
+    WriteIoBitReply,
+    WriteIoGroup,
+    WriteIoGroupReply,
+)
 
 MAX_TRAJECTORY_POINTS = 200
 
@@ -239,6 +250,15 @@ ROWS: tuple[Layout, ...] = (
         MotionReply,
         'robot_id:i sequence:i command:i result:i subcode:i data:10r',
     ),
+    FixedLayout(MessageType.READ_IO_BIT, ReadIoBit, 'address:i'),
+    FixedLayout(MessageType.READ_IO_BIT_REPLY, ReadIoBitReply, 'value:i result:i'),
+    FixedLayout(MessageType.WRITE_IO_BIT, WriteIoBit, 'address:i value:i'),
+    FixedLayout(MessageType.WRITE_IO_BIT_REPLY, WriteIoBitReply, 'result:i'),
+    FixedLayout(MessageType.READ_IO_GROUP, ReadIoGroup, 'address:i'),
+    FixedLayout(MessageType.READ_IO_GROUP_REPLY, ReadIoGroupReply, 'value:i result:i'),
+    FixedLayout(MessageType.WRITE_IO_GROUP, WriteIoGroup, 'address:i value:i'),
+    FixedLayout(MessageType.WRITE_IO_GROUP_REPLY, WriteIoGroupReply, 'result:i'),
+    FixedLayout(MessageType.IOCTRL_REPLY, IoCtrlReply, 'result:i subcode:i'),
     FixedLayout(MessageType.IO_INFO, IoInfo, 'message_id:i'),
     *IO_ROWS,
 )

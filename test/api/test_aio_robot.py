@@ -10,12 +10,14 @@ import pytest
 from support.api_harness import FAR, robot_cell
 from support.driver_harness import ScriptedController, answer, simulated
 from support.event_loop import run, stand_still, until
+from support.two_jaws import TwoJaws
 
 from epson_driver import aio
 from epson_driver.aio import MotionError, Robot, RobotError
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.simple_message import IoType
 
 HOME = [0.0] * 6
 SLOW = 0.02
@@ -451,6 +453,51 @@ def test_without_an_io_port_a_request_says_so():
     run(scenario())
 
 
+@pytest.mark.parametrize('profile', ['rc700a', 'motoman', 'spel'])
+def test_io_is_the_same_by_every_way_to_it(profile):
+    async def scenario():
+        async with robot_cell(profile=profile, enabled=False) as (robot, controller):
+            controller.io.set_input(IoType.DIGITAL_INPUT, 3, 1)
+            await until(lambda: not robot._driver.io.reason)
+            assert await robot.io.read('DI', 3) == 1
+            await robot.io.write('DO', 3, 1)
+            assert await robot.io.read('DO', 3) == 1
+            with pytest.raises(RobotError, match='DI 9999: the controller has 0 to'):
+                await robot.io.read('DI', 9999)
+
+    run(scenario())
+
+
+def test_a_gripper_opens_and_closes_and_says_why_it_does_not():
+    wiring = aio.GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
+
+    async def scenario():
+        async with robot_cell(settings=aio.Settings(gripper=wiring)) as (robot, controller):
+            jaws = TwoJaws(controller, wiring)
+            assert (await robot.gripper.open()).opened
+            assert (await robot.gripper.close()).closed
+            await robot.gripper.open()
+            jaws.part = True
+            assert await robot.gripper.close() == aio.GripperState(False, False)
+            assert await robot.gripper.state() == aio.GripperState(False, False)
+            jaws.stuck = True
+            with pytest.raises(RobotError, match=r'DI 0 \(opened\) did not come on within 2 s'):
+                await robot.gripper.open()
+
+    run(scenario())
+
+
+def test_without_a_wiring_there_is_no_gripper():
+    async def scenario():
+        async with robot_cell() as (robot, _):
+            with pytest.raises(RobotError, match='no gripper is known'):
+                await robot.gripper.open()
+        with pytest.raises(RobotError, match=r'call connect\(\)'):
+            await robot.gripper.open()
+
+    run(scenario())
+
+
 @pytest.mark.invariant(5)
 def test_a_point_that_the_controller_refuses_ends_the_motion_with_its_words():
     async def scenario():
@@ -488,6 +535,6 @@ def test_the_public_names_are_those_of_the_synchronous_door():
         return {name for name in dir(kind) if not name.startswith('_')}
 
     own = {'catch_up', 'on_joints', 'on_status', 'on_link_state', 'callback_failed'}
-    for name in ('Robot', 'Motion', 'Io'):
+    for name in ('Robot', 'Motion', 'Io', 'Gripper'):
         missing = public(getattr(aio, name)) - public(getattr(robot, name)) - own
         assert missing <= {'begin'}, name

@@ -73,13 +73,16 @@ def test_without_the_messages_it_says_how_they_are_built(package: str) -> None:
     assert run.returncode == 1
     assert f'the Python module {package} is missing' in run.stderr
     assert 'colcon build --base-paths src/epson_driver src/epson_driver/interfaces' in run.stderr
+    assert f'pip install ./interfaces/{package}' in run.stderr
 
 
 @pytest.mark.parametrize('name', ['client', 'demo'])
 def test_without_ros_it_says_what_is_missing(name: str) -> None:
     run = command(name, before='sys.modules["rclpy"] = None')
     assert run.returncode == 1
-    assert 'the Python module rclpy is missing' in run.stderr
+    (line,) = run.stderr.splitlines()
+    assert 'the Python module rclpy is missing' in line
+    assert "pip install 'epson_driver[ros]'" in line
     assert 'Traceback' not in run.stderr
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from epson_driver.driver.io.io_results import sentence
+from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.link import Link, LinkState
 from epson_driver.simple_message import (
@@ -84,8 +85,9 @@ class IoDriver:
 
     `states` are the values of all ranges that the controller publishes, () while they are not
     known; `reason` then says why, and is '' otherwise. `on_states` is called (in the event loop)
-    after `states` changed, and once when they cease to be known. `timeout`, s, may be changed at
-    any time: how long a reply may take, and how old values may become. A port of 0 is not used.
+    after `states` changed, and once when they cease to be known; `changed` is notified then, too.
+    `timeout`, s, may be changed at any time: how long a reply may take, and how old values may
+    become. A port of 0 is not used.
     """
 
     def __init__(
@@ -96,6 +98,7 @@ class IoDriver:
         self.reason = 'connecting' if port else NOT_USED
         self.ranges: tuple[IoRange, ...] = ()
         self.on_states: Callable[[], None] = lambda: None
+        self.changed = Notification()
         self.link = Link(
             'io',
             host,
@@ -120,6 +123,11 @@ class IoDriver:
     def used(self) -> bool:
         """Whether there is a port to connect to."""
         return bool(self.link.port)
+
+    @property
+    def place(self) -> str:
+        """Host and port, as diagnostics name them."""
+        return f'{self.link.host}:{self.link.port}'
 
     async def run(self) -> None:
         """Keep the link and the subscription alive until cancelled."""
@@ -297,6 +305,7 @@ class IoDriver:
         self.reason = ''
         self._told = False
         self.on_states()
+        self.changed.notify_all()
 
     def _lose(self, why: str, level: int = logging.INFO) -> None:
         """Take note that the values are not known. Said once, until they are known again."""
@@ -307,6 +316,7 @@ class IoDriver:
             self._told = True
             _log.log(level, '%s', why)
             self.on_states()
+            self.changed.notify_all()
 
     def _on_link(self, state: LinkState, why: str) -> None:
         if state is LinkState.CONNECTED:

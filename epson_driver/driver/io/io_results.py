@@ -31,11 +31,15 @@ def sentence(result: int, io_type: int, index: int, value: int | None, ranges: R
     """
     if result == IoResult.SUCCESS:
         return ''
-    name = NAMES[IoType(io_type)] if io_type in NAMES else f'type {io_type}, index'
-    address = f'{name} {index}' if value is None else f'{name} {index} = {value}'
     rule = _RULES.get(result)
     why = rule(io_type, index, ranges) if rule else f'result {result}, which has no meaning here'
-    return f'{address}: {why}'
+    return f'{address(io_type, index, value)}: {why}'
+
+
+def address(io_type: int, index: int, value: int | None) -> str:
+    """Return how a sentence names a point that was to be read, or written with `value`."""
+    name = NAMES[IoType(io_type)] if io_type in NAMES else f'type {io_type}, index'
+    return f'{name} {index}' if value is None else f'{name} {index} = {value}'
 
 
 def _no_type(io_type: int, _index: int, _ranges: Ranges) -> str:

@@ -20,6 +20,7 @@ from typing import Literal, Protocol
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.link import Link
 from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
+from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import MotionCtrl, Packet
 from epson_driver.simple_message.motoman import Command
 
@@ -96,20 +97,24 @@ class MotorsByHand:
 
 
 class RemoteEthernetMotors:
-    """Switches the motors by EPSON's Remote Ethernet."""
+    """Switches the motors by EPSON's Remote Ethernet; whoever else uses the port gives way."""
 
     missing = ''
     restarts = False
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, turns: RemoteTurns | None = None) -> None:
         self._host = host
         self._port = port
+        self._turns = turns or RemoteTurns()
 
     async def act(self, action: Action, timeout: float) -> None:
         """Log in and give the command. Raises MotorsError."""
         commands = action.value
         try:
-            async with logged_in(self._host, self._port, timeout) as ask:
+            async with (
+                self._turns.urgent(),
+                logged_in(self._host, self._port, timeout) as ask,
+            ):
                 await self._give(ask, action, timeout)
         except (RemoteError, OSError, TimeoutError) as error:
             why = str(error) or 'no answer'
@@ -241,7 +246,13 @@ class SerializedMotors:
                 self.may_come_on = False
 
 
-def make_motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link) -> Motors:
+def make_motors(
+    kind: MotorsKind,
+    host: str,
+    remote_port: int,
+    motion_link: Link,
+    turns: RemoteTurns | None = None,
+) -> Motors:
     """Return the way that a controller's profile and the parameter `remote_port` leave."""
     if kind == 'motoman':
         return MotomanMotors(motion_link)
@@ -250,5 +261,5 @@ def make_motors(kind: MotorsKind, host: str, remote_port: int, motion_link: Link
     if not remote_port:
         return MotorsByHand('remote_port is 0')
     if kind == 'restart':
-        return RestartingMotors(host, remote_port)
-    return RemoteEthernetMotors(host, remote_port)
+        return RestartingMotors(host, remote_port, turns)
+    return RemoteEthernetMotors(host, remote_port, turns)

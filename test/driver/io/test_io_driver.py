@@ -15,6 +15,7 @@ from support.event_loop import now, run, until
 
 from epson_driver.driver.io.io_driver import MAX_POINTS, IoDriver, IoUnavailableError
 from epson_driver.driver.io.io_results import sentence
+from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import (
     BIG_ENDIAN,
@@ -156,18 +157,25 @@ def test_values_are_told_at_first_and_when_one_changes(dialect):
     'profile', ['rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman']
 )
 def test_io_with_every_profile_of_the_simulated_controller(profile):
-    """Through a whole driver: the byte order comes from the state messages."""
+    """Through a whole driver: the way is the profile's, the byte order the state messages'."""
 
     async def test():
         async with (
             simulated(profile=profile) as (controller, ports),
-            Harness(ports, io_port=ports.io) as harness,
+            Harness(
+                ports,
+                io_port=ports.io,
+                remote_port=ports.remote,
+                io=load_controller_profile(profile).io,
+            ) as harness,
         ):
             io = harness.driver.io
             await until(lambda: io.states)
             (answer,) = await io.write([IoSetting(DO, 2, 1)])
             assert answer.text == ''
             assert controller.io.read(DO, 2) == 1
+            (answer,) = await io.read([IoAddress(DO, 2)])
+            assert (answer.value, answer.text) == (1, '')
 
     run(test())
 

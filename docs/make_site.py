@@ -1,0 +1,171 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Build all pages of the repository as a site that needs no network: `make docs`.
+
+The pages keep their places, so that every link between them holds. What they link to besides
+pages (profiles, robot models, the licence) is shown on pages made for it, and a folder as the list
+of its files. No page asks another host for anything: fonts are the reader's, and diagrams are
+drawn here instead of by a script from elsewhere. Only the search needs a server, as browsers start
+no worker from a file: `python -m http.server -d build/site`.
+"""
+
+import argparse
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import mmdr
+
+ROOT = Path(__file__).resolve().parents[1]
+BUILD = ROOT / 'build'
+SOURCE = BUILD / 'site_source'
+SITE = BUILD / 'site'
+CONFIGURATION = BUILD / 'zensical.toml'
+
+INDEX = 'docs/README.md'
+PAGES = ('*.md', 'docs/*.md', 'benchmark/*.md', 'benchmark/results/*.md')
+PICTURES = ('.png', '.webp', '.svg')
+
+LINK = re.compile(r'(!?\[[^\]]*\])\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)')
+DIAGRAM = re.compile(r'(?ms)^```mermaid\n(.*?)^```\n')
+SECTION = re.compile(r'(?m)^## (.*)$')
+
+LANGUAGES = {'.yaml': 'yaml', '.yml': 'yaml', '.rst': 'rst', '.py': 'python', '.xml': 'xml'}
+
+
+def main() -> int:
+    """Build the site; return the exit code of the builder."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--source-only', action='store_true', help='write what it is built from')
+    arguments = parser.parse_args()
+    write_source()
+    if arguments.source_only:
+        return 0
+    shutil.rmtree(SITE, ignore_errors=True)
+    zensical = [sys.executable, '-m', 'zensical', 'build', '--strict', '--config-file']
+    built = subprocess.run([*zensical, CONFIGURATION], cwd=BUILD, check=False)  # noqa: S603 - our own words
+    if built.returncode == 0:
+        print(f'the site is in {SITE.relative_to(ROOT)}: open index.html there')
+    return built.returncode
+
+
+def write_source() -> None:
+    """Write the pages and the configuration that the site is built from."""
+    shutil.rmtree(SOURCE, ignore_errors=True)
+    pages = [page for pattern in PAGES for page in sorted(ROOT.glob(pattern))]
+    wanted: set[Path] = set()
+    for page in pages:
+        text = page.read_text(encoding='utf-8')
+        wanted |= set(_targets(page, text))
+        _write(page, _drawn(page, _linked(page, text)))
+    for target in sorted(wanted - set(pages)):
+        if target.suffix in PICTURES:
+            copy = SOURCE / target.relative_to(ROOT)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(target, copy)
+        elif target.is_dir():
+            _write(target / 'index.md', _folder(target))
+        else:
+            _write(target.with_name(target.name + '.md'), _file(target))
+    CONFIGURATION.write_text(configuration(), encoding='utf-8')
+
+
+def configuration() -> str:
+    """Return zensical.toml."""
+    sections = ''.join(
+        f'  {{ {json.dumps(title)} = {json.dumps(pages)} }},\n' for title, pages in navigation()
+    )
+    return f"""\
+[project]
+site_name = "epson_driver"
+site_description = "ROS 2 driver for EPSON and other simple-message robot controllers"
+docs_dir = "{SOURCE.name}"
+site_dir = "{SITE.name}"
+use_directory_urls = false
+nav = [
+  {{ "epson_driver" = "README.md" }},
+  {{ "Documentation" = "{INDEX}" }},
+{sections}]
+
+[project.theme]
+font = false
+features = ["navigation.indexes", "content.code.copy"]
+
+[project.plugins.search]
+"""
+
+
+def navigation() -> Iterator[tuple[str, list[str]]]:
+    """Yield the title and the pages of each list of the index."""
+    text = (ROOT / INDEX).read_text(encoding='utf-8')
+    parts = SECTION.split(text)
+    for title, body in zip(parts[1::2], parts[2::2], strict=True):
+        pages = []
+        for _, target, _ in LINK.findall(body):
+            place = (ROOT / INDEX).parent / target
+            name = place.resolve().relative_to(ROOT).as_posix()
+            pages.append(name if place.suffix == '.md' else f'{name}.md')
+        if pages and title != 'The executables':
+            yield title, list(dict.fromkeys(pages))
+
+
+def _targets(page: Path, text: str) -> Iterator[Path]:
+    for _, target, _ in LINK.findall(text):
+        yield (page.parent / target).resolve()
+
+
+def _linked(page: Path, text: str) -> str:
+    """Return a page whose links to files and folders lead to the pages made for them."""
+
+    def link(found: re.Match[str]) -> str:
+        shown, target = found[1], found[2]
+        anchor = re.sub('-+', '-', found[3] or '').removesuffix('-')  # as the builder makes them
+        place = page.parent / target
+        if place.is_dir():
+            target = f'{target.rstrip("/")}/index.md'
+        elif place.suffix not in ('.md', *PICTURES):
+            target = f'{target}.md'
+        return f'{shown}({target}{anchor})'
+
+    return LINK.sub(link, text)
+
+
+def _drawn(page: Path, text: str) -> str:
+    """Return a page whose diagrams are pictures."""
+    count = 0
+
+    def draw(found: re.Match[str]) -> str:
+        nonlocal count
+        count += 1
+        picture = page.with_name(f'{page.stem}_{count}.svg')
+        drawn: str = mmdr.render(found[1]).svg()
+        width = re.findall(r'viewBox="\S+ \S+ (\S+) \S+"', drawn)[0]
+        _write(picture, drawn.replace('width="100%"', f'width="{width}"', 1))  # its own size
+        return f'![Diagram {count}]({picture.name})\n'
+
+    return DIAGRAM.sub(draw, text)
+
+
+def _folder(folder: Path) -> str:
+    names = sorted(each.name + '/' * each.is_dir() for each in folder.iterdir())
+    return f'# {folder.relative_to(ROOT)}\n\n' + ''.join(f'* `{name}`\n' for name in names)
+
+
+def _file(file: Path) -> str:
+    text = file.read_text(encoding='utf-8').rstrip('\n')
+    language = LANGUAGES.get(file.suffix, 'text')
+    return f'# {file.relative_to(ROOT)}\n\n````{language}\n{text}\n````\n'
+
+
+def _write(place: Path, text: str) -> None:
+    target = SOURCE / place.relative_to(ROOT)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

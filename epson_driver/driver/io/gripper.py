@@ -1,0 +1,149 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A gripper that two outputs open and close, and two inputs tell of.
+
+It is as safe as the I/O it uses: it does not depend on whether the arm is enabled, and nothing can
+stop it on its way (docs/io.md).
+"""
+
+import asyncio
+import contextlib
+from dataclasses import dataclass
+
+from epson_driver.driver.io.io_access import Io
+from epson_driver.driver.io.io_driver import IoUnavailableError
+from epson_driver.inputs import count, number
+from epson_driver.simple_message import IoAddress, IoSetting, IoType
+
+LOOK_PERIOD_S = 0.1
+"""How often the inputs are asked for where their changes are not heard of, s."""
+
+_INDEX = count(0, 2**31 - 1)
+_STROKE_M = number(1e-4, 2.0, 'm')
+_TIME_S = number(0.05, 60.0, 's')
+
+
+class GripperError(RuntimeError):
+    """The gripper did not do what was asked; the text says why, and what is known of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripperWiring:
+    """Which outputs (DO) open and close it, and which inputs (DI) tell that it is open or closed.
+
+    stroke: how far it opens, m. time: after so many s at most it has opened, closed, or holds
+    something. Raises ValueError for what cannot be.
+    """
+
+    open_output: int
+    close_output: int
+    opened_input: int
+    closed_input: int
+    stroke: float = 0.05
+    time: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ('open_output', 'close_output', 'opened_input', 'closed_input'):
+            _INDEX.checked(getattr(self, name), name)
+        _STROKE_M.checked(self.stroke, 'stroke')
+        _TIME_S.checked(self.time, 'time')
+        for one, other in (('open_output', 'close_output'), ('opened_input', 'closed_input')):
+            if getattr(self, one) == getattr(self, other):
+                raise ValueError(f'{one} = {other} = {getattr(self, one)}: must be different')
+
+
+@dataclass(frozen=True, slots=True)
+class GripperState:
+    """What the inputs show. With neither it is on its way, or holds something."""
+
+    opened: bool
+    closed: bool
+
+    def position(self, stroke: float) -> float:
+        """Return its opening, m, half of the stroke where neither input shows one."""
+        return stroke if self.opened else 0.0 if self.closed else stroke / 2
+
+
+class Gripper:
+    """Opens and closes one gripper. A new command takes the place of the one before."""
+
+    def __init__(self, io: Io, wiring: GripperWiring) -> None:
+        self.wiring = wiring
+        self._io = io
+        self._commands = 0
+
+    async def state(self) -> GripperState:
+        """Return what the inputs show now. Raises GripperError."""
+        return self._believed(*await self._inputs())
+
+    async def _inputs(self) -> tuple[bool, bool]:
+        """Return whether the inputs for open and for closed are on. Raises GripperError."""
+        wiring = self.wiring
+        inputs = [
+            IoAddress(IoType.DIGITAL_INPUT, index)
+            for index in (wiring.opened_input, wiring.closed_input)
+        ]
+        try:
+            answers = await self._io.read(inputs)
+        except IoUnavailableError as error:
+            raise GripperError(f'the inputs of the gripper are not known: {error}') from error
+        for answer in answers:
+            if answer.text:
+                raise GripperError(f'the inputs of the gripper are not known: {answer.text}')
+        opened, closed = (bool(answer.value) for answer in answers)
+        return opened, closed
+
+    def _believed(self, opened: bool, closed: bool) -> GripperState:
+        if opened and closed:
+            raise GripperError(
+                f'DI {self.wiring.opened_input} (opened) and DI {self.wiring.closed_input} '
+                '(closed) are both on: check the wiring'
+            )
+        return GripperState(opened, closed)
+
+    async def move(self, *, opened: bool) -> GripperState:
+        """Open or close it; return its state when it is there, or holds something.
+
+        Raises GripperError if it did not move, if its inputs are not known, or if a newer command
+        took its place. Who is cancelled leaves the outputs as they are.
+        """
+        self._commands += 1
+        command = self._commands
+        wiring = self.wiring
+        on, off = wiring.open_output, wiring.close_output
+        if not opened:
+            on, off = off, on
+        await self._write([(off, 0), (on, 1)])
+        ends = asyncio.get_running_loop().time() + wiring.time
+        while True:
+            inputs = await self._inputs()
+            if command != self._commands:
+                raise GripperError('a newer command took its place')
+            if inputs == (opened, not opened):
+                return GripperState(*inputs)
+            left = ends - asyncio.get_running_loop().time()
+            if left <= 0.0:
+                return self._late(self._believed(*inputs), opened)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(min(LOOK_PERIOD_S, left)):
+                    await self._io.changed.wait()
+
+    async def _write(self, outputs: list[tuple[int, int]]) -> None:
+        settings = [IoSetting(IoType.DIGITAL_OUTPUT, index, value) for index, value in outputs]
+        try:
+            answers = await self._io.write(settings)
+        except IoUnavailableError as error:
+            raise GripperError(f'the outputs of the gripper were not set: {error}') from error
+        for answer in answers:
+            if answer.text:
+                raise GripperError(f'the outputs of the gripper were not set: {answer.text}')
+
+    def _late(self, state: GripperState, opened: bool) -> GripperState:
+        """Return the state of a gripper that has closed on something. Raises GripperError."""
+        wiring = self.wiring
+        if not opened and not state.opened:
+            return state
+        shown = 'DI {} (opened)' if opened else 'DI {} (closed)'
+        shown = shown.format(wiring.opened_input if opened else wiring.closed_input)
+        stays = 'closed' if state.closed else 'open' if state.opened else 'between'
+        raise GripperError(f'{shown} did not come on within {wiring.time:g} s; it is {stays}')

@@ -1,0 +1,275 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the ROS side is tested for in test/system/test_safety.py, through both doors of the API.
+
+Whatever ends a motion: it is said why, the arm comes to rest, it stays disabled until enabled
+afterwards, and then works again.
+"""
+
+import asyncio
+import gc
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from support import sim_process
+from support.api_harness import FAR, program, robot_cell
+from support.api_patience import be_patient
+from support.controller_hands import do
+from support.driver_harness import simulated
+from support.event_loop import run, until
+
+from epson_driver import Robot, RobotError, aio
+from epson_driver.aio import MotionError
+from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.faults.fault_text import parse
+
+HOME = [0.0] * 6
+SLOW = 0.02
+PATIENCE = 120.0
+
+
+# --- asyncio, in virtual time -----------------------------------------------------------------
+
+TROUBLE = {
+    'E-stop': (lambda c: c.apply(Event.ESTOP_PRESS), 'E-stop is pressed'),
+    'motors off': (lambda c: c.apply(Event.MOTORS_OFF), 'motors are off|refused'),
+    'servo error': (lambda c: c.servo_error(0), 'error'),
+    'motion link cut': (
+        lambda c: c.faults.start(parse('cut port=motion for=0.5')),
+        'motion link was lost',
+    ),
+    'state link cut': (
+        lambda c: c.faults.start(parse('cut port=state for=0.5')),
+        'state link was lost',
+    ),
+    'silence': (
+        lambda c: c.faults.start(parse('half_open port=state for=3')),
+        'no joint state for 1 s|silent for 1 s',
+    ),
+}
+"""What happens to the controller in mid-move, and a part of the sentence of the motion."""
+
+
+async def recover(robot, controller):
+    """Do what the robot says until it is enabled."""
+    controller.faults.clear()
+    if controller.condition.estopped:
+        controller.apply(Event.ESTOP_RELEASE)
+    await until(lambda: robot.status.connected and robot.status.motors_on is not None)
+    await robot.catch_up()
+    await until(lambda: not robot.status.moving)
+    if robot.status.error is not None or robot.status.e_stopped:
+        await robot.reset()
+    await robot.enable()
+
+
+@pytest.mark.parametrize('trouble', TROUBLE)
+@pytest.mark.invariant(3, 4, 5)
+def test_whatever_ends_a_motion_the_arm_rests_and_moves_only_when_enabled_again(trouble):
+    happens, said = TROUBLE[trouble]
+
+    async def scenario():
+        async with robot_cell() as (robot, controller):
+            motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
+            await until(lambda: robot.joints[0] > 0.01)
+            happens(controller)
+            with pytest.raises(MotionError, match=said):
+                await motion.wait()
+            assert motion.done
+            assert not robot.status.enabled
+            await asyncio.sleep(1.5)
+            there = controller.arm.commanded
+            assert there[0] < 1.0
+            with pytest.raises(RobotError):
+                await robot.move_joints(HOME)
+            await asyncio.sleep(1.0)
+            assert np.array_equal(there, controller.arm.commanded)
+            await recover(robot, controller)
+            await robot.move_joints(HOME)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(3, 4, 5)
+def test_disable_in_mid_move_stops_the_arm_and_switches_the_motors_off():
+    async def scenario():
+        async with robot_cell() as (robot, controller):
+            motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
+            await until(lambda: robot.joints[0] > 0.01)
+            assert 'the arm is disabled and the motors are off' in await robot.disable()
+            with pytest.raises(MotionError, match=r'disable\(\)'):
+                await motion.wait()
+            assert not controller.condition.powered
+
+    run(scenario())
+
+
+@pytest.mark.invariant(3)
+def test_a_task_that_is_cancelled_between_two_moves_leaves_the_arm_at_rest():
+    """What Ctrl-C does to asyncio.run: the task is cancelled wherever it is."""
+
+    async def moves(robot):
+        while True:
+            await robot.move_joints([0.2, 0, 0, 0, 0, 0], speed=0.3)
+            await robot.move_joints(HOME, speed=0.3)
+
+    async def scenario():
+        async with simulated() as (controller, ports):
+            for seconds in (0.01, 0.3, 0.7, 1.1, 2.3):
+                robot = aio.Robot(
+                    motion_port=ports.motion, state_port=ports.state, remote_port=ports.remote
+                )
+
+                async def session(robot=robot, seconds=seconds):
+                    async with robot:
+                        await robot.enable()
+                        async with asyncio.timeout(seconds):
+                            await moves(robot)
+
+                with pytest.raises(TimeoutError):
+                    await session()
+                there = controller.arm.commanded
+                await asyncio.sleep(1.0)
+                assert np.array_equal(there, controller.arm.commanded)
+
+    run(scenario())
+
+
+@pytest.mark.slow
+def test_a_thousand_moves_leave_objects_and_tasks_flat():
+    async def scenario():
+        async with robot_cell() as (robot, _):
+
+            async def moves(count):
+                for index in range(count):
+                    await robot.move_joints([0.01 * (index % 2), 0, 0, 0, 0, 0])
+                gc.collect()
+                return len(gc.get_objects()), len(asyncio.all_tasks())
+
+            objects, tasks = await moves(50)  # the last 16 sequences, 512 latencies and the like
+            objects_after, tasks_after = await moves(1000)
+            assert tasks_after <= tasks
+            assert objects_after - objects < 500  # one left behind by each move would be 1,000
+
+    run(scenario(), patience=6000.0)
+
+
+# --- without asyncio: real time, threads, processes -------------------------------------------
+
+
+@pytest.fixture(autouse=True)
+def _patience(request, monkeypatch):
+    """A machine that is busy does not make a controller slow."""
+    if 'ports' in request.fixturenames:
+        be_patient(monkeypatch.setattr)
+
+
+@pytest.fixture
+def ports():
+    """Yield the ports of a simulated controller in a process of its own."""
+    process, numbers = sim_process.started()
+    yield numbers
+    process.send_signal(signal.SIGINT)
+    process.wait(PATIENCE)
+    process.stdout.close()
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def robot_at(ports):
+    return Robot(**{f'{name}_port': ports[name] for name in ports})
+
+
+HANDS = {
+    'motors off': (('motors', 'off'), 'motors are off|refused'),
+    'motion link cut': (('fault', 'cut', 'port=motion', 'for=0.5'), 'motion link was lost'),
+    'state link cut': (('fault', 'cut', 'port=state', 'for=0.5'), 'state link was lost'),
+    'servo error': (('fault', 'servo_error', 'joint=1'), 'error'),
+}
+
+
+@pytest.mark.parametrize(
+    'trouble',
+    [
+        each if each == 'motors off' else pytest.param(each, marks=pytest.mark.slow)
+        for each in HANDS
+    ],
+)
+@pytest.mark.invariant(3, 4, 5)
+def test_through_the_synchronous_door_too(ports, trouble):
+    words, said = HANDS[trouble]
+    with robot_at(ports) as robot:
+        robot.enable()
+        motion = robot.move_joints(FAR, speed=SLOW, wait=False)
+        wait_until(lambda: robot.joints[0] > 0.01)
+        do(ports['remote'], *words)
+        with pytest.raises(MotionError, match=said):
+            motion.wait(PATIENCE)
+        with pytest.raises(RobotError):
+            robot.move_joints(HOME)
+        wait_until(lambda: robot.status.connected and robot.status.moving is False)
+        if robot.status.error is not None:
+            robot.reset()
+        robot.enable()
+        robot.move_joints(HOME)
+
+
+KILLED = """
+import sys, time
+from epson_driver import Robot
+
+motion, state, io, remote = map(int, sys.argv[1:5])
+robot = Robot(motion_port=motion, state_port=state, io_port=io, remote_port=remote).connect()
+robot.enable()
+robot.move_joints([1.5, 0.2, -0.2, 0.0, 0.5, 0.0], speed=0.02, wait=False)
+while robot.joints[0] < 0.01:
+    time.sleep(0.01)
+print('moving', flush=True)
+time.sleep(1000)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(3)
+def test_a_program_that_is_killed_in_mid_move_leaves_an_arm_that_stands(ports):
+    """It could say nothing: the controller stops the arm, as its connection is gone."""
+    process = program(KILLED, *(ports[name] for name in sim_process.PORTS))
+    assert process.stdout.readline() == 'moving\n'
+    process.kill()
+    process.communicate(timeout=PATIENCE)
+    with robot_at(ports) as robot:
+        wait_until(lambda: robot.status.moving is False)
+        there = robot.joints
+        assert 0.0 < there[0] < 1.0
+        assert not robot.status.enabled
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(5)
+def test_two_threads_that_move_at_once_are_one_motion_and_one_refusal(ports):
+    said = []
+
+    def move(robot, target):
+        try:
+            said.append(robot.move_joints([target, 0, 0, 0, 0, 0], speed=0.2).text)
+        except MotionError as error:
+            said.append(str(error))
+
+    with robot_at(ports) as robot:
+        robot.enable()
+        threads = [threading.Thread(target=move, args=(robot, each)) for each in (0.2, -0.2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(PATIENCE)
+        assert len(said) == 2
+        assert sum('at the goal' in each for each in said) == 1
+        assert sum('another motion runs' in each for each in said) == 1

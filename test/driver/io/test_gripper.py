@@ -1,0 +1,139 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A gripper by two outputs and two inputs, at the simulated controller's I/O, in virtual time."""
+
+import asyncio
+import contextlib
+
+import pytest
+from support.driver_harness import Harness, simulated
+from support.event_loop import now, run, until
+from support.two_jaws import TwoJaws
+
+from epson_driver.driver.io.gripper import Gripper, GripperError, GripperState, GripperWiring
+from epson_driver.sim_controller.condition.states import Event
+
+WIRING = GripperWiring(
+    open_output=2, close_output=3, opened_input=4, closed_input=5, stroke=0.08, time=2.0
+)
+OPENED, CLOSED = GripperState(True, False), GripperState(False, True)
+HOLDS = GripperState(False, False)
+
+
+@contextlib.asynccontextmanager
+async def cell(**jaws):
+    """Yield a gripper, its jaws, and the simulated controller."""
+    async with (
+        simulated() as (controller, ports),
+        Harness(ports, io_port=ports.io) as harness,
+    ):
+        made = TwoJaws(controller, WIRING, **jaws)
+        await until(lambda: harness.driver.io.states)
+        yield Gripper(harness.driver.io, WIRING), made, controller
+
+
+def test_it_opens_and_closes_and_says_where_it_is():
+    async def scenario():
+        async with cell() as (gripper, jaws, _):
+            assert await gripper.state() == CLOSED
+            began = now()
+            assert await gripper.move(opened=True) == OPENED
+            assert jaws.travel <= now() - began < jaws.travel + 0.2
+            assert await gripper.move(opened=True) == OPENED
+            assert await gripper.move(opened=False) == CLOSED
+            assert [state.position(0.08) for state in (OPENED, CLOSED, HOLDS)] == [0.08, 0, 0.04]
+
+    run(scenario())
+
+
+def test_what_it_holds_is_known_after_its_time():
+    async def scenario():
+        async with cell() as (gripper, jaws, _):
+            await gripper.move(opened=True)
+            jaws.part = True
+            began = now()
+            assert await gripper.move(opened=False) == HOLDS
+            assert now() - began == pytest.approx(WIRING.time, abs=0.2)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(9)
+def test_jaws_that_do_not_move_are_an_error_that_says_which_input_is_missing():
+    async def scenario():
+        async with cell() as (gripper, jaws, _):
+            jaws.stuck = True
+            with pytest.raises(GripperError, match=r'DI 4 \(opened\) did not come on within 2 s'):
+                await gripper.move(opened=True)
+            jaws.stuck = False
+            await gripper.move(opened=False)
+            await gripper.move(opened=True)
+            jaws.stuck = True
+            with pytest.raises(GripperError, match=r'DI 5 \(closed\) did not .* it is open'):
+                await gripper.move(opened=False)
+
+    run(scenario())
+
+
+def test_a_newer_command_takes_the_place_of_one_that_waits():
+    async def scenario():
+        async with cell() as (gripper, _, _):
+            opening = asyncio.create_task(gripper.move(opened=True))
+            await asyncio.sleep(0.1)
+            assert await gripper.move(opened=False) == CLOSED
+            with pytest.raises(GripperError, match='a newer command took its place'):
+                await opening
+
+    run(scenario())
+
+
+@pytest.mark.invariant(9)
+def test_without_io_it_says_that_nothing_is_known_and_that_the_outputs_were_not_set():
+    async def scenario():
+        async with cell() as (gripper, _, controller):
+            controller.apply(Event.ESTOP_PRESS)
+            with pytest.raises(GripperError, match='outputs of the gripper were not set: '):
+                await gripper.move(opened=True)
+            with pytest.raises(GripperError, match='inputs of the gripper are not known: '):
+                await gripper.state()
+
+    run(scenario())
+
+
+def test_both_inputs_on_are_a_wiring_error():
+    async def scenario():
+        async with cell() as (gripper, jaws, controller):
+            jaws.stuck = True
+            for index in (4, 5):
+                controller.io.set_input(1, index, 1)
+            with pytest.raises(GripperError, match='both on: check the wiring'):
+                await gripper.move(opened=True)
+
+    run(scenario())
+
+
+def test_the_outputs_are_never_both_on():
+    async def scenario():
+        async with cell() as (gripper, jaws, _):
+            for opened in (True, False, True):
+                await gripper.move(opened=opened)
+            assert (True, True) not in jaws.seen
+            assert {(True, False), (False, True)} <= set(jaws.seen)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'expected'),
+    [
+        ({'open_output': -1}, 'open_output = -1: must be a whole number from 0'),
+        ({'close_output': 2}, 'open_output = close_output = 2: must be different'),
+        ({'closed_input': 4}, 'opened_input = closed_input = 4: must be different'),
+        ({'stroke': 0.0}, 'stroke = 0.0: must be a number from 0.0001 to 2 m'),
+        ({'time': float('nan')}, 'time = nan: must be a number'),
+    ],
+)
+def test_a_wiring_that_cannot_be_is_refused(wrong, expected):
+    good = {name: getattr(WIRING, name) for name in WIRING.__dataclass_fields__}
+    with pytest.raises(ValueError, match=expected):
+        GripperWiring(**good | wrong)

@@ -1,0 +1,241 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""I/O by Remote Ethernet and by MotoROS' messages, against the simulated controllers."""
+
+import asyncio
+import contextlib
+import socket
+
+import pytest
+from support.driver_harness import simulated
+from support.event_loop import run, until
+
+from epson_driver.driver.io.io_access import make_io
+from epson_driver.driver.io.io_driver import IoUnavailableError
+from epson_driver.driver.io.polled_io import ranges_of, refusal
+from epson_driver.driver.stopping.motors import Action, RemoteEthernetMotors
+from epson_driver.profiles import load_controller_profile
+from epson_driver.profiles.io_profile import IoProfile
+from epson_driver.remote_ethernet.turns import RemoteTurns
+from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.simple_message import LITTLE_ENDIAN, IoAddress, IoResult, IoSetting
+
+DI, DO, AI, AO, GI, GO, FLAG = range(1, 8)
+
+BOTH = pytest.mark.parametrize('profile', ['rc700a', 'motoman'])
+
+
+@contextlib.asynccontextmanager
+async def io_at(profile, ports, *, timeout=1.0, turns=None):
+    """Run the I/O of a driver; `told` on it has every state that it told."""
+    io = make_io(
+        load_controller_profile(profile).io,
+        '127.0.0.1',
+        (ports[0], ports[1]),
+        byte_order=LITTLE_ENDIAN.byte_order,
+        timeout=timeout,
+        turns=turns or RemoteTurns(),
+    )
+    io.told = []
+    io.on_states = lambda: io.told.append(io.reason or {i.io_type: i.values for i in io.states})
+    task = asyncio.create_task(io.run())
+    try:
+        yield io
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+
+@contextlib.asynccontextmanager
+async def cell(profile, **options):
+    async with (
+        simulated(profile=profile) as (controller, ports),
+        io_at(profile, (ports.io, ports.remote), **options) as io,
+    ):
+        await until(lambda: io.states)
+        yield io, controller
+
+
+@BOTH
+def test_inputs_are_shown_as_they_change(profile):
+    async def scenario():
+        async with cell(profile) as (io, controller):
+            controller.io.set_input(DI, 3, 1)
+            await until(lambda: io.told[-1][DI][3] == 1)
+            assert len(io.told[-1][DI]) == controller.io.profile.digital_inputs
+            controller.io.set_input(DI, 3, 0)
+            await until(lambda: io.told[-1][DI][3] == 0)
+
+    run(scenario())
+
+
+@BOTH
+def test_points_and_groups_are_read_and_written(profile):
+    async def scenario():
+        async with cell(profile) as (io, controller):
+            controller.io.set_input(GI, 1, 0x81)
+            written = await io.write([IoSetting(DO, 1, 1), IoSetting(GO, 1, 0x5A)])
+            assert [answer.text for answer in written] == ['', '']
+            addresses = [(DI, 8), (DI, 9), (GI, 1), (DO, 1), (GO, 0), (GO, 1)]
+            answers = await io.read([IoAddress(*each) for each in addresses])
+            assert [answer.value for answer in answers] == [1, 0, 0x81, 1, 2, 0x5A]
+            assert all(answer.result == IoResult.SUCCESS for answer in answers)
+
+    run(scenario())
+
+
+def test_remote_ethernet_has_words_and_memory_bits():
+    async def scenario():
+        async with cell('rc700a') as (io, controller):
+            controller.io.set_input(GI, 1000, 0xA55A)
+            settings = [IoSetting(GO, 1000, 0xF00F), IoSetting(FLAG, 511, 1)]
+            assert [each.text for each in await io.write(settings)] == ['', '']
+            addresses = [IoAddress(GI, 1000), IoAddress(GO, 1000), IoAddress(FLAG, 511)]
+            assert [each.value for each in await io.read(addresses)] == [0xA55A, 0xF00F, 1]
+
+    run(scenario())
+
+
+def test_outputs_of_motoman_are_shown_too():
+    async def scenario():
+        async with cell('motoman') as (io, _):
+            await io.write([IoSetting(DO, 39, 1)])
+            await until(lambda: io.told[-1][DO][39] == 1)
+
+    run(scenario())
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ('item', 'expected'),
+    [
+        ((AI, 0), 'AI 0: the controller has no AI'),
+        ((9, 0), 'type 9, index 0: there is no such type'),
+        ((DI, 4000), 'DI 4000: the controller has 0 to '),
+        ((DO, -1), 'DO -1: the controller has 0 to '),
+        ((DI, 0, 1), 'DI 0 = 1: an input cannot be written'),
+        ((DO, 0, 2), 'DO 0 = 2: must be 0 or 1'),
+        ((GO, 0, 256), 'GO 0 = 256: must be 0 to 255'),
+    ],
+)
+def test_what_cannot_be_is_refused_in_the_words_of_every_way_and_the_rest_is_done(
+    profile, item, expected
+):
+    async def scenario():
+        async with cell(profile) as (io, _):
+            ask, kind = (io.write, IoSetting) if len(item) == 3 else (io.read, IoAddress)
+            good = (DO, 0, 1)[: len(item)]
+            wrong, right = await ask([kind(*item), kind(*good)])
+            assert wrong.text.startswith(expected)
+            assert right.text == ''
+
+    run(scenario())
+
+
+def test_the_last_group_holds_no_more_than_its_points():
+    ranges = ranges_of(IoProfile(digital_outputs=12), words=True, flags=False)
+    given = ((1, 15), (1, 16), (1000, 4095), (1000, 4096))
+    allowed = [refusal(GO, *each, ranges) for each in given]
+    good, bad = IoResult.SUCCESS, IoResult.VALUE_OUT_OF_RANGE
+    assert allowed == [good, bad, good, bad]
+    assert refusal(FLAG, 0, None, ranges) is IoResult.TYPE_UNSUPPORTED
+
+
+@BOTH
+@pytest.mark.invariant(6)
+def test_where_nothing_listens_it_is_said_once_and_each_request_is_answered(profile):
+    async def scenario():
+        with socket.create_server(('127.0.0.1', 0)) as server:
+            port = server.getsockname()[1]
+        async with io_at(profile, (port, port)) as io:
+            await until(lambda: io.told)
+            await asyncio.sleep(5.0)
+            assert len(io.told) == 1
+            assert 'refused' in io.told[0]
+            with pytest.raises(IoUnavailableError, match='refused'):
+                await io.read([IoAddress(DI, 0)])
+
+    run(scenario())
+
+
+@pytest.mark.invariant(6)
+def test_a_cut_link_is_told_and_the_values_come_back():
+    async def scenario():
+        async with cell('motoman') as (io, controller):
+            controller.faults.start(parse('cut port=io for=2'))
+            await until(lambda: not io.states)
+            assert 'no I/O link' in io.told[-1]
+            await until(lambda: io.states)
+            assert [isinstance(each, dict) for each in io.told] == [True, False, True]
+
+    run(scenario())
+
+
+@BOTH
+@pytest.mark.invariant(9)
+def test_a_port_that_never_answers_ends_each_request_in_its_time(profile):
+    async def scenario():
+        quiet = await asyncio.start_server(lambda _reader, _writer: None, '127.0.0.1', 0)
+        port = quiet.sockets[0].getsockname()[1]
+        async with quiet, io_at(profile, (port, port), timeout=0.5) as io:
+            await asyncio.sleep(0.2)
+            async with asyncio.timeout(20.0):
+                with pytest.raises(IoUnavailableError, match='may have been written'):
+                    await io.write([IoSetting(DO, 0, 1)])
+            assert not io.states
+
+    run(scenario())
+
+
+@BOTH
+def test_a_port_of_0_is_not_used_and_says_so(profile):
+    async def scenario():
+        async with io_at(profile, (0, 0)) as io:
+            assert not io.used
+            with pytest.raises(IoUnavailableError, match=r'the parameter \w+_port is 0'):
+                await io.read([IoAddress(DI, 0)])
+
+    run(scenario())
+
+
+def test_outputs_are_not_set_while_the_controller_is_not_ready_and_the_answer_says_why():
+    async def scenario():
+        async with cell('rc700a') as (io, controller):
+            controller.apply(Event.ESTOP_PRESS)
+            (read,) = await io.read([IoAddress(DI, 0)])
+            assert read.text == ''
+            (shown,) = await io.read([IoAddress(DO, 0)])
+            assert shown.text.startswith('DO 0: not ready (error 20)')
+            assert shown.result == 0
+
+    run(scenario())
+
+
+@pytest.mark.invariant(3)
+def test_the_motors_go_before_the_io_at_the_remote_port():
+    """A real controller serves one client there: who asks for I/O gives way, and is told."""
+
+    async def scenario():
+        held = asyncio.Event()
+        turns = RemoteTurns()
+
+        async def hold():
+            held.set()
+            await asyncio.Event().wait()
+
+        async with cell('rc700a', turns=turns) as (io, controller):
+            holding = asyncio.create_task(turns.patient(hold))
+            await held.wait()
+            asked = asyncio.create_task(io.read([IoAddress(DI, 0)]))
+            await asyncio.sleep(0.1)
+            port = int(io.place.rpartition(':')[2])
+            await RemoteEthernetMotors('127.0.0.1', port, turns).act(Action.MOTORS_OFF, 2.0)
+            assert not controller.condition.powered
+            await asyncio.gather(holding, return_exceptions=True)
+            with pytest.raises(IoUnavailableError, match='needed for the motors'):
+                await asked
+            await until(lambda: io.states)
+
+    run(scenario())

@@ -1,0 +1,162 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`pip install .` into an environment without any ROS package, as a Python user has it."""
+
+import os
+import re
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PYTHON_PAGE = (ROOT / 'docs' / 'python.md').read_text(encoding='utf-8')
+(FIRST, *_) = re.findall(r'(?ms)^```python\n(.*?)^```', PYTHON_PAGE)
+MEGABYTE = 1e6
+LARGEST_MB = 140
+"""Of the environment on disk, without byte code; docs/python.md has the number measured."""
+
+USER = """
+import asyncio
+
+from epson_driver import GripperWiring, MotionError, Robot, RobotError, Settings
+from epson_driver.aio import Robot as AsyncRobot
+
+
+def go(robot: Robot) -> float:
+    try:
+        motion = robot.move_joints([0.0] * 6, speed=0.5, wait=False)
+        text: str = motion.wait(5.0)
+        print(text, motion.progress, robot.status.remedy)
+    except MotionError as error:
+        print(error.code, error.end)
+    except RobotError as error:
+        print(error)
+    remove = robot.on_estop(lambda pressed: print('E-stop', pressed))
+    remove()
+    value: int = robot.io.read('DI', 3)
+    return float(robot.joints[value])
+
+
+async def main() -> None:
+    wiring = GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
+    async with AsyncRobot.simulated(settings=Settings(gripper=wiring)) as robot:
+        await robot.enable()
+        await robot.move_trajectory([1.0], [[0.0] * 6])
+        opened: bool = (await robot.gripper.open()).opened
+        print(opened)
+
+
+if __name__ == '__main__':
+    with Robot.simulated() as simulated:
+        go(simulated)
+    asyncio.run(main())
+"""
+
+pytestmark = pytest.mark.slow
+
+
+def run(*words: object, where: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command outside the source tree, with nothing of this environment."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith('PYTHON')}
+    return subprocess.run(
+        [str(word) for word in words],
+        cwd=where,
+        env=kept,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+
+
+@pytest.fixture(scope='module')
+def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the interpreter of a new environment with this package and what it requires."""
+    folder = tmp_path_factory.mktemp('without_ros')
+    venv.EnvBuilder(with_pip=True, symlinks=True).create(folder / 'env')
+    interpreter = folder / 'env' / 'bin' / 'python'
+    constraints = ROOT / 'requirements' / 'constraints.txt'
+    made = run(
+        interpreter,
+        '-m',
+        'pip',
+        'install',
+        '--no-compile',
+        '-q',
+        '-c',
+        constraints,
+        ROOT,
+        where=folder,
+    )
+    if 'No matching distribution' in made.stderr or 'Failed to establish' in made.stderr:
+        pytest.skip(f'no package index: {made.stderr[-300:]}')
+    assert made.returncode == 0, made.stderr
+    return interpreter
+
+
+def test_nothing_of_ros_is_installed_and_it_is_small(python: Path) -> None:
+    listed = run(python, '-m', 'pip', 'list', '--format=freeze', where=python.parent).stdout
+    names = {line.partition('==')[0].lower() for line in listed.splitlines()}
+    assert 'epson_driver' in names or 'epson-driver' in names
+    assert not [name for name in names if name.startswith('ros') or name.endswith('msgs')]
+    files = [path for path in python.parents[1].rglob('*') if path.is_file()]
+    size = sum(path.lstat().st_blocks * 512 for path in files if '__pycache__' not in path.parts)
+    assert size / MEGABYTE < LARGEST_MB
+
+
+def test_the_first_example_of_the_docs_runs_there(python: Path) -> None:
+    ran = run(python, '-c', FIRST, where=python.parent)
+    assert ran.returncode == 0, ran.stderr
+    assert 'the arm is enabled' in ran.stdout
+
+
+@pytest.mark.parametrize(
+    'name', ['robots', 'sim_controller', 'pendant', 'replay', 'smooth', 'spel']
+)
+def test_executables_that_need_no_ros_work(python: Path, name: str) -> None:
+    ran = run(python.with_name('epson_driver'), name, '--help', where=python.parent)
+    assert ran.returncode == 0, ran.stderr
+    assert 'usage' in ran.stdout
+
+
+def test_smooth_writes_the_motion_and_says_why_there_is_no_picture(
+    python: Path, tmp_path: Path
+) -> None:
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(
+        'joint_names: [joint_1, joint_2, joint_3, joint_4, joint_5, joint_6]\n'
+        'points:\n'
+        '- {positions: [0, 0, 0, 0, 0, 0], time_from_start: 0}\n'
+        '- {positions: [0.3, 0.1, 0, 0, 0, 0], time_from_start: 1.0}\n'
+        '- {positions: [0.5, 0, 0, 0, 0, 0], time_from_start: 2.0}\n'
+    )
+    ran = run(python.with_name('epson_driver'), 'smooth', plan, where=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert (tmp_path / 'plan_smooth.yaml').is_file()
+    assert "pip install 'epson_driver[report]'" in ' '.join(ran.stdout.split())
+
+
+@pytest.mark.parametrize('name', ['client', 'demo'])
+def test_those_that_need_ros_say_in_one_sentence_which_extra_is_missing(
+    python: Path, name: str
+) -> None:
+    ran = run(python.with_name('epson_driver'), name, where=python.parent)
+    assert ran.returncode == 1
+    (line,) = ran.stderr.splitlines()
+    assert line.startswith(f'epson_driver {name}: the Python module ')
+    assert 'pip install' in line
+
+
+def test_a_user_s_file_passes_mypy_strict_as_it_is(python: Path, tmp_path: Path) -> None:
+    """mypy sees the installed package, with its py.typed, as a user's does."""
+    file = tmp_path / 'user.py'
+    file.write_text(USER, encoding='utf-8')
+    words = ['-m', 'mypy', '--strict', '--cache-dir', tmp_path / 'cache']
+    ran = run(sys.executable, *words, '--python-executable', python, file, where=tmp_path)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    file.write_text(USER.replace('speed=0.5', "speed='fast'"), encoding='utf-8')
+    ran = run(sys.executable, *words, '--python-executable', python, file, where=tmp_path)
+    assert 'Argument "speed" to "move_joints" of "Robot" has incompatible type "str"' in ran.stdout

@@ -1,0 +1,116 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`make docs`: every page is built, links lead somewhere, and nothing is asked of another host."""
+
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SITE = ROOT / 'build' / 'site'
+ASKING = {
+    'script': 'src',
+    'img': 'src',
+    'link': 'href',
+    'iframe': 'src',
+    'source': 'src',
+    'video': 'src',
+    'audio': 'src',
+    'object': 'data',
+    'embed': 'src',
+}
+"""Elements that a browser fetches, unasked, what they name."""
+
+SAYS_ONLY = {'canonical', 'next', 'prev'}
+"""Relations of a link that no browser fetches."""
+
+
+class Page(HTMLParser):
+    """What a page fetches, what it links to, and the places in it that links may name."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+        self.links: list[str] = []
+        self.places: set[str] = set()
+        self.classes: set[str] = set()
+        self.feed(file.read_text(encoding='utf-8'))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or '' for name, value in attrs}
+        self.classes |= set(given.get('class', '').split())
+        self.places |= {given[name] for name in ('id', 'name') if name in given}
+        if tag in ASKING and not SAYS_ONLY & set(given.get('rel', '').split()):
+            self.fetched += [given[ASKING[tag]]] if ASKING[tag] in given else []
+        if tag == 'a' and 'href' in given:
+            self.links.append(given['href'])
+
+
+@pytest.fixture(scope='module')
+def pages() -> dict[Path, Page]:
+    """Build the site; return its pages by file."""
+    pytest.importorskip('zensical', reason='make docs installs it, and make test-all')
+    run = subprocess.run(
+        [sys.executable, ROOT / 'docs' / 'make_site.py'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    return {file: Page(file) for file in SITE.rglob('*.html')}
+
+
+@pytest.mark.slow
+def test_every_page_of_the_docs_is_in_the_site(pages: dict[Path, Page]) -> None:
+    for page in [*ROOT.glob('docs/*.md'), ROOT / 'CONTRIBUTING.md', ROOT / 'README.md']:
+        name = 'index' if page.stem == 'README' else page.stem
+        assert SITE / page.parent.relative_to(ROOT) / f'{name}.html' in pages, page
+
+
+@pytest.mark.slow
+def test_links_within_the_site_lead_to_a_page_and_a_place_in_it(pages: dict[Path, Page]) -> None:
+    wrong = []
+    for file, page in pages.items():
+        for link in page.links:
+            if re.match(r'[a-z]+:', link) or file.name == '404.html':
+                continue
+            target, _, place = unquote(link).partition('#')
+            there = (file.parent / target).resolve() if target else file
+            there = there / 'index.html' if there.is_dir() else there
+            known = pages[there].places if there in pages else {place}
+            if not there.is_file() or (place and place not in known):
+                wrong.append((file.relative_to(SITE).as_posix(), link))
+    assert not wrong
+
+
+@pytest.mark.slow
+def test_no_page_asks_another_host_for_anything(pages: dict[Path, Page]) -> None:
+    """Fonts, scripts, pictures, and the script of mermaid, which a page with a diagram loads."""
+    for file, page in pages.items():
+        assert not [each for each in page.fetched if re.match(r'(https?:)?//', each)], file
+        assert 'mermaid' not in page.classes, file
+        assert 'data-md-component="source"' not in file.read_text(encoding='utf-8'), file
+    for sheet in SITE.rglob('*.css'):
+        asked = re.findall(
+            r'(?:url\(|@import)\s*["\']?((?:https?:)?//[^)"\']+)', sheet.read_text()
+        )
+        assert not asked, sheet
+
+
+@pytest.mark.slow
+def test_diagrams_are_pictures_that_need_nothing_else(pages: dict[Path, Page]) -> None:
+    drawings = list(SITE.glob('docs/*_?.svg'))
+    text = ''.join(page.read_text(encoding='utf-8') for page in ROOT.glob('docs/*.md'))
+    assert len(drawings) == text.count('```mermaid') > 0
+    for drawing in drawings:
+        svg = drawing.read_text(encoding='utf-8')
+        asked = re.findall(r'(?:href|src)="(?!#)([^"]*)"|url\((?!#)([^)]*)\)|@import', svg)
+        assert not asked, drawing
+        assert '<script' not in svg
