@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.interpolation import hermite
 from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.smoother.tridiagonal import solve_tridiagonal
 
 DEGREE = 5
 """Of a segment."""
@@ -213,19 +214,16 @@ def _cubic_spline(u: Array, points: Array, first: Array | None) -> tuple[Array, 
     """
     h = np.diff(u)
     slopes = np.diff(points, axis=0) / h[:, None]
-    count = len(u)
-    matrix = np.zeros((count, count))
+    # one row per knot: below · M[i - 1] + main · M[i] + above · M[i + 1] = right
+    below, main, above = np.zeros_like(u), np.ones_like(u), np.zeros_like(u)
     right = np.zeros_like(points)
-    inner = np.arange(1, count - 1)
-    matrix[inner, inner - 1] = h[:-1]
-    matrix[inner, inner] = 2.0 * (h[:-1] + h[1:])
-    matrix[inner, inner + 1] = h[1:]
+    below[1:-1], above[1:-1] = h[:-1], h[1:]
+    main[1:-1] = 2.0 * (h[:-1] + h[1:])
     right[1:-1] = 6.0 * np.diff(slopes, axis=0)
-    matrix[0, 0] = matrix[-1, -1] = 1.0
     if first is not None:
-        matrix[0, :2] = 2.0 * h[0], h[0]
+        main[0], above[0] = 2.0 * h[0], h[0]
         right[0] = 6.0 * (slopes[0] - first)
-    second = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    second = solve_tridiagonal(below, main, above, right)
     h = h[:, None]
     start = slopes - h * (2.0 * second[:-1] + second[1:]) / 6.0
     last = slopes[-1] + h[-1] * (second[-2] + 2.0 * second[-1]) / 6.0

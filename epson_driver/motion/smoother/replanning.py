@@ -16,7 +16,7 @@ from epson_driver.motion.smoother.planner import Plan, Request, stopping_time
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 
 START_PATIENCE_S = 0.03
-"""How long to wait at rest for more points before beginning with few."""
+"""How long the first point waits at rest for more, before the motion begins with few."""
 
 MIN_PERIOD_S = 0.03
 """Time between two plans at least."""
@@ -172,11 +172,11 @@ class Replanning:
         now = execution.now
         if execution.scale == 0.0 or now < waypoints.rest_until:
             return False
-        patient = now >= waypoints.last_arrival + START_PATIENCE_S
+        patient = now >= waypoints.waiting_since(now) + START_PATIENCE_S
         if not waypoints.ahead:
             if not patient or not execution.beside_last:
                 return False
-            waypoints.go_back()
+            waypoints.go_back(now)
         known = waypoints.time_from_rest(now)
         return patient or waypoints.last.rest is not None or known > self._reserve / 2.0
 
