@@ -43,12 +43,16 @@ NODES_TOO_FAR_APART_RATIO = 1.3
 MAX_ROUNDS = 4
 """Each round begins with the timing of the one before and uses less where it exceeded a limit."""
 
+MAX_GENTLER_RAMPS, GENTLER_RAMP_RATIO = 20, 0.7
+"""How often a ramp that exceeds a limit is made gentler, and by how much each time."""
+
 Excess = tuple[Array, Array]
 """u, and how many times a limit was used there."""
 
 _SAMPLES = np.array([0.02, 0.5, 0.98])
 _WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
 _BESIDE = 1e-9
+_ALONG_RAMP = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
 def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
@@ -92,24 +96,44 @@ def _propose(
 
 def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
     """Return the ramps from the start (none if it moves) and to the end."""
-    ends = np.array([problem.start[0], problem.end])
-    _, first, _, _ = problem.path.sample(ends)
-    with np.errstate(divide='ignore'):
-        jerks = (1.0 - JERK_RESERVE_SHARE) * np.min(problem.limits.jerk / np.abs(first), axis=1)
     way = problem.end - problem.start[0]
     ramps = []
-    for end, jerk in zip(ends.tolist(), jerks.tolist(), strict=True):
+    for end, inward in ((problem.start[0], 1.0), (problem.end, -1.0)):
+        _, first, _, _ = problem.path.sample(np.array([end]))
+        with np.errstate(divide='ignore'):
+            slopes = problem.limits.jerk / np.abs(first)
+        jerk = (1.0 - JERK_RESERVE_SHARE) * float(np.min(slopes))
         # what the ramp begins must end below the bounds that are near
         near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
         speed = float(bounds.speeds[near].min(initial=np.inf))
         longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
         time = float(np.clip(longest, NODE_SPACING_S, ramp_time))
-        ramps.append(Ramp(min(jerk, 0.6 * speed / time**2), time))
+        ramp = Ramp(min(jerk, 0.6 * speed / time**2), time)
+        ramps.append(_allowed_ramp(problem, ramp, end, inward))
     if problem.start[1] > 0.0:
         ramps[0] = Ramp(0.0, 0.0)
     if problem.start[0] + ramps[0].length + ramps[1].length >= problem.end:
         return None
     return ramps[0], ramps[1]
+
+
+def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ramp:
+    """Return a ramp, gentler if it would exceed a limit where the path bends at its end."""
+    limits = problem.limits
+    times = ramp.time * _ALONG_RAMP
+    jerk = ramp.jerk
+    for _ in range(MAX_GENTLER_RAMPS):
+        v, a = jerk * times[:, None] ** 2 / 2.0, inward * jerk * times[:, None]
+        _, first, second, third = problem.path.sample(end + inward * jerk * times**3 / 6.0)
+        accelerations = np.abs(first * a + second * v**2) / limits.acceleration
+        jerks = np.abs(first * jerk + 3.0 * second * v * a + third * v**3) / limits.jerk
+        if (
+            accelerations.max() <= 1.0 - ACCELERATION_RESERVE_SHARE
+            and jerks.max() <= 1.0 - JERK_RESERVE_SHARE / 2.0
+        ):
+            break
+        jerk *= GENTLER_RAMP_RATIO
+    return Ramp(jerk, ramp.time)
 
 
 def _spline(
