@@ -317,13 +317,16 @@ def test_a_move_that_would_leave_the_range_is_none() -> None:
 @pytest.mark.parametrize('size', [2, 3, 4, 7, 64, 101])
 def test_the_tridiagonal_solver_solves(size: int) -> None:
     rng = np.random.default_rng(size)
-    below, above = 10.0 ** rng.uniform(-4.0, 2.0, (2, size))
+    below, above = 10.0 ** rng.uniform(-4.0, 2.0, (2, size, 6))
     below[0] = above[-1] = 0.0
     main = 2.0 * (below + above)
     right = rng.normal(size=(size, 6))
-    dense = np.diag(main) + np.diag(below[1:], -1) + np.diag(above[:-1], 1)
     solution = solve_tridiagonal(below, main, above, right)
-    assert solution == pytest.approx(np.linalg.solve(dense, right), rel=1e-9, abs=1e-12)
+    for column in range(6):
+        dense = np.diag(main[:, column])
+        dense += np.diag(below[1:, column], -1) + np.diag(above[:-1, column], 1)
+        expected = np.linalg.solve(dense, right[:, column])
+        assert solution[:, column] == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
 def test_a_path_through_thousands_of_points_takes_memory_for_its_points_only() -> None:

@@ -15,10 +15,10 @@ from epson_driver.motion.limits import Array
 def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> Array:
     """Return x of below[i] x[i - 1] + main[i] x[i] + above[i] x[i + 1] = right[i], shape (k, n).
 
-    below, main, above: shape (k,), below[0] and above[-1] are 0. right: shape (k, n).
+    All of shape (k, n): n systems. below[0] and above[-1] are 0.
     """
-    lower, upper = (below / main)[:, None], (above / main)[:, None]
-    x: Array = right / main[:, None]
+    lower, upper = below / main, above / main
+    x: Array = right / main
     distance = 1
     while distance < len(x):
         before, after = slice(None, -distance), slice(distance, None)
