@@ -50,6 +50,16 @@ POSITION_TOLERANCE = 5e-13
 AT_LIMIT_DISTANCE = 1e-6
 """A joint closer than this to its position limit at a knot, rad, must not move there."""
 
+ONWARD_SHARE = 0.25
+"""The path past its last knot is given room to go on straight for this share of a segment.
+
+A quintic that leaves a knot with a slope and comes back overshoots by 0.19 of slope · length.
+"""
+
+LONG_SEGMENT, LONGER_RATIO = 1.5, 10.0
+"""The segment that follows on the last one known may be so long (s at full speed), if it is no
+more than so many times longer than the longest that is known."""
+
 _FREE, _LEVEL, _STRAIGHT = 0, 1, 2
 """A joint at a knot: as the spline has it; with a slope of 0; and with a curvature of 0, too."""
 
@@ -189,9 +199,18 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
     level = np.where(high | low, _LEVEL, _FREE)
     level[:fixed] = _FREE
     nearness = -np.minimum(chain - limits.position_min, limits.position_max - chain)
+    held = np.zeros_like(chain)
+    first, _ = _cubic_spline(u, chain, level, held, begin, low, high)
+    # what comes after the last point has to stay within the range, too
+    room = np.where(first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min)
+    onward = min(LONG_SEGMENT, LONGER_RATIO * float(np.max(np.diff(u))))
+    steepest = room / (ONWARD_SHARE * onward)
+    steep = (np.abs(first[-1]) > steepest) & (level[-1] == _FREE)
+    level[-1, steep] = _LEVEL
+    held[-1, steep] = (np.sign(first[-1]) * steepest)[steep]
     changed = True
     while changed:
-        path = Path(Knots(u, chain, *_cubic_spline(u, chain, level, begin, low, high)))
+        path = Path(Knots(u, chain, *_cubic_spline(u, chain, level, held, begin, low, high)))
         before, changed = level.copy(), False
         for segment, joint in np.argwhere(path.outside(limits)):
             ends = [segment, segment + 1]
@@ -218,6 +237,7 @@ def _cubic_spline(
     u: Array,
     points: Array,
     level: npt.NDArray[np.int_],
+    slope: Array,
     begin: tuple[Array, Array] | None,
     low: npt.NDArray[np.bool_],
     high: npt.NDArray[np.bool_],
@@ -225,8 +245,9 @@ def _cubic_spline(
     """Return first and second derivatives at the knots of a cubic spline, shapes (k, n).
 
     It is C2 at knots that are _FREE. Where a joint is kept level, the spline begins anew, with a
-    slope of 0, and the curvature is the lesser one of both sides, or 0; it does not bend out of
-    the range at a knot on its border (`low`, `high`). level, low, high: shape (k, n). `begin`: the
+    given `slope` (0 but at the end), and the curvature is the lesser one of both sides, or 0; it does not bend out of
+    the range at a knot on its border (`low`, `high`). level, slope, low, high: shape
+    (k, n). `begin`: the
     derivatives at the first knot; None: the second derivative is 0 there, as it is at the end.
     """
     h = np.diff(u)[:, None]
@@ -243,9 +264,9 @@ def _cubic_spline(
     if begin is not None:
         main[0], above[0], right[0] = 1.0, 0.0, begin[0]
     held = level != _FREE
-    main[held], below[held], above[held], right[held] = 1.0, 0.0, 0.0, 0.0
+    main[held], below[held], above[held], right[held] = 1.0, 0.0, 0.0, slope[held]
     first = solve_tridiagonal(below, main, above, right)
-    first[held] = 0.0
+    first[held] = slope[held]
     second = np.zeros_like(points)
     ahead = (6.0 * slopes - 4.0 * first[:-1] - 2.0 * first[1:]) / h
     behind = (4.0 * first[1:] + 2.0 * first[:-1] - 6.0 * slopes) / h
