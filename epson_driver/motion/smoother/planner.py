@@ -25,6 +25,11 @@ CATCH_UP_RATIO = 1.25
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
+SHORTER_SHARES = (0.8, 0.6)
+"""Parts of the path to plan for where there is no plan for all of it."""
+
+SAME_BEND_SHARE = 1e-6
+"""Derivatives of two paths that differ relatively by no more than this are the same."""
 
 Proposer = Callable[[Problem, SpeedBounds], TimeParametrisation | None]
 
@@ -47,6 +52,7 @@ class Request:
     timed: whether clock counts for the segment before it, shape (k + m,). lag: how late the state
     is on this clock, s. scale: of all speeds, 0 to come to rest on the path. horizon: how far
     ahead a plan looks at most (nearly), s. urgent: whether a slow plan is better than none.
+    reached: how many of the kept knots and points the plan so far goes to.
     """
 
     start: float | None
@@ -60,6 +66,7 @@ class Request:
     scale: float
     horizon: float
     urgent: bool
+    reached: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,12 +85,12 @@ class Plan:
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
     """Return a verified plan, or None if none was found (the plan so far goes on then)."""
+    paths = _paths(request, limits)
     for ladder in LADDERS if request.urgent else LADDERS[:1]:
-        for kept in (request.kept, request.older):
-            if kept is not None:
-                found = _plan(request, kept, limits, ladder)
-                if found is not None:
-                    return found
+        for path in paths:
+            found = _plan(request, path, limits, ladder)
+            if found is not None:
+                return found
     if len(request.kept.u) == 1 and request.scale > 0.0:
         return _straight(request, limits)
     return None
@@ -97,13 +104,31 @@ def _straight(request: Request, limits: JointLimits) -> Plan | None:
     return None if timing is None else Plan(request.start, path.knots, timing, 'straight')
 
 
+def _paths(request: Request, limits: JointLimits) -> list[Path]:
+    """Return the paths to plan on: with few knots kept, and with more if that is another path."""
+    paths: list[Path] = []
+    for kept in (request.kept, request.older):
+        if kept is None:
+            continue
+        points = request.points[len(kept.u) - len(request.kept.u) :]
+        path = Path(kept)
+        if len(points):
+            path = through(kept, points, limits, clamped=len(kept.u) > 1)
+        if not paths or not _same(path.knots, paths[0].knots):
+            paths.append(path)
+    return paths
+
+
+def _same(one: Knots, other: Knots) -> bool:
+    """Return whether two paths through the same points bend in the same way."""
+    return np.allclose(one.first, other.first, rtol=SAME_BEND_SHARE) and np.allclose(
+        one.second, other.second, rtol=SAME_BEND_SHARE
+    )
+
+
 def _plan(
-    request: Request, kept: Knots, limits: JointLimits, ladder: tuple[Proposer, ...]
+    request: Request, path: Path, limits: JointLimits, ladder: tuple[Proposer, ...]
 ) -> Plan | None:
-    points = request.points[len(kept.u) - len(request.kept.u) :]
-    path = Path(kept)
-    if len(points):
-        path = through(kept, points, limits, clamped=len(kept.u) > 1)
     if request.scale == 0.0:
         timing = pause.propose(_problem(request, path, limits, 1.0))
         return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
@@ -112,6 +137,23 @@ def _plan(
         timing = proposer(problem, bounds)
         if timing is not None:
             return Plan(request.start, path.knots, timing, proposer.__module__.rpartition('.')[2])
+    if ladder is LADDERS[0]:
+        return _shorter(request, path, limits)
+    return None
+
+
+def _shorter(request: Request, path: Path, limits: JointLimits) -> Plan | None:
+    """Return a plan to a knot before the end of the path, which may bend badly there."""
+    begin = request.state[0]
+    for share in SHORTER_SHARES:
+        count = int(path.knots.u.searchsorted(begin + share * (path.end - begin), side='right'))
+        if count < max(request.reached, 2) or count in (len(request.kept.u), len(path.knots.u)):
+            continue
+        part = Path(path.knots[:count])
+        problem = _problem(request, part, limits, 1.0)
+        timing = optimal.propose(problem, SpeedBounds(problem))
+        if timing is not None:
+            return Plan(request.start, part.knots, timing, 'optimal')
     return None
 
 

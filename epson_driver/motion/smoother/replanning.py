@@ -225,6 +225,7 @@ class Replanning:
             execution.scale,
             horizon,
             urgent,
+            0 if plan is None else sum(way.index <= plan.route[-1].index for way in route),
         )
         return PendingRequest(request, route, more)
 
