@@ -20,7 +20,9 @@ def names_below(sentence: str) -> set[str]:
 
 
 def test_the_tables_of_the_page_are_those_of_the_code() -> None:
-    assert names_below('expressions, and these statements:') == {rule.name for rule in COMMANDS.values()}
+    assert names_below('expressions, and these statements:') == {
+        rule.name for rule in COMMANDS.values()
+    }
     assert names_below('and these functions:') == {rule.name for rule in FUNCTIONS.values()}
     rules = re.findall(r'(?m)^\| `([a-z-]+)` \| (.*) \|$', PAGE)
     assert dict(rules) == RULES

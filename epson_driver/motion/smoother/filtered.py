@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Proposer FIR: the speed profile, its jerk limited by a moving average over time.
+"""The second proposer: the speed profile, its jerk limited by a moving average over time.
 
 The mean of u(t) over a window of A/J turns jumps of ü into ramps, and the motion stays on the
 path. Where the result exceeds a limit, the speed bound is lowered, and all is done again.

@@ -29,6 +29,9 @@ ACCEPTED_ROW_EXCESS = 2e-2
 SPEED_COST_EXPONENT = 8
 """p."""
 
+MAX_ROWS = 800_000
+"""What a plan may cost, rows in Newton steps: 60 ms."""
+
 MIN_STEP_SHARE, MAX_SHORT_STEPS = 1e-3, 3
 """So many steps shorter than this lead nowhere."""
 
@@ -50,7 +53,22 @@ class Program:
     wanted: Array
 
 
-def minimise(program: Program, start: Array) -> Array | None:
+@dataclass(slots=True)
+class Effort:
+    """What may still be computed for a plan: rows in Newton steps.
+
+    A count and not a clock, so that the same calls give the same plans on every machine.
+    """
+
+    left: int = MAX_ROWS
+
+    def spent(self, rows: int) -> bool:
+        """Take some; return whether there is nothing left."""
+        self.left -= rows
+        return self.left < 0
+
+
+def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
     """Return the coefficients of the minimum that is found from `start`, shape (n,), or None."""
     basis, rows, weights = program.basis, program.rows, program.weights
     size = len(start)
@@ -81,6 +99,8 @@ def minimise(program: Program, start: Array) -> Array | None:
     dual = mu / slack
     short = 0
     for _ in range(MAX_ITERATIONS):
+        if effort.spent(g.size):
+            return None
         tangents = rows.copy()
         tangents[:, rooted, 0] += 0.5 * y[:, :1] ** -1.5
         slope, curvature = _cost(program, y[:, 0])

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Proposer OPT: the (locally) fastest timing.
+"""The first proposer: the (locally) fastest time parametrisation.
 
 For x(u) = u̇² the limits of a joint with derivatives q′, q″, q‴ by u are
     velocity      |q′| √x ≤ V
@@ -78,7 +78,9 @@ def _propose(
     for turn in range(MAX_ROUNDS):
         if spline is None:
             return None
-        coefficients = minimise(_program(problem, spline, excess), spline.coefficients)
+        coefficients = minimise(
+            _program(problem, spline, excess), spline.coefficients, problem.effort
+        )
         if coefficients is None:
             return None
         spline = dataclasses.replace(spline, coefficients=coefficients)

@@ -202,7 +202,9 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
     held = np.zeros_like(chain)
     first, _ = _cubic_spline(u, chain, level, held, begin, low, high)
     # what comes after the last point has to stay within the range, too
-    room = np.where(first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min)
+    room = np.where(
+        first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min
+    )
     onward = min(LONG_SEGMENT, LONGER_RATIO * float(np.max(np.diff(u))))
     steepest = room / (ONWARD_SHARE * onward)
     steep = (np.abs(first[-1]) > steepest) & (level[-1] == _FREE)
@@ -245,10 +247,10 @@ def _cubic_spline(
     """Return first and second derivatives at the knots of a cubic spline, shapes (k, n).
 
     It is C2 at knots that are _FREE. Where a joint is kept level, the spline begins anew, with a
-    given `slope` (0 but at the end), and the curvature is the lesser one of both sides, or 0; it does not bend out of
-    the range at a knot on its border (`low`, `high`). level, slope, low, high: shape
-    (k, n). `begin`: the
-    derivatives at the first knot; None: the second derivative is 0 there, as it is at the end.
+    given `slope` (0 but at the end), and the curvature is the lesser one of both sides, or 0; it
+    does not bend out of the range at a knot on its border (`low`, `high`). level, slope, low,
+    high: shape (k, n). `begin`: the derivatives at the first knot; None: the second derivative is
+    0 there, as it is at the end.
     """
     h = np.diff(u)[:, None]
     slopes = np.diff(points, axis=0) / h

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
+from epson_driver.motion.smoother.interior_point import MAX_ROWS, Effort
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -24,6 +25,9 @@ CATCH_UP_RATIO = 1.25
 
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
+
+MAX_PAUSE_ROWS = 4 * MAX_ROWS
+"""What may be computed to come to rest on the path, which has to be found."""
 
 SHORTER_SHARES = (0.8, 0.6)
 """Parts of the path to plan for where there is no plan for all of it."""
@@ -86,9 +90,10 @@ class Plan:
 def plan(request: Request, limits: JointLimits) -> Plan | None:
     """Return a verified plan, or None if none was found (the plan so far goes on then)."""
     paths = _paths(request, limits)
+    effort = Effort(MAX_ROWS if request.scale > 0.0 else MAX_PAUSE_ROWS)
     for ladder in LADDERS if request.urgent else LADDERS[:1]:
         for path in paths:
-            found = _plan(request, path, limits, ladder)
+            found = _plan(request, path, limits, ladder, effort)
             if found is not None:
                 return found
     if len(request.kept.u) == 1 and request.scale > 0.0:
@@ -99,7 +104,7 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
 def _straight(request: Request, limits: JointLimits) -> Plan | None:
     """Return a plan from rest straight to rest at the next point: there always is one."""
     path = through(request.kept, request.points[:1], limits, clamped=False)
-    problem = _problem(request, path, limits, 1.0)
+    problem = _problem(request, path, limits, 1.0, Effort())
     timing = ruckig_move.propose(problem, SpeedBounds(problem))
     return None if timing is None else Plan(request.start, path.knots, timing, 'straight')
 
@@ -127,22 +132,22 @@ def _same(one: Knots, other: Knots) -> bool:
 
 
 def _plan(
-    request: Request, path: Path, limits: JointLimits, ladder: tuple[Proposer, ...]
+    request: Request, path: Path, limits: JointLimits, ladder: tuple[Proposer, ...], effort: Effort
 ) -> Plan | None:
     if request.scale == 0.0:
-        timing = pause.propose(_problem(request, path, limits, 1.0))
+        timing = pause.propose(_problem(request, path, limits, 1.0, effort))
         return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
-    path, problem, bounds = _within_horizon(request, path, limits)
+    path, problem, bounds = _within_horizon(request, path, limits, effort)
     for proposer in ladder:
         timing = proposer(problem, bounds)
         if timing is not None:
             return Plan(request.start, path.knots, timing, proposer.__module__.rpartition('.')[2])
     if ladder is LADDERS[0]:
-        return _shorter(request, path, limits)
+        return _shorter(request, path, limits, effort)
     return None
 
 
-def _shorter(request: Request, path: Path, limits: JointLimits) -> Plan | None:
+def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan to a knot before the end of the path, which may bend badly there."""
     begin = request.state[0]
     for share in SHORTER_SHARES:
@@ -150,7 +155,7 @@ def _shorter(request: Request, path: Path, limits: JointLimits) -> Plan | None:
         if count < max(request.reached, 2) or count in (len(request.kept.u), len(path.knots.u)):
             continue
         part = Path(path.knots[:count])
-        problem = _problem(request, part, limits, 1.0)
+        problem = _problem(request, part, limits, 1.0, effort)
         timing = optimal.propose(problem, SpeedBounds(problem))
         if timing is not None:
             return Plan(request.start, part.knots, timing, 'optimal')
@@ -158,10 +163,10 @@ def _shorter(request: Request, path: Path, limits: JointLimits) -> Plan | None:
 
 
 def _within_horizon(
-    request: Request, path: Path, limits: JointLimits
+    request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
     """Return the path as far as it is looked at now, and the problem on it."""
-    problem = _problem(request, path, limits, CATCH_UP_RATIO)
+    problem = _problem(request, path, limits, CATCH_UP_RATIO, effort)
     bounds = SpeedBounds(problem)
     profile = bounds.profile(problem.start[0], problem.start[1])
     cut = False
@@ -172,13 +177,13 @@ def _within_horizon(
         path = Path(path.knots[:count])
     if request.timed.any():
         if cut:
-            problem = _problem(request, path, limits, CATCH_UP_RATIO)
+            problem = _problem(request, path, limits, CATCH_UP_RATIO, effort)
             bounds = SpeedBounds(problem)
         factor = _catch_up(request, path, limits, filtered.filtered(problem, bounds))
-        problem = _problem(request, path, limits, factor)
+        problem = _problem(request, path, limits, factor, effort)
         bounds = SpeedBounds(problem)
     elif cut:
-        problem = _problem(request, path, limits, 1.0)
+        problem = _problem(request, path, limits, 1.0, effort)
         bounds = SpeedBounds(problem)
     return path, problem, bounds
 
@@ -216,13 +221,15 @@ def stopping_time(limits: JointLimits) -> float:
     return float(slowing + np.max(limits.acceleration / limits.jerk))
 
 
-def _problem(request: Request, path: Path, limits: JointLimits, factor: Array | float) -> Problem:
+def _problem(
+    request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
+) -> Problem:
     scale = request.scale or 1.0
     speeds = _commanded_speeds(request, path) * factor * scale
     slowing: TimeParametrisation | None = None
     if request.state[1] > 0.0 and (request.timed.any() or scale < 1.0):
         slowing = ruckig_move.gentle_stop(request.state, path, limits)
-    return Problem(path, request.state, limits, speeds, scale, slowing)
+    return Problem(path, request.state, limits, speeds, scale, slowing, effort)
 
 
 def _commanded_speeds(request: Request, path: Path) -> Array:

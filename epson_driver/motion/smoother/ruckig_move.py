@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Proposer R1: one jerk-limited Ruckig move along the path.
+"""The third proposer: one jerk-limited Ruckig move along the path.
 
 The simplest timing there is. It always finds one from rest, since any path can be followed slowly.
 """
