@@ -115,7 +115,14 @@ class ProgramProfile:
     * `uses`: which of a point's velocity and duration count.
     * `velocity_unit`: what that velocity is.
     * `corrupt`: a message with a wrong length or header is refused, or the servers quit.
-    * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too.
+    * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too,
+      and the connection is closed; the arm finishes the points before it.
+    * `accepts`: which messages are points: a JOINT_TRAJ_PT of its exact length ('exact'); one that
+      may be longer ('longer'), whose STOP may be a topic, too; every message that is long enough
+      for the joints ('any'), whatever its type, and shorter ones are not answered.
+    * `special_sequences`: 'stop': only STOP is obeyed, the other negative ones are not answered.
+    * `skip_first`: a first point so near to where the arm stands, rad or m, each joint, is left
+      out; 0: none is.
     * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
       if it is given a port, or by Motoman's commands.
     """
@@ -133,6 +140,9 @@ class ProgramProfile:
     velocity_unit: VelocityUnit
     corrupt: Literal['refuse', 'quit']
     late_failure: bool
+    accepts: Literal['exact', 'longer', 'any']
+    special_sequences: Literal['all', 'stop']
+    skip_first: float
     motors: Literal['none', 'remote_ethernet', 'motoman']
     download: DownloadProfile
 
@@ -141,15 +151,21 @@ class ProgramProfile:
 class StateProfile:
     """What the state port sends: one message per slot of `period` s.
 
-    After `joint_positions_per_status` slots with the joints comes one with a STATUS. `in_motion`,
-    `motion_possible`: whether the STATUS fills these fields; UNKNOWN otherwise.
+    After `joint_positions_per_status` slots with the joints comes one with a STATUS, or it comes
+    together with the last of them (`status_with_joints`). `in_motion`, `motion_possible`: whether
+    the STATUS fills these fields; UNKNOWN otherwise. `feedback_time`: whether a JOINT_FEEDBACK
+    carries the controller's time. `errors`: 'alarms': it shows the errors that
+    need a reset, not what was rejected or an E-stop.
     """
 
     period: float
     joint_positions_per_status: int
+    status_with_joints: bool
     message: Literal['joint_position', 'joint_feedback']
+    feedback_time: bool
     in_motion: bool
     motion_possible: bool
+    errors: Literal['all', 'alarms']
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,11 +175,16 @@ class ServerProfile:
     `reconnect` False: a server whose client is gone serves nobody until the program is started
     again. `byte_by_byte`: every byte is sent for itself. `aborted` is what a port does whose task
     is aborted: refuse requests, stay silent, or close. `…_clients`: how many at once.
+
+    `lost_client` is what the arm does when the motion client is gone: 'brake', and its motors go
+    off; 'finish' the points it has, motors on; 'keep' them: it stands, motors on, and goes on when
+    the next client connects.
     """
 
     reconnect: bool
     byte_by_byte: bool
     aborted: Literal['refuse', 'silent', 'close']
+    lost_client: Literal['brake', 'finish', 'keep']
     state_clients: int
     io_clients: int
 

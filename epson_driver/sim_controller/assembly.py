@@ -128,6 +128,7 @@ def _new_program(controller: Controller, arm: Executor) -> Program:
         controller.clock,
         controller.trajectory_begins,
         controller.dialect.real,
+        lambda: controller.clients.dismiss('motion'),
     )
 
 

@@ -60,6 +60,7 @@ class ClientConnection(Session):
         self.local = client.local
         self._begun = controller.clock.now
         self._abort = client.abort
+        self._close = client.close
         self._controller = controller
         by_byte = controller.profile.server.byte_by_byte and _SERVERS[port] is not None
         self._transport = FaultyTransport(
@@ -112,6 +113,11 @@ class ClientConnection(Session):
     def hang_up(self) -> None:
         """Close the connection: the client is gone at once, whatever is still read from it."""
         self._abort()
+        self.closed()
+
+    def dismiss(self) -> None:
+        """Close the connection once everything is sent; the client is gone at once."""
+        self._close()
         self.closed()
 
     def closed(self) -> None:
@@ -188,6 +194,11 @@ class ClientConnections:
             connection for connection in self._connections if connection.port in ports
         ]:
             connection.hang_up()
+
+    def dismiss(self, port: str) -> None:
+        """Close the connections of all clients of the port once they have got what was sent."""
+        for connection in [held for held in self._connections if held.port == port]:
+            connection.dismiss()
 
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the least claim to it, if any."""

@@ -82,6 +82,9 @@ class Clients(Protocol):
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
 
+    def dismiss(self, port: str) -> None:
+        """Close the connections of all clients of the port once they have got what was sent."""
+
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the least claim to it, if any."""
 
@@ -153,6 +156,7 @@ class Controller:
         self._error = ErrorNumber.NONE  # of the controller itself, until it is reset
         self._begun = 0  # points that the faults know of
         self._slowing = False  # whether it brakes to go on at low power
+        self._unattended = False  # whether the arm keeps its points for the next motion client
         self._set_power()
 
     # What people and clients do.
@@ -203,6 +207,26 @@ class Controller:
         ConnectionRefusedError, which says why, if nobody serves the port now.
         """
         return self.clients.connect(port, client)
+
+    def client_came(self) -> None:
+        """Serve a new motion client. Points that were kept for it move the arm at once."""
+        if self.profile.server.lost_client == 'brake':
+            self.program.restart()
+        if self._unattended:
+            self._unattended = False
+            if self.condition.tasks is Tasks.RUNNING and not self._slowing:
+                self.arm.executor.resume()
+
+    def client_lost(self) -> None:
+        """Do what the profile says when the motion client is gone."""
+        lost = self.profile.server.lost_client
+        if lost == 'brake':
+            self.apply(Event.CLIENT_LOST)
+            return
+        self.program.detach()
+        if lost == 'keep':
+            self._unattended = True
+            self.arm.executor.hold()
 
     def raise_error(self, number: ErrorNumber, critical: bool = False) -> None:
         """Put the controller in error: no power, tasks aborted, until a reset (or a boot)."""
@@ -323,18 +347,20 @@ class Controller:
         return state_messages.joint_position(self.servo.position)
 
     def joint_feedback(self) -> JointFeedback:
-        """Return where the joints are and how fast, with the controller's time."""
+        """Return where the joints are and how fast, with the time if the profile says so."""
         servo = self.servo
-        return state_messages.joint_feedback(servo.position, servo.velocity, self.clock.now)
+        now = self.clock.now if self.profile.state.feedback_time else None
+        return state_messages.joint_feedback(servo.position, servo.velocity, now)
 
     def status(self) -> Status:
         """Return the STATUS message of this moment."""
+        alarms = self.profile.state.errors == 'alarms'
         return state_messages.status(
             self.condition,
-            self.error_number,
+            self._error if alarms else self.error_number,
             self.profile.state,
-            in_motion=self.in_motion,
-            accepts_points=self.motion_rejection() is None,
+            in_motion=self.in_motion or (self._unattended and self.moving),
+            accepts_points=self.program.ready and self.motion_rejection() is None,
         )
 
     # What follows from a change of the condition.
@@ -356,8 +382,13 @@ class Controller:
             self.program.pause()
             self.arm.hold()
         else:
-            self.arm.executor.resume()
+            self._resume_arm()
             self.program.resume()
+
+    def _resume_arm(self) -> None:
+        """Let the arm go on after a hold, unless it waits for a motion client."""
+        if not self._unattended:
+            self.arm.executor.resume()
 
     def _recover(self) -> None:
         """Go back slowly to where the arm was interrupted, if it has power and a way to go on."""
@@ -372,7 +403,7 @@ class Controller:
         if self._slowing:
             self._slowing = False
             if not self.condition.paused:
-                self.arm.executor.resume()
+                self._resume_arm()
         if self.condition.tasks is Tasks.RECOVERING:
             self.arm.went_back()
             self.apply(Event.RECOVERED)

@@ -134,6 +134,17 @@ def walk(node: Any) -> Iterator[Any]:
             todo.extend(getattr(each, field.name) for field in reversed(fields(each)))
 
 
+def _task_names(body: Any) -> Iterator[Any]:
+    """Yield what names a task, as `main` in TaskState(main) and Quit main: nothing is called."""
+    for node in walk(body):
+        if isinstance(node, TaskCommand):
+            yield from walk(node.task)
+        elif isinstance(node, Apply):
+            rule = FUNCTIONS.get(node.name.lower())
+            if rule is not None and rule.arguments.startswith('t') and node.arguments:
+                yield from walk(node.arguments[0])
+
+
 @dataclass(frozen=True)
 class _Root:
     """A function that begins a task, and where that is written."""
@@ -179,8 +190,11 @@ class _Lint:
     def _called(self, function: Function) -> set[str]:
         """Return the functions that a function calls, in lower case."""
         found = set()
+        named = set(map(id, _task_names(function.body)))
         for node in walk(function.body):
-            if isinstance(node, Call | Apply | Name) and node.name.lower() in self.functions:
+            if not isinstance(node, Call | Apply | Name) or id(node) in named:
+                continue
+            if node.name.lower() in self.functions:
                 found.add(node.name.lower())
         return found
 

@@ -42,6 +42,11 @@ LOADED = [
 ]
 
 
+def obey_interrupts() -> None:
+    """Let a child obey SIGINT as in a terminal: whoever runs these tests by `&` ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize(('name', 'module'), LOADED)
 def test_ctrl_c_while_an_executable_is_loaded_ends_it_without_a_traceback(
     name: str, module: str
@@ -52,6 +57,7 @@ def test_ctrl_c_while_an_executable_is_loaded_ends_it_without_a_traceback(
         text=True,
         timeout=PATIENCE,
         check=False,
+        preexec_fn=obey_interrupts,
     )
     assert (run.returncode, run.stdout, run.stderr) == (130, '', '')
 
@@ -65,7 +71,9 @@ def test_ctrl_c_before_an_executable_handles_it_itself() -> None:
         'sys.exit(main())'
     )
     command = [sys.executable, '-c', code, 'robots']
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        command, capture_output=True, text=True, check=False, preexec_fn=obey_interrupts
+    )
     assert (run.returncode, run.stdout, run.stderr) == (130, '', '')
 
 

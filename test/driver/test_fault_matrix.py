@@ -145,9 +145,11 @@ EXCEPTIONS = {
         'text': r'refused point 3 of 4 \(INVALID: the message is wrong, 3012: a position\)',
         'gate': 'refused point 3 of 4',
     },
-    # It says yes first, and no when the point's turn comes.
+    # It says yes first, no when the point's turn comes, and closes the connection.
     ('failure_reply', 'fanuc'): {
-        'text': '(refused point 3 of 4|withdrew an acknowledgement before point 3 of 4).*4001'
+        'text': '(refused|withdrew an acknowledgement before) point 3 of 4'
+        '.*(4001|the motion link was lost)|the motion link was lost: .*closed by the controller',
+        'gate': 'the controller is in error 4001|the motion link was lost',
     },
     # Its servers are dead when their client is gone or the tasks were aborted.
     **{

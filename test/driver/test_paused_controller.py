@@ -3,6 +3,7 @@
 """Goals that come while the controller is paused, and those that run then, in every delivery."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,15 @@ DELIVERIES = ('rc620', 'abb', 'motoman')
 
 def possible(harness, value):
     return (status := harness.driver.robot.status) is not None and status.motion_possible == value
+
+
+def long_queue(name):
+    """Return the profile of that name with room for all points of a goal.
+
+    A Motoman refuses those that come in a pause, and the goal ends.
+    """
+    profile = load_controller_profile(name)
+    return replace(profile, motion=replace(profile.motion, pending_limit=1000))
 
 
 def as_profile(name):
@@ -130,7 +140,7 @@ def test_an_error_without_a_reason_to_close_the_gate_is_no_pause():
 def test_a_running_goal_waits_for_a_paused_controller_in_every_delivery(name):
     async def check():
         async with (
-            simulated(profile=name) as (controller, ports),
+            simulated(profile=long_queue(name)) as (controller, ports),
             Harness(ports, **as_profile(name)) as harness,
         ):
             await harness.ready()
@@ -159,7 +169,7 @@ def test_a_running_goal_waits_for_a_paused_controller_in_every_delivery(name):
 def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled_in_every_delivery(name):
     async def check():
         async with (
-            simulated(profile=name) as (controller, ports),
+            simulated(profile=long_queue(name)) as (controller, ports),
             Harness(ports, **as_profile(name)) as harness,
         ):
             await harness.ready()

@@ -152,7 +152,7 @@ def test_a_motoman_pauses_when_it_has_done_what_it_has_and_goes_on():
 
 def test_a_motoman_that_has_all_points_in_its_queue_is_not_slowed():
     async def check():
-        async with cell_of('motoman') as (harness, points):
+        async with cell_of('motoman', pending_limit=len(STEPS)) as (harness, points):
             goal = harness.submit(*STEPS, step=STEP)
             await until(lambda: len(points) == len(STEPS) + 1)
             await harness.until_moving()

@@ -12,7 +12,6 @@ import yaml
 from srdf_rules import faults
 
 from epson_driver.bringup import semantic_description
-from epson_driver.planning.links import PACKAGE_URI
 from epson_driver.robots import load_robot_model
 
 pytest.importorskip('pinocchio')
@@ -20,6 +19,7 @@ pytest.importorskip('trimesh')
 
 import pinocchio
 
+from epson_driver.planning.links import PACKAGE_URI
 from generate import moveit
 from generate.self_collision import CollisionBodies, random_configurations
 

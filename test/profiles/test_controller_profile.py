@@ -1,6 +1,7 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
+import math
 import re
 import typing
 from pathlib import Path
@@ -103,18 +104,31 @@ def test_the_others_differ_where_it_is_known():
     )
     assert rc700a.ports.remote == 5000
     assert fanuc.byte_order is ByteOrder.BIG
-    assert 1.0 / fanuc.state.period == pytest.approx(42.0, abs=0.1)
-    assert fanuc.state.joint_positions_per_status + 1 == 11
+    assert (fanuc.state.period, fanuc.state.joint_positions_per_status) == (0.024, 11)
+    together = (fanuc, abb, motoman)
+    assert [profile.state.status_with_joints for profile in together] == [True] * 3
+    assert [profile.server.lost_client for profile in (rc700a, *together)] == [
+        'brake',
+        'finish',
+        'finish',
+        'keep',
+    ]
+    accepts = [profile.program.accepts for profile in together]
+    assert accepts == ['any', 'longer', 'exact']
+    assert (fanuc.program.check_sequence, fanuc.program.special_sequences) == (False, 'stop')
     assert (fanuc.program.acknowledge, fanuc.program.late_failure) == ('taken', True)
-    assert (fanuc.motion.speed, fanuc.motion.look_ahead_points) == (0.2, 1)
+    assert (fanuc.motion.speed, fanuc.motion.look_ahead_points) == (0.2, 2)
     assert (abb.program.reply, abb.program.uses) == ('header', 'duration')
     assert dataclasses.astuple(abb.program.download) == (100, 'drop', 0.0)
-    assert (abb.state.period, abb.state.joint_positions_per_status) == (0.05, 1)
+    assert (abb.state.period, abb.state.joint_positions_per_status) == (0.1, 1)
+    assert abb.program.skip_first == pytest.approx(math.radians(0.1), rel=1e-4)
+    assert abb.program.check_limits is False
     assert (motoman.program.kind, motoman.state.message) == ('motoman', 'joint_feedback')
     assert dataclasses.astuple(motoman.ports)[:3] == (50240, 50241, 50242)
     server = motoman.server
     assert (server.state_clients, server.io_clients) == (4, 1)
-    assert motoman.motion.pending_limit == 200
+    assert (motoman.motion.look_ahead, motoman.motion.pending_limit) == (200 * 0.004, 1)
+    assert (motoman.state.period, motoman.state.errors) == (0.025, 'alarms')
 
 
 def test_an_unknown_profile_lists_the_ones_there_are():

@@ -116,6 +116,21 @@ def test_where_exactly_a_problem_is() -> None:
     )
 
 
+NAMES_ONLY = """
+Function BgMain
+  If TaskState(main) = 1 And TaskDone(main) = 0 Then Quit main
+Fend
+Function main
+  Motor On
+Fend
+"""
+
+
+def test_what_only_names_a_task_does_not_run_in_this_one() -> None:
+    """TaskState(main) and Quit main in a background task: only main moves."""
+    assert found(NAMES_ONLY, 6) == []
+
+
 GOOD = """
 Global Integer g_run
 Function main

@@ -49,6 +49,7 @@ class Cell:
         return processes.sim_controller(
             self._folder / 'controller.log',
             '--motion=ptp',
+            '--state-period=0.01',  # half of what a C3 sends, and half of the work
             *self._controller_arguments,
             start=self.start,
             ports=ports,

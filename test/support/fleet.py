@@ -41,7 +41,9 @@ class Fleet:
     def _start_controller(self, name: str) -> processes.Process:
         start = ','.join(map(str, self.start[name]))
         log = self._folder / f'{name}.log'
-        return processes.sim_controller(log, '--motion=ptp', f'--start={start}')
+        return processes.sim_controller(
+            log, '--motion=ptp', '--state-period=0.02', f'--start={start}'
+        )
 
     def ready(self) -> 'Fleet':
         for peer in self.peers.values():

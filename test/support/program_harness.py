@@ -65,6 +65,7 @@ class ProgramHarness:
             lambda packet: self.sent.extend(encode(packet, Dialect())),
             self.clock,
             lambda: self.began(),
+            hang_up=lambda: self.events.append('hung up'),
         )
         take = self.arm.take
 

@@ -22,7 +22,7 @@ PROFILE = """
 like: {kind}
 name: measured
 description: the same, but it tells two clients its velocities, often and with its own time
-state: {{message: joint_feedback, period: 0.005}}
+state: {{message: joint_feedback, feedback_time: true, period: 0.005}}
 server: {{state_clients: 2}}
 """
 

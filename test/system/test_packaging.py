@@ -32,8 +32,7 @@ UNDECLARED = (
 another thing."""
 
 OF_A_DESKTOP = re.compile('rviz|rqt|gui|visualization|desktop|gazebo')
-EXECUTABLES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth')
-
+EXECUTABLES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth', 'spel')
 
 BIN = Path(sys.executable).parent
 
@@ -166,6 +165,7 @@ def test_colcon_test_runs_pytest(colcon_install: Path) -> None:
     assert not results.findall('.//failure')
 
 
+@pytest.mark.slow
 def test_tests_are_collected_where_only_the_declared_libraries_are() -> None:
     """rosdep brings no Python module of OMPL, for one: tests that need it are skipped there."""
     code = (

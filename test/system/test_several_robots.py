@@ -65,7 +65,7 @@ def move(peer: RosPeer, by: float, seconds: float = 0.5) -> Any:
     return peer.goal(trajectory((0.0, here), (seconds, [here[0] + by, *here[1:]])))
 
 
-def more_joint_states(peer: RosPeer, count: int = 200) -> None:
+def more_joint_states(peer: RosPeer, count: int = 50) -> None:
     """Check that joint states go on, and that no message says that the link is gone."""
     seen = len(peer.joint_states)
     peer.wait_for(lambda: len(peer.joint_states) >= seen + count, 'more joint states')

@@ -42,7 +42,9 @@ def test_inv8_velocities_are_the_derivative_of_the_positions_on_the_controllers_
 
     What counts is where the controller kept its period: on a busy machine it may not.
     """
-    cell: Cell = make_cell('--motion=smooth', state_timeout=10.0).ready()
+    cell: Cell = make_cell(
+        f'--state-period={PERIOD}', '--motion=smooth', state_timeout=10.0
+    ).ready()
     cell.peer.enable()
     cell.pendant('fault', *fault.split())
     judged: list[np.ndarray] = []

@@ -31,6 +31,10 @@ OVERLAP_SHARE = 0.5
 """With CP each move has this share of the acceleration, so that two of them may overlap."""
 
 
+OVERLAP_ATTEMPTS = 4
+"""A timed move that overlaps is as much slower, so it may have to begin later: tried so often."""
+
+
 class PointToPoint:
     """An arm that goes from point to point, inside its limits.
 
@@ -267,8 +271,11 @@ class PointToPoint:
         self.begun += not statement.begun
         statement.begun = True
 
-    def _leg(self, statement: Statement, start: Array) -> Leg:
-        """Return the move of a statement that begins now."""
+    def _leg(self, statement: Statement, start: Array, overlap: float = 0.0) -> Leg:
+        """Return the move of a statement that begins now.
+
+        It ends the statement's duration after the move before, which it overlaps by `overlap` s.
+        """
         speed, accel, most = statement.speed, statement.accel, 1.0
         if self.low_power and self._caps is not None:
             speed = min(speed, self._caps.speed(self.limits, statement.target - start))
@@ -276,7 +283,8 @@ class PointToPoint:
         # With CP two moves overlap: each may have half of what the arm can do.
         accel = min(accel, OVERLAP_SHARE * most if self._cp else most)
         way = (self.limits, start, statement.target)
-        motion = go_in(*way, statement.duration, speed, accel)
+        duration = statement.duration + overlap if statement.duration else 0.0
+        motion = go_in(*way, duration, speed, accel)
         return Leg(statement, motion, self._now, speed, self.low_power)
 
     def _blend(self) -> None:
@@ -286,23 +294,33 @@ class PointToPoint:
         if not self._queue or self.low_power is not last.low_power:
             return
         statement = self._queue[0]
-        leg = self._leg(statement, last.motion.end)
-        caps = self._caps if self.low_power else None
         # Only two moves may overlap.
         others_end = self._legs[-2].end if len(self._legs) > 1 else 0.0
-        begin = last.begin + blend_start(
+        begin, overlap = max(self._now, statement.ready, others_end), 0.0
+        for _ in range(OVERLAP_ATTEMPTS):
+            leg = self._leg(statement, last.motion.end, overlap)
+            begin = max(begin, self._overlap_begin(last, leg, begin))
+            if begin >= last.end:
+                return
+            leg.begin = begin
+            if statement.duration == 0.0 or last.end - begin <= overlap:
+                self._legs.append(leg)
+                self._begin(self._queue.popleft())
+                return
+            overlap = last.end - begin
+
+    def _overlap_begin(self, last: Leg, leg: Leg, earliest: float) -> float:
+        """Return when a leg may begin, `earliest` or later, s; the end of the last: no overlap."""
+        caps = self._caps if self.low_power else None
+        return last.begin + blend_start(
             last.motion,
             leg.motion,
             self.limits,
-            max(self._now, statement.ready, others_end) - last.begin,
+            earliest - last.begin,
             speed=max(last.speed, leg.speed),
             accel=1.0 if caps is None else caps.fraction,
             tool=None if caps is None else (caps.reach, caps.tool_speed),
         )
-        if begin < last.end:
-            leg.begin = max(begin, self._now)
-            self._legs.append(leg)
-            self._begin(self._queue.popleft())
 
     def _begin_brake(self) -> None:
         """Leave the lines, and brake."""

@@ -27,6 +27,9 @@ VERSION = (0, 1, 0)
 Answers = Mapping[int, Callable[[], Message]]
 """What a port answers to requests besides PING and GET_VERSION: message type to body."""
 
+UNANSWERED = (CommType.TOPIC, CommType.SERVICE_REPLY)
+"""Kinds of messages that want no answer."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -49,9 +52,13 @@ def answer(packet: Packet, own: Answers) -> Packet | None:
 
 
 def answer_frame(frame: Frame, own: Answers) -> Packet | None:
-    """Return the reply to a frame that may break the header's or the body's rules."""
+    """Return the reply to a frame that may break the header's or the body's rules.
+
+    None for topics and replies: two peers that answer those would do so for ever.
+    """
     try:
         return answer(decode(frame), own)
     except (HeaderError, BodyError) as error:
         _log.warning('refused: %s', error)
-        return failure(frame.msg_type) if frame.msg_type > 0 else None
+        wanted = frame.msg_type > 0 and frame.comm_type not in UNANSWERED
+        return failure(frame.msg_type) if wanted else None

@@ -18,6 +18,8 @@ The rules (REP-I0006 where it says something, the thesis' program otherwise):
 * A sequence of -1 begins a download (download.py). Its points, if they are requests, are answered
   when the program is done with them. From a client that downloads by topics, topics are never
   answered. A streamed point in between ends it; points that still move go on first.
+* A reply is not looked at, and a topic that belongs to no download is never answered: two peers
+  that answered each other would do so for ever.
 * In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
   STOP works.
 
@@ -25,6 +27,7 @@ What a profile's `ProgramProfile` changes in these rules stands there.
 """
 
 import dataclasses
+import logging
 from collections.abc import Callable
 
 from epson_driver.motion import Array
@@ -33,7 +36,7 @@ from epson_driver.profiles.profile import ProgramProfile
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.condition.errors import ErrorRegister, Rejection, corrupt
-from epson_driver.sim_controller.ports.requests import answer, failure
+from epson_driver.sim_controller.ports.requests import UNANSWERED, answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
 from epson_driver.sim_controller.programs.points import (
@@ -41,6 +44,7 @@ from epson_driver.sim_controller.programs.points import (
     limits_rejection,
     numbers_rejection,
     sequence_of,
+    taken_for_point,
     target_of,
     velocity_fraction,
 )
@@ -68,6 +72,9 @@ POINT_BODY_BYTES = {Real.FLOAT32: 52, Real.FLOAT64: 100}
 """of a JOINT_TRAJ_PT's body, bytes"""
 
 
+_log = logging.getLogger(__name__)
+
+
 def _nothing() -> None:
     pass
 
@@ -82,7 +89,10 @@ class MotionProgram:
     At most `pending_limit` points wait, or those of one download. `blocked` returns why the
     controller's condition forbids motion, or None; `send` takes the replies. `began` is called
     before the arm takes the first point of a trajectory. `real`: the width of its reals.
+    `hang_up` closes the client's connection once it has got what was sent.
     """
+
+    ready = True
 
     def __init__(
         self,
@@ -95,6 +105,7 @@ class MotionProgram:
         clock: Clock,
         began: Callable[[], None] = _nothing,
         real: Real = Real.FLOAT32,
+        hang_up: Callable[[], None] = _nothing,
     ) -> None:
         self._real = real
         self._limits = arm.limits
@@ -118,7 +129,9 @@ class MotionProgram:
             self._answer_success,
             self._fail,
             began,
+            profile.skip_first,
         )
+        self._hang_up = hang_up
 
     @property
     def paused(self) -> bool:
@@ -141,10 +154,14 @@ class MotionProgram:
             self._errors.enter(corrupt(fault))
             self.restart()
             raise ProgramQuit(f'a corrupt message: {fault}')
+        taken = taken_for_point(frame, self._profile.accepts, POINT_BODY_BYTES[self._real])
+        if taken is None or taken.comm_type == CommType.SERVICE_REPLY:
+            _log.warning('not answered: message type %d', frame.msg_type)
+            return
         try:
-            packet = decode(frame)
+            packet = decode(taken)
         except (HeaderError, BodyError) as error:
-            self._reject_corrupt(frame, error)
+            self._reject_corrupt(taken, error)
             return
         if packet.msg_type == MessageType.JOINT_TRAJ_PT:
             self._receive_point(packet)
@@ -178,6 +195,13 @@ class MotionProgram:
         self._download.forget()
         self._accepted = None
 
+    def detach(self) -> None:
+        """Forget the client and what it was not told to be taken; the arm goes on."""
+        self._queue.detach()
+        self._download.forget()
+        self._topics = False
+        self._accepted = None
+
     def pause(self) -> None:
         """Give the arm no more points and answer none, until `resume`."""
         self._queue.paused = True
@@ -193,14 +217,19 @@ class MotionProgram:
         point = packet.message
         if not isinstance(point, JointTrajPt) or packet.dialect.real is not self._real:
             size = POINT_BODY_BYTES[self._real]
-            self._reject(0, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
+            sequence = 0 if packet.comm_type is CommType.SERVICE_REQUEST else None
+            self._reject(sequence, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
+        elif self._is_ignored(point.sequence):
+            _log.warning('%s is not supported: ignored', _name(point))
         elif self._concerns_download(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)
         elif packet.comm_type is CommType.TOPIC and self._topics:
             self._errors.enter(corrupt('no download is under way').about(_name(point)))
-        elif packet.comm_type is not CommType.SERVICE_REQUEST:
-            sentence = f'JOINT_TRAJ_PT must be a request, not a {packet.comm_type.name.lower()}'
-            self._reject(point.sequence, corrupt(sentence))
+        elif packet.comm_type is CommType.TOPIC:
+            if self._is_stop(point.sequence) and self._profile.accepts != 'exact':
+                self._stop(None)
+            else:
+                self._reject(None, corrupt('JOINT_TRAJ_PT must be a request, not a topic'))
         elif self._is_stop(point.sequence):
             self._stop(point.sequence)
         else:
@@ -212,7 +241,10 @@ class MotionProgram:
     def _is_stop(self, sequence: int) -> bool:
         return sequence == STOP or (sequence < 0 and self._profile.negative_is_stop)
 
-    def _stop(self, sequence: int) -> None:
+    def _is_ignored(self, sequence: int) -> bool:
+        return sequence < 0 and self._profile.special_sequences == 'stop' and sequence != STOP
+
+    def _stop(self, sequence: int | None) -> None:
         if self._profile.stop_works:
             self.restart()
             self._answer(sequence, ReplyCode.SUCCESS)
@@ -327,23 +359,32 @@ class MotionProgram:
 
     def _reject_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
         rejection = corrupt(f'message type {frame.msg_type}: {error}')
+        answered = frame.comm_type not in UNANSWERED
         if frame.msg_type == MessageType.JOINT_TRAJ_PT:
-            self._reject(sequence_of(frame), rejection)
+            self._reject(sequence_of(frame) if answered else None, rejection)
             return
         self._errors.enter(rejection)
+        if not answered:
+            return
         if frame.msg_type > 0:
             self._send(failure(frame.msg_type))
         else:  # a reply of that type would be as invalid
             self._answer(0, ReplyCode.FAILURE)
 
-    def _reject(self, sequence: int, rejection: Rejection) -> None:
+    def _reject(self, sequence: int | None, rejection: Rejection) -> None:
         self._errors.enter(rejection)
         self.abort()
         self._answer(sequence, ReplyCode.FAILURE)
 
-    def _fail(self, rejection: Rejection) -> None:
+    def _fail(self, entry: Entry, rejection: Rejection) -> None:
         self._errors.enter(rejection)
-        self.abort()
+        if not self._profile.late_failure:
+            self.abort()
+            return
+        self._answer(entry.reply_to, ReplyCode.FAILURE)
+        self._queue.drop()
+        self.detach()
+        self._hang_up()
 
     def _answer_success(self, entry: Entry) -> None:
         self._answer(entry.reply_to, ReplyCode.SUCCESS)

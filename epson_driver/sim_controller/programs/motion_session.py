@@ -5,7 +5,6 @@
 from typing import Protocol
 
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
-from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.ports.session import Send
 from epson_driver.sim_controller.programs.program import Program
 from epson_driver.simple_message import ByteOrder, FrameError, Framer
@@ -24,19 +23,22 @@ class MotionServer(Protocol):
     def show(self, rejection: Rejection) -> None:
         """Show in STATUS why something was rejected."""
 
-    def apply(self, event: Event) -> None:
-        """Apply an event to the controller."""
+    def client_came(self) -> None:
+        """Begin to serve a motion client."""
+
+    def client_lost(self) -> None:
+        """Do what this kind of controller does without its motion client."""
 
 
 class MotionSession:
-    """The session of the one motion client. When it ends, for whatever reason, the arm brakes."""
+    """The session of the one motion client, until that is gone, for whatever reason."""
 
     def __init__(self, controller: MotionServer, byte_order: ByteOrder, send: Send) -> None:
         self._controller = controller
         self._framer = Framer(byte_order)
         self._open = True
         controller.reply = send
-        controller.program.restart()
+        controller.client_came()
 
     def receive(self, data: bytes) -> None:
         """Obey the client. Raises FrameError; the client counts as lost then."""
@@ -50,10 +52,10 @@ class MotionSession:
             raise
 
     def closed(self) -> None:
-        """The client is gone: brake, motors off."""
+        """The client is gone: the controller does what its kind does then."""
         if self._open:
             self._open = False
             try:
-                self._controller.apply(Event.CLIENT_LOST)
+                self._controller.client_lost()
             finally:
                 self._controller.reply = None

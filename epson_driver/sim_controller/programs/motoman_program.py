@@ -5,10 +5,14 @@
 The rules (MotoROS 1.9):
 
 * Everything but a reply is answered at once with a MOTION_REPLY, whose header says SUCCESS and
-  whose result says what became of it. PING and GET_VERSION have their own replies.
+  whose result says what became of it. PING has its own reply; STATUS, JOINT_FEEDBACK and
+  MOTION_REPLY, which it knows but does not serve, end the connection.
 * Points are only taken in trajectory mode. START_TRAJ_MODE begins it, and for that resets an
   alarm and switches the servos on; the E-stop, a pause and the key switch want a person. It ends
-  with STOP_TRAJ_MODE, with the connection, and when the servos go off.
+  with STOP_TRAJ_MODE, and when the servos go off; not with the connection.
+* Without a client the arm stands, with its servos on, the mode and the points that were entered
+  already; only the one that waits is forgotten. It goes on when the next client connects, until
+  that one sends STOP_MOTION.
 * Point 0 must be where the arm stands, and moves nothing. Each later one has the next sequence
   and a later time, and is to be reached at that time. All carry time, position and velocity.
 * BUSY: there is no room for the point now. Nothing has happened; the client sends it again.
@@ -51,6 +55,7 @@ from epson_driver.sim_controller.programs.motoman_replies import (
     invalid,
     outcome,
     success,
+    too_short,
     unreadable,
 )
 from epson_driver.sim_controller.programs.points import clipped
@@ -73,7 +78,8 @@ from epson_driver.simple_message.motoman import Command, Invalid, Result
 
 _log = logging.getLogger(__name__)
 
-_STANDARD = (MessageType.PING, MessageType.GET_VERSION)
+_NOT_SERVED = (MessageType.STATUS, MessageType.JOINT_FEEDBACK, MessageType.MOTION_REPLY)
+"""Messages that MotoROS knows, but not as requests to this port."""
 
 _Command = Callable[[MotionReply], MotionReply | None]
 """Obeys a command. It takes the reply that says SUCCESS, and returns the reply if there is one."""
@@ -123,6 +129,11 @@ class MotomanProgram:
         }
 
     @property
+    def ready(self) -> bool:
+        """What CHECK_MOTION_READY answers."""
+        return self._mode.missing() is None
+
+    @property
     def paused(self) -> bool:
         """Whether it waits for `resume`."""
         return self._paused
@@ -136,10 +147,13 @@ class MotomanProgram:
             return
         if packet.comm_type is CommType.SERVICE_REPLY:
             return
-        if packet.msg_type in _STANDARD:
+        if packet.msg_type == MessageType.PING:
             response = answer(packet, {})
             if response is not None:
                 self._send(response)
+        elif packet.msg_type in _NOT_SERVED:
+            _log.warning('message type %d is not served: disconnected', packet.msg_type)
+            self._hang_up()
         else:
             self._answer(self._obey(packet))
 
@@ -160,6 +174,10 @@ class MotomanProgram:
     def restart(self) -> None:
         """Abort. The same, because no trajectory goes on after that."""
         self.abort()
+
+    def detach(self) -> None:
+        """Forget the point that waits, but neither the mode nor the points that the arm has."""
+        self._waiting.clear()
 
     def pause(self) -> None:
         """Give the arm no more points until `resume`; new ones are NOT_READY, HOLD."""
@@ -295,10 +313,11 @@ class MotomanProgram:
     def _reject_corrupt(self, frame: Frame, error: HeaderError | BodyError) -> None:
         if frame.comm_type == CommType.SERVICE_REPLY:
             return
-        subcode = Invalid.MSGSIZE
+        done, subcode = too_short(frame), Invalid.MSGSIZE
         if isinstance(error, HeaderError):
+            done = unreadable(frame.msg_type)
             subcode = Invalid.MSGTYPE if error.field == 'msg_type' else Invalid.MSGHEADER
-        self._answer(invalid(unreadable(frame.msg_type), InvalidReason(subcode, str(error))))
+        self._answer(invalid(done, InvalidReason(subcode, str(error))))
 
     def _answer(self, response: MotionReply | None) -> None:
         if response is not None:

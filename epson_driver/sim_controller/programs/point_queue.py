@@ -4,7 +4,9 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock, Timer
@@ -36,9 +38,11 @@ class PointQueue:
     """Gives the arm one entry after the other, and has each answered.
 
     `answered` is called with an entry that was done (or, with `answers_early`, one that will be
-    refused); `failed` with one that is refused in its turn, which is still in the queue then.
-    `began` is called before the arm takes the first point of a trajectory. Any of them may flush
-    the queue.
+    refused); `failed` with one that is refused in its turn: when the arm stands, and the entry is
+    still in the queue then. With `answers_early` at once, while the arm goes on to the points
+    before, and it has left the queue. `began` is called before the arm takes the first point of a
+    trajectory, which is left out if it is within `skip_first`, rad or m, of where the arm stands.
+    Any of them may flush the queue.
     """
 
     def __init__(
@@ -47,8 +51,9 @@ class PointQueue:
         clock: Clock,
         answers_early: bool,
         answered: Callable[[Entry], None],
-        failed: Callable[[Rejection], None],
+        failed: Callable[[Entry, Rejection], None],
         began: Callable[[], None],
+        skip_first: float = 0.0,
     ) -> None:
         self._arm = arm
         self._clock = clock
@@ -56,6 +61,7 @@ class PointQueue:
         self._answered = answered
         self._failed = failed
         self._began = began
+        self._skip_first = skip_first
         self._current: Entry | None = None
         self._waiting: deque[Entry] = deque()
         self._timer: Timer | None = None
@@ -77,6 +83,16 @@ class PointQueue:
         self._current = None
         self._waiting.clear()
         return entries, lost
+
+    def drop(self) -> None:
+        """Forget what waits; the arm goes on to the points that it has."""
+        self._waiting.clear()
+
+    def detach(self) -> None:
+        """Answer nobody any more, and forget points that wait for their answer."""
+        if self._current is not None:
+            self._current = replace(self._current, reply_to=None)
+        self._waiting = deque(entry for entry in self._waiting if entry.reply_to is None)
 
     def step(self, dt: float) -> None:
         """Let `dt` s pass, see `Program.step`.
@@ -133,16 +149,26 @@ class PointQueue:
             self._began()
         if self._current is not entry:  # flushed meanwhile
             return
-        self._arm.take(entry.point)
+        if self._is_skipped(entry, entry.point):
+            self._current = replace(entry, point=None)
+        else:
+            self._arm.take(entry.point)
+
+    def _is_skipped(self, entry: Entry, point: Point) -> bool:
+        if not entry.begins or self._skip_first == 0.0 or self._arm.moving:
+            return False
+        return bool(np.all(np.abs(point.target - self._arm.position) < self._skip_first))
 
     def _done(self, entry: Entry) -> bool:
         if entry.rejection is not None:
-            return not self._arm.moving
+            return self._answers_early or not self._arm.moving
         return entry.point is None or self._arm.done
 
     def _finish(self, entry: Entry) -> None:
         if entry.rejection is not None:
-            self._failed(entry.rejection)
+            if self._answers_early:
+                self._current = None
+            self._failed(entry, entry.rejection)
             return
         self._current = None
         self._answered(entry)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a JOINT_TRAJ_PT must be before the arm moves for it."""
 
+import dataclasses
+
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
@@ -25,6 +27,9 @@ MAX_DURATION_S = 86_400.0
 """Longest duration field obeyed, s: a day."""
 
 
+POINT_REALS = 12
+"""Reals in a JOINT_TRAJ_PT, after the sequence: ten joints, velocity and duration."""
+
 POINT_LENGTH_BYTES = 64
 """The length prefix of a JOINT_TRAJ_PT."""
 
@@ -42,6 +47,23 @@ def frame_fault(frame: Frame) -> str | None:
         if value != right:
             return f'{name} = {value}: must be {right.value}'
     return None
+
+
+def taken_for_point(frame: Frame, accepts: str, size: int) -> Frame | None:
+    """Return the frame that a program reads in the given one, whose points have `size` bytes.
+
+    None: it reads none. `accepts`: `program.accepts` of a profile.
+    """
+    least = size - size // POINT_REALS * 2  # without velocity and duration
+    if accepts == 'any':
+        if len(frame.body) < least:
+            return None
+        body = frame.body[:size].ljust(size, b'\0')
+        point, request = MessageType.JOINT_TRAJ_PT, CommType.SERVICE_REQUEST
+        return Frame(point, request, ReplyCode.INVALID, body, frame.byte_order)
+    if accepts == 'longer' and frame.msg_type == MessageType.JOINT_TRAJ_PT:
+        return dataclasses.replace(frame, body=frame.body[:size])
+    return frame
 
 
 def numbers_rejection(

@@ -22,6 +22,10 @@ class Program(Protocol):
     def paused(self) -> bool:
         """Whether it waits for `resume`."""
 
+    @property
+    def ready(self) -> bool:
+        """Whether it takes points as far as it is up to the program itself."""
+
     def receive(self, frame: Frame) -> None:
         """Obey, queue or refuse one frame. May raise ProgramQuit; the arm brakes then."""
 
@@ -37,6 +41,9 @@ class Program(Protocol):
 
     def restart(self) -> None:
         """Abort, and forget the trajectory: the next one begins anew."""
+
+    def detach(self) -> None:
+        """Forget the client, who is gone, but not the points that it knows to be taken."""
 
     def pause(self) -> None:
         """Give the arm no more points and answer none, until `resume`. Twice is no error.

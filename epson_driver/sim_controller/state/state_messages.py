@@ -60,15 +60,16 @@ def joint_position(position: Array) -> JointPosition:
     return JointPosition(0, joint_data(position.tolist()))
 
 
-def joint_feedback(position: Array, velocity: Array, now: float) -> JointFeedback:
+def joint_feedback(position: Array, velocity: Array, now: float | None) -> JointFeedback:
     """Return the message that the joints are there and so fast.
 
-    position, velocity: shape (n,), rad, rad/s; now: the controller's time, s.
+    position, velocity: shape (n,), rad, rad/s; now: the controller's time, s; None: not told.
     """
+    fields = ValidFields.POSITION | ValidFields.VELOCITY
     return JointFeedback(
         0,
-        ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY,
-        now,
+        fields if now is None else fields | ValidFields.TIME,
+        0.0 if now is None else now,
         joint_data(position.tolist()),
         joint_data(velocity.tolist()),
     )

@@ -22,6 +22,9 @@ from epson_driver.simple_message import (
     topic,
 )
 
+_Slot = tuple[Callable[[], Message], ...]
+"""What is sent in one slot of time."""
+
 
 class StateSource(Protocol):
     """What can be told of the controller."""
@@ -30,16 +33,17 @@ class StateSource(Protocol):
         """Return where the encoders say that the joints are."""
 
     def joint_feedback(self) -> JointFeedback:
-        """Return where the joints are and how fast, with the controller's time."""
+        """Return where the joints are and how fast."""
 
     def status(self) -> Status:
         """Return what STATUS says now."""
 
 
 class StateSession:
-    """Sends one client the joints every `period` s, and a STATUS in a slot of its own after some.
+    """Sends one client the joints every `period` s, and a STATUS after some.
 
-    `profile` says which message has the joints, and how many slots are between two STATUS.
+    `profile` says which message has the joints, how many of them come before each STATUS, and
+    whether that has a slot of its own.
     """
 
     def __init__(
@@ -60,9 +64,12 @@ class StateSession:
             MessageType.JOINT_POSITION: source.joint_position,
             MessageType.STATUS: source.status,
         }
-        self._slots: Iterator[Callable[[], Message]] = cycle(
-            (joints,) * profile.joint_positions_per_status + (source.status,)
-        )
+        slots: list[_Slot] = [(joints,)] * profile.joint_positions_per_status
+        if profile.status_with_joints:
+            slots[-1] = (joints, source.status)
+        else:
+            slots.append((source.status,))
+        self._slots: Iterator[_Slot] = cycle(slots)
         self._timer = clock.every(period, self._tick)
         self._open = True
 
@@ -80,4 +87,5 @@ class StateSession:
         self._timer.cancel()
 
     def _tick(self) -> None:
-        self._send(encode(topic(next(self._slots)()), self._dialect))
+        for message in next(self._slots):
+            self._send(encode(topic(message()), self._dialect))

@@ -4,6 +4,7 @@
 
 import asyncio
 import contextlib
+import itertools
 import re
 from dataclasses import replace
 
@@ -337,6 +338,8 @@ def test_motoman_gets_its_mode_then_points_with_time_position_and_velocity():
             assert isinstance(mode, MotionCtrl)
             assert mode.command == Command.START_TRAJ_MODE
             assert all(isinstance(point, JointTrajPtFull) for point in points)
+            # A point that finds the controller BUSY is sent again.
+            points = [point for point, _ in itertools.groupby(points)]
             assert [point.sequence for point in points] == [*range(20)]
             assert {point.valid_fields for point in points} == {7}
             plan_sent = goal.trajectory

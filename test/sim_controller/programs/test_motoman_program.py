@@ -640,16 +640,20 @@ def test_a_paused_program_gives_the_arm_nothing_even_when_it_has_room():
 
 # ---- other messages
 
-STATUS = frame(13, 2, 0, bytes(28))
 OTHERS = {
     'a point of the generic kind': (frame(11, 2, 0, bytes(52)), (-1, -1, 11, INVALID, 3003)),
-    'a status request': (STATUS, (-1, -1, 13, INVALID, 3003)),
+    'a version request': (frame(2, 2, 0), (-1, -1, 2, INVALID, 3003)),
     'a type that nobody knows': (frame(60000, 2, 0, b'x'), (-1, -1, 60000, INVALID, 3003)),
     'type 0': (frame(0, 2, 0), (-1, -1, 0, INVALID, 3003)),
     'a negative type': (frame(-14, 2, 0, bytes(136)), (-1, -1, -14, INVALID, 3003)),
-    'a point that is too short': (frame(14, 2, 0, bytes(135)), (-1, -1, 14, INVALID, 3001)),
-    'a point without body': (frame(14, 2, 0), (-1, -1, 14, INVALID, 3001)),
-    'a command that is too long': (frame(2001, 2, 0, bytes(56)), (-1, -1, 2001, INVALID, 3001)),
+    'a point that is too short': (point(5, robot_id=3)[:-1], (3, 5, 14, INVALID, 3001)),
+    'a point without body': (frame(14, 2, 0), (0, 0, 14, INVALID, 3001)),
+    'a command that is too short': (command(START, 2, 9)[:-4], (2, 9, START, INVALID, 3001)),
+    'a command with half a sequence': (
+        frame(2001, 2, 0, struct.pack('<ih', 1, 8)),
+        (1, 8, 0, INVALID, 3001),
+    ),
+    'a command that is too long': (command(STOP) + bytes(4), (0, 7, STOP, INVALID, 3001)),
     'a point with a reply code': (frame(14, 2, 1, bytes(136)), (-1, -1, 14, INVALID, 3002)),
     'a point with comm type 0': (frame(14, 0, 0, bytes(136)), (-1, -1, 14, INVALID, 3002)),
     'a point as a topic': (point(0, comm_type=1), (0, 0, 14, INVALID, 3002)),
@@ -664,7 +668,7 @@ OTHERS = {
 @pytest.mark.parametrize(('data', 'expected'), OTHERS.values(), ids=OTHERS)
 def test_other_messages_are_invalid(data, expected):
     harness = Harness()
-    harness.send(data)
+    harness.send(struct.pack('<i', len(data) - 4) + data[4:])
     assert harness.replies() == [expected]
     assert (harness.begun, harness.arm.taken) == (0, [])
 
@@ -678,13 +682,40 @@ def test_a_reply_wants_no_reply(msg_type, reply_code):
     assert harness.begun == 0
 
 
-def test_ping_and_version_have_their_own_replies():
+def test_ping_has_its_own_reply():
     harness = Harness()
     harness.send(frame(1, 2, 0))
     assert bytes(harness.sent) == frame(1, 3, 1)
-    harness.sent.clear()
-    harness.send(frame(2, 2, 0))
-    assert struct.unpack_from('<4i', harness.sent) == (24, 2, 3, 1)
+
+
+@pytest.mark.parametrize(('msg_type', 'size'), [(13, 28), (15, 132), (2002, 60)])
+def test_messages_that_motoros_knows_but_does_not_serve_end_the_connection(msg_type, size):
+    harness = Harness()
+    harness.send(frame(msg_type, 2, 0, bytes(size)))
+    assert harness.sent == b''
+    assert harness.hung_up == 1
+
+
+def test_it_is_ready_when_check_motion_ready_says_so():
+    harness = Harness(start=False)
+    harness.apply(Event.MOTORS_ON)
+    assert harness.command(READY) == (FAILURE, 5008)
+    assert not harness.program.ready
+    assert harness.command(START) == (SUCCESS, 0)
+    assert harness.program.ready
+
+
+@pytest.mark.invariant(4)
+def test_invariant_4_a_lost_client_leaves_the_mode_and_all_points_but_the_one_that_waits():
+    harness = Harness(room=1, pending_limit=1)
+    harness.point(0)
+    assert harness.point(1, (0.5,), 1.0) == (SUCCESS, 0)  # entered
+    assert harness.point(2, (0.6,), 2.0) == (SUCCESS, 0)  # it waits
+    harness.program.detach()
+    assert harness.program.ready
+    assert harness.command(COUNT) == (SUCCESS, 1)
+    harness.run(3.0)
+    assert harness.arm.position.tolist() == exact(0.5, 0.0)
 
 
 def test_the_first_replies_byte_by_byte():

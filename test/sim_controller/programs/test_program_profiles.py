@@ -124,7 +124,7 @@ def test_start_streaming_is_the_first_point_of_a_trajectory():
 def test_start_streaming_is_a_request_and_is_checked():
     harness = ProgramHarness()
     harness.send(point(-2, THERE, TOPIC), point(-2, OUTSIDE))
-    assert harness.codes() == [(-2, FAILURE), (-2, FAILURE)]
+    assert harness.codes() == [(-2, FAILURE)]  # the topic gets no reply
     assert not harness.arm.moving
 
 
@@ -248,28 +248,146 @@ def test_invariant_2_without_failure_replies_it_is_not_executed_either():
     assert harness.joints == list(HOME)
 
 
-def test_a_late_failure_follows_the_success_for_the_same_point():
+def test_a_late_failure_follows_the_success_for_the_same_point_and_then_the_connection_ends():
     harness = ProgramHarness(acknowledge='taken', late_failure=True)
     harness.send(point(0, THERE))
     harness.rest()
     harness.codes()
     harness.send(point(1, OUTSIDE))
     assert harness.codes() == [(1, SUCCESS), (1, FAILURE)]
+    assert harness.events[-1] == 'hung up'
     assert harness.error == 4001
     harness.step(1.0)
     assert harness.joints == rounded(THERE)
 
 
-def test_a_late_failure_comes_when_the_arm_is_at_the_point_before():
+@pytest.mark.invariant(2)
+def test_invariant_2_before_a_late_failure_the_arm_finishes_its_points_and_takes_no_more():
     harness = ProgramHarness(acknowledge='taken', late_failure=True)
-    harness.send(point(0, THERE), point(1, OUTSIDE))
+    harness.arm.hold()  # so that all of them wait
+    harness.send(point(0, THERE), point(1, HOME), point(2, OUTSIDE), point(3, THERE))
     assert harness.codes() == [(0, SUCCESS), (1, SUCCESS)]
-    assert harness.error == 0
-    harness.step(0.1)
-    harness.send(point(2, HOME))
-    assert harness.codes() == []
+    harness.arm.resume()
     harness.rest()
-    assert harness.codes() == [(1, FAILURE), (2, FAILURE)]
+    assert harness.codes() == [(2, SUCCESS), (2, FAILURE)]
+    assert harness.events == ['began', 0, 1, 'hung up']
+    assert harness.error == 4001
+    assert harness.joints == list(HOME)
+
+
+# ---- what counts as a point
+
+
+def test_a_longer_body_is_taken_where_the_profile_says_so():
+    body = point(0, THERE)[16:]
+    harness = ProgramHarness(accepts='longer')
+    harness.send(frame(11, 2, 0, body + bytes(8)), frame(11, 2, 0, body[:-1]))
+    assert harness.codes() == [(0, FAILURE), (0, FAILURE)]  # the second one ends the motion
+    harness.send(frame(11, 2, 0, body + bytes(8)))
+    harness.rest()
+    assert harness.codes() == [(0, SUCCESS)]
+    assert harness.joints == rounded(THERE)
+
+
+@pytest.mark.invariant(3)
+def test_invariant_3_a_stop_as_a_topic_is_obeyed_without_a_reply_where_the_profile_says_so():
+    harness = ProgramHarness(accepts='longer')
+    harness.send(point(0, THERE))
+    harness.step(0.1)
+    harness.send(point(STOP, comm_type=TOPIC))
+    assert harness.codes() == [(0, FAILURE)]
+    assert harness.error == 0
+    harness.rest()
+    assert 0.0 < harness.joints[0] < 0.5
+
+
+@pytest.mark.parametrize('header', [(11, 1, 0), (10, 2, 0), (13, 3, 2), (1, 9, 9), (-5, 0, 0)])
+def test_every_long_message_is_a_point_where_the_profile_says_so(header):
+    harness = ProgramHarness('fanuc')
+    harness.send(frame(*header, point(0, THERE)[16:60]))  # without velocity and duration
+    assert harness.codes() == [(0, SUCCESS)]
+    harness.rest()
+    assert harness.joints == rounded(THERE)
+
+
+@pytest.mark.parametrize('short', [frame(1), frame(11, 2, 0, bytes(43)), frame(2)])
+def test_a_fanuc_does_not_answer_what_is_too_short(short):
+    harness = ProgramHarness('fanuc')
+    harness.send(short)
+    assert harness.take_sent() == b''
+    assert harness.error == 0
+
+
+@pytest.mark.parametrize('sequence', [-1, -2, -3, -5, -(2**31)])
+def test_a_fanuc_ignores_all_negative_sequences_but_stop(sequence):
+    harness = ProgramHarness('fanuc')
+    harness.send(point(0, THERE), point(sequence, HOME), point(sequence, HOME, TOPIC))
+    assert harness.codes() == [(0, SUCCESS)]
+    harness.rest()
+    assert harness.joints == rounded(THERE)
+    harness.send(point(STOP))
+    assert harness.codes() == [(STOP, SUCCESS)]
+
+
+def test_a_fanuc_does_not_check_sequences():
+    harness = ProgramHarness('fanuc')
+    harness.send(point(7, THERE), point(3, HOME))
+    harness.rest()
+    assert harness.codes() == [(7, SUCCESS), (3, SUCCESS)]
+    assert harness.joints == list(HOME)
+
+
+# ---- a first point where the arm is
+
+
+NEAR = tuple(np.radians([0.09, -0.09, 0.0, 0.0, 0.05, 0.0]))
+
+
+def test_an_abb_leaves_out_a_first_point_where_the_arm_stands():
+    harness = ProgramHarness('abb')
+    harness.send(point(-1, NEAR, TOPIC), point(1, THERE, TOPIC), point(-3, HOME, TOPIC))
+    harness.rest()
+    assert harness.events == ['began', 1, 2]
+    harness.send(point(-1, THERE, TOPIC), point(-3, HOME, TOPIC))
+    harness.rest()
+    assert harness.events[3:] == ['began', 0, 1]  # not near
+
+
+def test_only_the_first_point_is_left_out_and_only_where_the_profile_says_so():
+    harness = ProgramHarness('abb')
+    harness.send(point(-1, THERE, TOPIC), point(1, THERE, TOPIC), point(-3, THERE, TOPIC))
+    harness.rest()
+    assert harness.events == ['began', 0, 1, 2]
+    other = ProgramHarness()
+    other.send(point(0, NEAR), point(1, THERE))
+    other.rest()
+    assert other.events == ['began', 0, 1]
+
+
+def test_a_point_that_is_left_out_is_answered():
+    harness = ProgramHarness(skip_first=0.0017)
+    harness.send(point(0, NEAR), point(1, THERE))
+    assert harness.codes() == [(0, SUCCESS)]
+    harness.rest()
+    assert harness.codes() == [(1, SUCCESS)]
+
+
+def test_an_abb_executes_what_its_buffer_holds_though_the_end_is_lost():
+    harness = ProgramHarness('abb')
+    points = [point(-1, THERE, TOPIC)]
+    points += [point(i, [0.5 - 0.001 * i, *THERE[1:]], TOPIC) for i in range(1, 100)]
+    harness.send(*points, point(-3, HOME, TOPIC))
+    harness.rest()
+    assert len(harness.events) == 101  # 'began' too
+    assert harness.joints == rounded([0.5 - 0.099, *THERE[1:]])
+
+
+def test_an_abb_answers_a_point_outside_the_limits_with_success():
+    harness = ProgramHarness('abb')
+    harness.send(point(-1, THERE), point(1, OUTSIDE), point(-3, HOME))
+    data = harness.take_sent()
+    assert data == frame(11, 3, SUCCESS) * 3
+    harness.rest()
     assert harness.error == 4001
     assert harness.joints == rounded(THERE)
 

@@ -1,0 +1,322 @@
+' The motion server: takes points, checks them, works out Speed and Accel, and puts them where main gets them.
+' It moves nothing itself.
+' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
+
+#include "config.inc"
+#include "messages.inc"
+#include "globals.inc"
+
+' The last place before the ring would be full
+#define RING_FULL 250
+' Degrees for a radian
+#define DEGREES 57.29577951308232
+' What a limit that was rounded to binary32 may be beyond it, degrees
+#define ROUNDED 0.001
+
+' What the client sends, and what it gets
+Integer m_frame(1023), m_out(63)
+Long m_length
+' Whether there is a client
+Boolean m_client
+
+' Points in the ring from g_head up to m_in are received but not yet main's; those up to m_ready may become it.
+Integer m_in, m_ready
+' For each point: its sequence, whether that is still to be answered, velocity (0 to 1) and duration (s)
+Long m_sequence(255)
+Integer m_owed(255)
+Double m_velocity(255), m_duration(255)
+
+' The sequence that the next point must have besides 0; -1: none
+Long m_expected
+' 0: streaming. 1: a download is under way. 2: its rest is refused.
+Integer m_loading
+' Whether the client downloads by topics, which are not answered
+Boolean m_topics
+' Points of the download so far
+Integer m_loaded
+
+' Where the last point leads, once there is one
+Boolean m_known
+Double m_last(5), m_target(5)
+' How much later than asked for the arm will be there, by the rounding of Speed: seconds
+Double m_late
+
+' What was seen last of g_starts and g_faults, and whether there was a reason against motion
+Integer m_starts, m_faults, m_blocked
+
+' A background task that never ends
+Function MotionServer
+  Do
+    MotionService
+    m_client = False
+    g_lost = Following(g_lost)
+    Flush
+    Wait 0.1
+  Loop
+Fend
+
+' Serves one client
+Function MotionService
+  Integer i, taken
+  OnErr GoTo motion_failed
+  If ChkNet(MOTION_PORT) <> -3 Then CloseNet #MOTION_PORT
+  SetNet #MOTION_PORT, OWN_ADDRESS, MOTION_TCP_PORT, CRLF, NONE, 2, TCP
+  OpenNet #MOTION_PORT As Server
+  Do While ChkNet(MOTION_PORT) < 0
+    WaitNet #MOTION_PORT, 0.05
+    Watch
+  Loop
+  ReadLimits
+  m_length = 0
+  m_client = True
+  Do
+    For i = 1 To 4
+      Watch
+      taken = TakeFrame(MOTION_PORT, MOTION_TIMER, ByRef m_frame(), ByRef m_length)
+      If taken < 0 Then Exit Function
+      If taken = 0 Then Exit For
+      TakeMessage
+      m_length = 0
+    Next i
+    Plan
+    Wait 0.01
+  Loop
+motion_failed:
+  EResume motion_end
+motion_end:
+Fend
+
+' Drops all points when main was started, when it has failed, and when nothing may move.
+Function Watch
+  Integer why
+  why = Blocked
+  If g_starts <> m_starts Or g_faults <> m_faults Then
+    m_starts = g_starts
+    m_faults = g_faults
+    Flush
+  ElseIf why <> 0 And m_blocked = 0 Then
+    Flush
+  EndIf
+  m_blocked = why
+Fend
+
+' Stops the arm and drops all points: those that are not answered yet get FAILURE. The next one must have sequence 0.
+' The bit comes before the count: see main.prg
+Function Flush
+  Integer i
+  MemOn STOP_BIT
+  g_epoch = Following(g_epoch)
+  m_expected = -1
+  m_known = False
+  m_loading = 0
+  i = g_head
+  Do While i <> m_in
+    If m_client And m_owed(i) <> 0 Then
+      m_owed(i) = 0
+      AnswerPoint m_sequence(i), REPLY_FAILURE
+    EndIf
+    i = Following(i)
+  Loop
+  m_in = g_head
+  m_ready = g_head
+Fend
+
+Function AnswerPoint(sequence As Long, code As Integer)
+  Integer i
+  PutHead ByRef m_out(), POSITION_BYTES, MSG_JOINT_POSITION, COMM_SERVICE_REPLY, code
+  PackLong sequence, ByRef m_out(), 16
+  For i = 20 To 59
+    m_out(i) = 0
+  Next i
+  WriteBin #MOTION_PORT, m_out(), 60
+Fend
+
+Function TakeMessage
+  If UnpackLong(ByRef m_frame(), 0) <> MSG_JOINT_TRAJ_PT Then
+    AnswerOther MOTION_PORT, ByRef m_frame(), m_length, ByRef m_out()
+  ElseIf Not GoodHead(ByRef m_frame()) Or m_length <> POINT_BYTES Then
+    Refuse 0, CORRUPT_MSG, True
+  ElseIf UnpackLong(ByRef m_frame(), 4) <> COMM_SERVICE_REPLY Then
+    TakePoint
+  EndIf
+Fend
+
+' Ends the motion, and answers with FAILURE.
+Function Refuse(sequence As Long, number As Integer, answered As Boolean)
+  g_point_error = number
+  Flush
+  If answered Then AnswerPoint sequence, REPLY_FAILURE
+Fend
+
+Function TakePoint
+  Long sequence
+  Boolean asked
+  Integer number
+  sequence = UnpackLong(ByRef m_frame(), HEAD_BYTES)
+  asked = UnpackLong(ByRef m_frame(), 4) = COMM_SERVICE_REQUEST
+  If sequence = SEQ_STOP_TRAJECTORY Then
+    Flush
+    If asked Then AnswerPoint sequence, REPLY_SUCCESS
+    Exit Function
+  EndIf
+  number = Blocked
+  If number = 0 Then number = CheckSequence(sequence, asked)
+  If number = 0 Then number = CheckNumbers
+  If number = 0 And ((m_in - g_tail) And 255) >= RING_FULL Then number = CORRUPT_MSG
+  If m_loading = 2 Then
+    If sequence = SEQ_END_TRAJECTORY Then m_loading = 0
+    If asked Then AnswerPoint sequence, REPLY_FAILURE
+  ElseIf number <> 0 Then
+    asked = asked And Not (m_loading = 1 And m_topics)
+    number = RefuseOf(sequence, number, asked)
+  Else
+    AddPoint sequence, asked
+  EndIf
+Fend
+
+' Refuses a point; of a download, its rest too.
+Function RefuseOf(sequence As Long, number As Integer, asked As Boolean) As Integer
+  Integer loading
+  loading = m_loading
+  Refuse sequence, number, asked
+  If loading = 1 And sequence <> SEQ_END_TRAJECTORY Then m_loading = 2
+  RefuseOf = number
+Fend
+
+' 0, or the error number. Begins downloads.
+Function CheckSequence(sequence As Long, asked As Boolean) As Integer
+  CheckSequence = CORRUPT_MSG
+  If sequence = SEQ_START_DOWNLOAD Then
+    m_loading = 1
+    m_topics = Not asked
+    m_loaded = 0
+    CheckSequence = 0
+  ElseIf m_loading = 1 Then
+    If sequence = SEQ_END_TRAJECTORY Or sequence = m_loaded Then CheckSequence = 0
+  ElseIf m_loading = 2 Then
+    CheckSequence = 0
+    If sequence = 0 And asked Then
+      m_loading = 0
+    EndIf
+  ElseIf asked And sequence >= 0 Then
+    If sequence = 0 Or sequence = m_expected Then CheckSequence = 0
+  ElseIf asked And sequence = SEQ_START_STREAMING Then
+    CheckSequence = 0
+  EndIf
+Fend
+
+' 0, or the error number; m_target() has the angles in degrees. Joints that the robot lacks count too.
+Function CheckNumbers As Integer
+  Integer j
+  Double x
+  CheckNumbers = CORRUPT_MSG
+  For j = 0 To JOINT_PLACES + 1
+    If Not UnpackFloat(ByRef m_frame(), 16 + 4 * j, ByRef x) Then Exit Function
+    If j < JOINT_COUNT Then m_target(j) = x * DEGREES
+    If j = JOINT_PLACES Then
+      If x < 0 Or x > 1 Then Exit Function
+      m_velocity(m_in) = x
+    ElseIf j > JOINT_PLACES Then
+      If x < 0 Or x > 86400 Then Exit Function
+      m_duration(m_in) = x
+    EndIf
+  Next j
+  CheckNumbers = OUT_OF_RANGE
+  For j = 0 To JOINT_COUNT - 1
+    If m_target(j) < g_lowest(j) - ROUNDED Or m_target(j) > g_highest(j) + ROUNDED Then Exit Function
+    If m_target(j) < g_lowest(j) Then m_target(j) = g_lowest(j)
+    If m_target(j) > g_highest(j) Then m_target(j) = g_highest(j)
+  Next j
+  CheckNumbers = 0
+Fend
+
+' Puts a point that is right into the ring.
+Function AddPoint(sequence As Long, asked As Boolean)
+  Integer j
+  For j = 0 To 5
+    g_q(6 * m_in + j) = m_target(j)
+  Next j
+  g_point_error = 0
+  m_sequence(m_in) = sequence
+  m_owed(m_in) = 0
+  If m_loading = 0 Then m_owed(m_in) = 1
+  m_in = Following(m_in)
+  If m_loading = 1 Then
+    m_loaded = m_loaded + 1
+    m_expected = -1
+    If sequence = SEQ_END_TRAJECTORY Then
+      m_loading = 0
+      m_ready = m_in
+    EndIf
+    If asked Then AnswerPoint sequence, REPLY_SUCCESS
+  Else
+    m_expected = 1
+    If sequence > 0 Then m_expected = sequence + 1
+    m_ready = m_in
+  EndIf
+Fend
+
+' Makes points main's, as far as it may look ahead, and answers them: that is what holds a fast client back.
+' After a Flush, only when main has seen it: the arm stands, and the way to the first point is known.
+Function Plan
+  Do While g_head <> m_ready And g_seen = g_epoch And ((g_head - g_tail) And 255) < LOOK_AHEAD
+    PlanPoint g_head
+    If m_owed(g_head) <> 0 Then
+      m_owed(g_head) = 0
+      g_head = Following(g_head)
+      AnswerPoint m_sequence((g_head - 1) And 255), REPLY_SUCCESS
+    Else
+      g_head = Following(g_head)
+    EndIf
+  Loop
+Fend
+
+' Speed and Accel of the point at place n: whole percents; what rounding takes away the next point gets.
+Function PlanPoint(n As Integer)
+  Integer j, most
+  Double way, share, seconds, percent
+  If Not m_known Or g_head = g_tail Then
+    If Not m_known Then
+      For j = 0 To JOINT_COUNT - 1
+        m_last(j) = Agl(j + 1)
+      Next j
+    EndIf
+    m_late = 0
+  EndIf
+  m_known = True
+  ' way: seconds at full speed
+  way = 0
+  For j = 0 To JOINT_COUNT - 1
+    share = Abs(g_q(6 * n + j) - m_last(j)) / g_most(j)
+    If share > way Then way = share
+    m_last(j) = g_q(6 * n + j)
+  Next j
+  most = MOST_SPEED
+  If m_velocity(n) > 0 And m_velocity(n) < 1 Then most = Int(m_velocity(n) * MOST_SPEED)
+  If most < 1 Then most = 1
+  g_dwell(n) = 0
+  percent = most
+  If way < 0.000001 Then
+    g_dwell(n) = m_duration(n)
+  ElseIf m_duration(n) > 0 Then
+    seconds = m_duration(n) - OVERHEAD_MS / 1000
+    If seconds < m_duration(n) / 2 Then seconds = m_duration(n) / 2
+    ' at most the percent above what was asked for, however late it is
+    percent = Int(way / seconds * 100) + 1
+    If way < (seconds - m_late) * percent / 100 Then percent = Int(way / (seconds - m_late) * 100)
+    If percent > most Then percent = most
+    If percent < 1 Then percent = 1
+    m_late = m_late + way / percent * 100 + OVERHEAD_MS / 1000 - m_duration(n)
+    If m_late > 0.5 Then m_late = 0.5
+    If m_late < -0.5 Then m_late = -0.5
+  EndIf
+  g_speed(n) = Int(percent)
+  ' the accelerations take BLEND_MS, or the whole way if it is shorter
+  seconds = way / percent * 100000
+  If seconds > BLEND_MS Then seconds = BLEND_MS
+  If seconds < 1 Then seconds = 1
+  percent = Int(percent * T100_MS / seconds)
+  If percent < 1 Then percent = 1
+  If percent > 100 Then percent = 100
+  g_accel(n) = Int(percent)
+Fend

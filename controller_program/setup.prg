@@ -1,0 +1,95 @@
+' Tables that are filled once, and what the servers and main both ask.
+' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
+
+#include "config.inc"
+#include "messages.inc"
+#include "globals.inc"
+
+' Fills the tables: once, before anything else runs
+Function SetUp
+  BytesInit
+  g_most(0) = J1_SPEED
+  g_most(1) = J2_SPEED
+  g_most(2) = J3_SPEED
+  g_most(3) = J4_SPEED
+  g_most(4) = J5_SPEED
+  g_most(5) = J6_SPEED
+  Calibrate
+  g_ready = 1
+Fend
+
+' Degrees for a pulse, from two angles of each joint: first 30 degrees to each side, then nearly all that it can turn,
+' as whole pulses are the more exact the further apart they are. Nothing moves.
+Function Calibrate
+  Integer j
+  Double one, two
+  For j = 0 To JOINT_COUNT - 1
+    Measure j, -30, 30
+  Next j
+  ReadLimits
+  For j = 0 To JOINT_COUNT - 1
+    one = g_lowest(j) * 0.9
+    two = g_highest(j) * 0.9
+    If one < -150 Then one = -150
+    If two > 150 Then two = 150
+    Measure j, one, two
+  Next j
+Fend
+
+' Joint 5 stands at 30 degrees meanwhile: at 0 the controller may turn joint 6 instead of joint 4.
+Function Measure(j As Integer, one As Double, two As Double)
+  Integer i
+  Double a(5)
+  Long at_one, at_two
+  For i = 0 To 5
+    a(i) = 0
+  Next i
+  a(4) = 30
+  a(j) = one
+  at_one = PPls(AglToPls(a(0), a(1), a(2), a(3), a(4), a(5)), j + 1)
+  a(j) = two
+  at_two = PPls(AglToPls(a(0), a(1), a(2), a(3), a(4), a(5)), j + 1)
+  g_per_pulse(j) = (two - one) / (at_two - at_one)
+  g_zero(j) = at_one - one / g_per_pulse(j)
+  ' zero is at a whole pulse
+  g_zero(j) = Int(g_zero(j) + 0.5)
+Fend
+
+' Limits in degrees, some pulses within those of the controller
+Function ReadLimits
+  Integer j
+  Double one, two, margin
+  For j = 0 To JOINT_COUNT - 1
+    one = (JRange(j + 1, 1) - g_zero(j)) * g_per_pulse(j)
+    two = (JRange(j + 1, 2) - g_zero(j)) * g_per_pulse(j)
+    margin = 3 * Abs(g_per_pulse(j))
+    If one > two Then
+      g_highest(j) = one - margin
+      g_lowest(j) = two + margin
+    Else
+      g_highest(j) = two - margin
+      g_lowest(j) = one + margin
+    EndIf
+  Next j
+Fend
+
+' The number after n, on a ring of 256
+Function Following(n As Integer) As Integer
+  Following = (n + 1) And 255
+Fend
+
+' Why no point can be taken now: 0, or the error number
+Function Blocked As Integer
+  Integer state
+  Blocked = 0
+  If Motor = Off Then Blocked = MOTORS_OFF
+#ifdef AUTO_ONLY
+  If CtrlInfo(7) = 0 Then Blocked = MOTORS_OFF
+#endif
+  state = TaskState(main)
+  If state = 0 Or state = 5 Then Blocked = NO_TASK
+#ifdef DOOR_ENDS_MOTION
+  If SafetyOn <> 0 Then Blocked = NO_TASK
+#endif
+  If EStopOn <> 0 Or ErrorOn <> 0 Then Blocked = NO_TASK
+Fend

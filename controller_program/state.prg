@@ -1,0 +1,121 @@
+' The state server: joint positions and the status, to one client.
+' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
+
+#include "config.inc"
+#include "messages.inc"
+#include "globals.inc"
+
+' The two messages, and what the client sends
+Integer m_position(59), m_status(43), m_frame(1023), m_answer(63)
+Long m_length
+' For each joint, where PackFloat found the power of two last: see bytes.prg
+Integer m_place(5)
+' When the next message is due, by the timer
+Double m_due
+
+' A background task that never ends
+Function StateServer
+  Do
+    StateService
+    Wait 0.1
+  Loop
+Fend
+
+' Serves one client
+Function StateService
+  Integer i
+  OnErr GoTo state_failed
+  If ChkNet(STATE_PORT) <> -3 Then CloseNet #STATE_PORT
+  SetNet #STATE_PORT, OWN_ADDRESS, STATE_TCP_PORT, CRLF, NONE, 2, TCP
+  OpenNet #STATE_PORT As Server
+  Do While ChkNet(STATE_PORT) < 0
+    WaitNet #STATE_PORT, 1
+  Loop
+  For i = 0 To 59
+    m_position(i) = 0
+  Next i
+  For i = 0 To 5
+    m_place(i) = 150
+  Next i
+  PutHead ByRef m_position(), POSITION_BYTES, MSG_JOINT_POSITION, COMM_TOPIC, REPLY_INVALID
+  PutHead ByRef m_status(), STATUS_BYTES, MSG_STATUS, COMM_TOPIC, REPLY_INVALID
+  m_length = 0
+  TmReset STATE_TIMER
+  m_due = 0
+  Do
+    For i = 1 To 11
+      If i < 11 Then
+        SendPosition
+      Else
+        SendStatus
+      EndIf
+      If Not NextSlot Then Exit Function
+    Next i
+  Loop
+state_failed:
+  EResume state_end
+state_end:
+Fend
+
+' Answers what the client has sent, and waits until the next message is due. False: the client must go.
+' A Wait may take longer than it is told: the next ones are shorter for it, so that the rate is kept.
+Function NextSlot As Boolean
+  Integer taken
+  Double until_due
+  taken = TakeFrame(STATE_PORT, STATE_FRAME_TIMER, ByRef m_frame(), ByRef m_length)
+  If taken = 1 Then
+    AnswerOther STATE_PORT, ByRef m_frame(), m_length, ByRef m_answer()
+    m_length = 0
+  EndIf
+  m_due = m_due + STATE_PERIOD
+  until_due = m_due - Tmr(STATE_TIMER)
+  If until_due > 0.001 Then
+    Wait until_due
+  ElseIf until_due < -0.03 Or m_due > 1000 Then
+    Wait 0.01
+    TmReset STATE_TIMER
+    m_due = 0
+  EndIf
+  NextSlot = taken >= 0
+Fend
+
+Function SendPosition
+  Integer j
+  Boolean fits
+  For j = 0 To JOINT_COUNT - 1
+    fits = PackFloat((RealPls(j + 1) - g_zero(j)) * g_per_pulse(j) * 0.017453292519943295, ByRef m_position(), 20 + 4 * j, ByRef m_place(j))
+  Next j
+  WriteBin #STATE_PORT, m_position(), 60
+Fend
+
+Function SendStatus
+  Long number, bits, moving
+  Integer why, key_switch
+  why = Blocked
+  bits = RobotInfo(0)
+  moving = STATE_FALSE
+  If (bits And &H200) <> 0 And (bits And &H400) = 0 Then moving = STATE_TRUE
+  number = SysErr
+  If number = 0 Then number = g_main_error
+  If number = 0 Then number = g_point_error
+  If number = 0 And why = NO_TASK Then number = NO_TASK
+  key_switch = MODE_MANUAL
+  If CtrlInfo(7) = 1 Then key_switch = MODE_AUTO
+  PackLong Truth(Motor), ByRef m_status(), 16
+  PackLong Truth(EStopOn), ByRef m_status(), 20
+  PackLong number, ByRef m_status(), 24
+  PackLong Truth(ErrorOn), ByRef m_status(), 28
+  PackLong moving, ByRef m_status(), 32
+  PackLong key_switch, ByRef m_status(), 36
+  If why <> 0 Or PauseOn <> 0 Or SafetyOn <> 0 Then
+    PackLong STATE_FALSE, ByRef m_status(), 40
+  Else
+    PackLong STATE_TRUE, ByRef m_status(), 40
+  EndIf
+  WriteBin #STATE_PORT, m_status(), 44
+Fend
+
+Function Truth(given As Integer) As Integer
+  Truth = STATE_FALSE
+  If given <> 0 Then Truth = STATE_TRUE
+Fend

@@ -1,0 +1,467 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""controller_program/ on a robot that moves in a simple way, with clients that a test plays.
+
+Nothing runs by itself: `RobotBench.run` lets a time pass, in steps of 5 ms of the controller's
+clock. The same calls give the same bytes.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from epson_driver.simple_message import (
+    LITTLE_ENDIAN,
+    Framer,
+    JointTrajPt,
+    Packet,
+    decode,
+    encode,
+    joint_data,
+    request,
+    topic,
+)
+from epson_driver.spel import (
+    ErrorNumber,
+    Machine,
+    MotionRequest,
+    NetSettings,
+    Point,
+    SpelError,
+    TaskType,
+    Timing,
+    Value,
+    build,
+    read_project,
+)
+from epson_driver.spel.bare_host import BareHost
+
+FOLDER = Path(__file__).parents[2] / 'controller_program'
+FILES = read_project(FOLDER)
+
+STATE_PORT, MOTION_PORT, IO_PORT = 201, 202, 203
+PULSES = (29127.11, 29127.11, 25486.22, 23616.58, 23616.58, 18204.44)
+"""Of each joint for a degree."""
+LOWEST = (-170.0, -160.0, -51.0, -200.0, -135.0, -360.0)
+HIGHEST = (170.0, 65.0, 225.0, 200.0, 135.0, 360.0)
+FASTEST = (450.0, 450.0, 514.0, 553.0, 553.0, 720.0)
+"""Degrees, degrees/s."""
+BRAKING_S = 0.05
+"""How long the arm goes on, ever slower, after a stop."""
+OUT_OF_RANGE, TASK_GONE = 4001, 2261
+STEP_S = 0.005
+
+_PROGRAM = build(FILES)
+_machines: list[Machine] | None = None
+
+
+class Move:
+    """One motion along a line in joint space, at an even speed."""
+
+    def __init__(
+        self, start: Sequence[float], end: Sequence[float], begins: float, duration: float
+    ) -> None:
+        self.start, self.end, self.begins = tuple(start), tuple(end), begins
+        self.duration = duration
+        self.request: MotionRequest | None = None
+        self.over = False
+        self.error: SpelError | None = None
+
+    @property
+    def done(self) -> bool:
+        """Return whether the statement is over."""
+        return self.over
+
+    def at(self, now: float) -> tuple[float, ...]:
+        """Return the joints at a time, degrees."""
+        share = min((now - self.begins) / self.duration, 1.0) if self.duration > 0.0 else 1.0
+        return tuple(a + share * (b - a) for a, b in zip(self.start, self.end, strict=True))
+
+
+class Rest:
+    """What WaitPos waits for."""
+
+    error = None
+
+    def __init__(self, robot: 'SimpleRobot') -> None:
+        self._robot = robot
+
+    @property
+    def done(self) -> bool:
+        """Return whether the arm stands."""
+        return self._robot.move_now is None
+
+
+class Socket:
+    """A port that the program has opened, and the client that may be at it."""
+
+    def __init__(self, settings: NetSettings) -> None:
+        self.settings = settings
+        self.connected = False
+        self.incoming = b''
+        self.sent = b''
+        self.closed_by_program = False
+
+
+class SimpleRobot(BareHost):
+    """An arm of six joints, its motors, its conditions; everything by the machine's clock."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sockets: dict[int, Socket] = {}
+        self.machine: Machine | None = None
+        self.joints = (0.0, -10.0, 20.0, 0.0, 30.0, 0.0)
+        self.move_now: Move | None = None
+        self.gone_to: list[tuple[tuple[float, ...], float, float, bool]] = []
+        """Targets of Go with Speed, Accel and whether it had CP."""
+        self.times: list[float] = []
+        """When each of them began, s."""
+        self.path: list[tuple[float, tuple[float, ...]]] = []
+        self.commands: list[tuple[str, tuple[object, ...], tuple[str, ...]]] = []
+        self.fails_with = 0
+        self.states.update(ctrlinfo=1)
+        self.till_works = True
+        self.sends = True
+        self.sign = 1
+        """-1: pulses count down as degrees go up."""
+        self.till_on = 0
+
+    @property
+    def now(self) -> float:
+        """Return the controller's time, s."""
+        assert self.machine is not None
+        return self.machine.time
+
+    @property
+    def position(self) -> tuple[float, ...]:
+        """Return the joints, degrees."""
+        return self.joints if self.move_now is None else self.move_now.at(self.now)
+
+    def tick(self) -> None:
+        """Let the arm get to where it is at this time, and look at Till."""
+        self.path.append((self.now, self.position))
+        move = self.move_now
+        if move is None:
+            return
+        if self.now >= move.begins + move.duration:
+            self._rest(move)
+            return
+        if move.request is None or move.request.till is None or not self.till_works:
+            return
+        try:
+            stops = move.request.till()
+        except SpelError as error:
+            move.error = error
+            self._rest(move)
+            return
+        if stops:
+            self._brake(move)
+
+    def _rest(self, move: Move) -> None:
+        self.joints = move.at(self.now)
+        self.move_now = None
+        move.over = True
+
+    def _brake(self, move: Move) -> None:
+        """Go on along the line for a while, and be over then."""
+        self.till_on = -1
+        here = move.at(self.now)
+        further = move.at(self.now + BRAKING_S / 2)
+        move.start, move.end = here, further
+        move.begins, move.duration = self.now, BRAKING_S
+        move.request = None
+
+    def halt(self) -> None:
+        """Stand at once, motors off: an E-stop."""
+        move = self.move_now
+        self.joints = self.position
+        self.motors = self.power = False
+        self.move_now = None
+        if move is not None:
+            move.over = True
+
+    # The program's side
+
+    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point:
+        first = arguments[0] if arguments else 0
+        if name in ('agl', 'realpls', 'pls'):
+            index = int(first) - 1  # type: ignore[arg-type]
+            angle = self.position[index]
+            return angle if name == 'agl' else round(angle * PULSES[index] * self.sign)
+        if name == 'ppls':
+            assert isinstance(first, Point)
+            assert first.kind == 'angles'
+            index = int(arguments[1]) - 1  # type: ignore[arg-type]
+            return round(first.values[index] * PULSES[index] * self.sign)
+        if name == 'jrange':
+            index = int(first) - 1  # type: ignore[arg-type]
+            ends = [each[index] * PULSES[index] * self.sign for each in (LOWEST, HIGHEST)]
+            return round(sorted(ends)[int(arguments[1]) - 1])  # type: ignore[arg-type]
+        if name == 'robotinfo':
+            return 0x200 if self.move_now is not None else 0
+        if name == 'tillon':
+            return self.till_on
+        if name == 'inpos':
+            return int(self.move_now is None)
+        return super().value(name, arguments)
+
+    def command(
+        self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
+    ) -> Rest | None:
+        self.commands.append((name, tuple(arguments), words))
+        super().command(name, arguments, words)
+        if name == 'motor':
+            self.power = False
+        return Rest(self) if name == 'waitpos' else None
+
+    def move(self, request: MotionRequest) -> Move:
+        super().move(request)
+        if self.fails_with:
+            number, self.fails_with = self.fails_with, 0
+            raise SpelError(number)
+        target = request.points[0].values
+        for value, low, high in zip(target, LOWEST, HIGHEST, strict=True):
+            if not low <= value <= high:
+                raise SpelError(OUT_OF_RANGE)
+        speed = self.settings['speed'][0] if self.power else 5.0
+        asked, accel = self.settings['speed'][0], self.settings['accel'][0]
+        self.gone_to.append((target, asked, accel, request.cp))
+        self.times.append(self.now)
+        start = self.position
+        self.till_on = 0
+        way = max(abs(b - a) / most for a, b, most in zip(start, target, FASTEST, strict=True))
+        move = Move(start, target, self.now, way / speed * 100.0)
+        move.request = request
+        self.move_now = move
+        if request.till is not None and self.till_works and request.till():
+            move.end, move.duration = move.start, 0.0
+        return move
+
+    # Ports
+
+    def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
+        assert server
+        self.sockets[port] = Socket(settings)
+
+    def close_net(self, port: int) -> None:
+        socket = self.sockets.pop(port)
+        socket.closed_by_program = True
+        socket.connected = False
+
+    def connected(self, port: int) -> bool:
+        return port in self.sockets and self.sockets[port].connected
+
+    def received(self, port: int) -> bytes:
+        return self.sockets[port].incoming if port in self.sockets else b''
+
+    def take(self, port: int, count: int) -> bytes:
+        socket = self.sockets[port]
+        taken, socket.incoming = socket.incoming[:count], socket.incoming[count:]
+        return taken
+
+    def send(self, port: int, data: bytes) -> None:
+        if not self.connected(port) or not self.sends:
+            raise SpelError(ErrorNumber.NETWORK)
+        self.sockets[port].sent += data
+
+
+class Client:
+    """A client of one port: what it sends, and the messages that it has got."""
+
+    def __init__(self, socket: Socket) -> None:
+        self.socket = socket
+        self._taken = 0
+        self._framer = Framer(LITTLE_ENDIAN.byte_order)
+        socket.connected = True
+
+    @property
+    def open(self) -> bool:
+        """Return whether the program still has the connection."""
+        return not self.socket.closed_by_program
+
+    def send(self, *packets: Packet) -> None:
+        """Send messages."""
+        self.send_bytes(b''.join(encode(packet, LITTLE_ENDIAN) for packet in packets))
+
+    def send_bytes(self, data: bytes) -> None:
+        """Send bytes."""
+        self.socket.incoming += data
+
+    def raw(self) -> bytes:
+        """Return the bytes that have come since the last look."""
+        data = self.socket.sent[self._taken :]
+        self._taken = len(self.socket.sent)
+        return data
+
+    def packets(self) -> list[Packet]:
+        """Return the messages that have come since the last look."""
+        self._framer.receive_data(self.raw())
+        found = []
+        while (frame := self._framer.next_frame()) is not None:
+            found.append(decode(frame))
+        return found
+
+    def replies(self) -> list[tuple[int, int]]:
+        """Return sequence and reply code of the replies since the last look."""
+        return [(each.message.sequence, int(each.reply_code)) for each in self.packets()]
+
+    def leave(self) -> None:
+        """Be gone."""
+        self.socket.connected = False
+
+
+class RobotBench:
+    """The program on the robot; with `ready`, motors on and main running, as after an enable."""
+
+    def __init__(self, ready: bool = True, sign: int = 1, **changes: str) -> None:
+        self.robot = SimpleRobot()
+        self.robot.sign = sign
+        program = _PROGRAM
+        if changes:
+            program = build(changed(**changes))
+        self.machine = Machine(program, self.robot, Timing())
+        self.robot.machine = self.machine
+        if _machines is not None:
+            _machines.append(self.machine)
+        self._next = 0.0
+        if 'bgmain' in program.by_name:
+            self.machine.start_background()
+        if ready:
+            self.robot.motors = True
+            self.start_main()
+        self.run(0.3)
+
+    def start_main(self) -> None:
+        """Do what Start does, with the preference that global variables are kept."""
+        self.machine.start('main', clear=False)
+
+    def run(self, seconds: float) -> None:
+        """Let a time pass."""
+        end = self.machine.time + seconds
+        while self.machine.time < end:
+            self._next += STEP_S
+            self.machine.advance(self._next)
+            self.robot.tick()
+
+    def run_until(self, done, seconds: float = 20.0) -> None:
+        """Let time pass until something holds; fail if it does not within a time."""
+        end = self.machine.time + seconds
+        while not done():
+            assert self.machine.time < end, 'it did not happen'
+            self.run(STEP_S)
+
+    def client(self, port: int = MOTION_PORT) -> Client:
+        """Connect."""
+        self.run_until(lambda: port in self.robot.sockets)
+        client = Client(self.robot.sockets[port])
+        self.run(0.2)
+        return client
+
+    def stream(self, client: Client, points: Sequence[JointTrajPt]) -> list[tuple[int, int]]:
+        """Send points one after the other, each when the one before is answered."""
+        answers: list[tuple[int, int]] = []
+        for point in points:
+            client.send(request(point))
+            got: list[tuple[int, int]] = []
+
+            def answered(got: list[tuple[int, int]] = got) -> bool:
+                got.extend(client.replies())
+                return bool(got)
+
+            self.run_until(answered)
+            answers.extend(got)
+        return answers
+
+    def rest(self) -> None:
+        """Let the arm come to rest with no point left."""
+        self.run(0.3)
+        self.run_until(
+            lambda: self.robot.move_now is None and self.shared('g_head') == self.shared('g_tail')
+        )
+
+    def shared(self, name: str) -> object:
+        """Return a variable of the program."""
+        names = [variable.name.lower() for variable in self.machine.world.program.variables]
+        return self.machine.world.g[names.index(name.lower())]
+
+    def task(self, number: int) -> bool:
+        """Return whether a task is running."""
+        return number in self.machine.world.tasks
+
+    def press_estop(self) -> None:
+        """Do what the button does."""
+        self.robot.states['estopon'] = -1
+        self.robot.halt()
+        self.machine.emergency_stop()
+
+    def enable(self) -> None:
+        """Release, reset, motors on, start."""
+        self.robot.states['estopon'] = 0
+        self.robot.states['erroron'] = 0
+        self.machine.stop()
+        self.machine.clear_errors()
+        self.robot.motors = True
+        self.start_main()
+        self.run(0.3)
+
+
+@contextmanager
+def executed_lines() -> Iterator[dict[str, dict[int, bool]]]:
+    """Collect, by file and line, whether a machine of any bench made meanwhile has run it all."""
+    global _machines
+    _machines = []
+    found: dict[str, dict[int, bool]] = {}
+    try:
+        yield found
+    finally:
+        for machine in _machines:
+            for file, lines in machine.lines().items():
+                merged = found.setdefault(file, {})
+                for number, executed in lines.items():
+                    merged[number] = merged.get(number, False) or executed
+        _machines = None
+
+
+def changed(**values: str) -> dict[str, str]:
+    """Return the files with other values in config.inc; '' turns a switch off, '1' on."""
+    lines = []
+    left = dict(values)
+    for line in FILES['config.inc'].split('\n'):
+        words = line.lstrip("'").split(maxsplit=2)
+        if len(words) == 3 and words[0] == '#define' and words[1] in left:
+            value = left.pop(words[1])
+            lines.append(f'#define {words[1]} {value}' if value else "'")
+        else:
+            lines.append(line)
+    assert not left, f'config.inc has no {left}'
+    return {**FILES, 'config.inc': '\n'.join(lines)}
+
+
+def point(
+    sequence: int, degrees: Sequence[float], duration: float = 0.2, velocity: float = 0.0
+) -> JointTrajPt:
+    """Return a point, joints in degrees."""
+    radians = [value * 0.017453292519943295 for value in degrees]
+    return JointTrajPt(sequence, joint_data(radians), velocity, duration)
+
+
+def moved(start: Sequence[float], **joints: float) -> tuple[float, ...]:
+    """Return joints, degrees, with some of them moved: j1=5."""
+    values = list(start)
+    for name, value in joints.items():
+        values[int(name[1]) - 1] += value
+    return tuple(values)
+
+
+__all__ = [
+    'FILES',
+    'IO_PORT',
+    'MOTION_PORT',
+    'STATE_PORT',
+    'TaskType',
+    'changed',
+    'moved',
+    'point',
+    'request',
+    'topic',
+]
