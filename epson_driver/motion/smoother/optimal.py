@@ -15,8 +15,9 @@ import dataclasses
 import numpy as np
 
 from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother.effort import ROUND_US
 from epson_driver.motion.smoother.interior_point import Program, minimise
-from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
+from epson_driver.motion.smoother.limit_usage import LimitUsage
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.ruckig_move import gentle_stop
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -26,10 +27,10 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 NODE_SPACING_S = 0.008
 """Time between the spline's nodes, s, of the timing to start from."""
 
-MAX_RAMP_TIMES_S = (0.024, 0.008)
+MAX_RAMP_TIME_S, SHORT_RAMP_TIME_S = 0.024, 0.008
 """The longest ramp of constant jerk from or to rest, s; what to try when there is no timing so."""
 
-MIN_NODES, MAX_NODES = 8, 250
+MIN_NODES, MAX_NODES = 8, 180
 
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
 """Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
@@ -49,24 +50,19 @@ MAX_GENTLER_RAMPS, GENTLER_RAMP_RATIO = 20, 0.7
 Excess = tuple[Array, Array]
 """u, and how many times a limit was used there."""
 
-_SAMPLES = np.array([0.02, 0.5, 0.98])
-_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
+_SAMPLES = np.array([0.02, 0.98])
+_WEIGHTS = np.array([0.5, 0.5])
 _BESIDE = 1e-9
 _ALONG_RAMP = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
-def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
-    """Return a verified timing faster than most, or None if none was found."""
-    for ramp_time in MAX_RAMP_TIMES_S:
-        timing = _propose(problem, bounds, ramp_time)
-        if timing is not None:
-            return timing
-    return None
-
-
-def _propose(
-    problem: Problem, bounds: SpeedBounds, ramp_time: float
+def propose(
+    problem: Problem, bounds: SpeedBounds, ramp_time: float = MAX_RAMP_TIME_S
 ) -> TimeParametrisation | None:
+    """Return a verified timing faster than most, or None if none was found.
+
+    ramp_time: the longest ramp of constant jerk from or to rest, s.
+    """
     ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
         return None
@@ -78,6 +74,7 @@ def _propose(
     for turn in range(MAX_ROUNDS):
         if spline is None:
             return None
+        problem.effort.spend(ROUND_US)
         coefficients = minimise(
             _program(problem, spline, excess), spline.coefficients, problem.effort
         )
@@ -87,7 +84,7 @@ def _propose(
         timing = spline.timing(problem.start, problem.end)
         if timing is None:
             return None
-        result = limit_usage(problem.path, timing, problem.limits)
+        result = problem.usage(timing)
         if result.allowed:
             return timing
         excess.append(_excess(result))
@@ -211,7 +208,10 @@ def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
 
 
 def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Program:
-    """Return the limits at three samples of every interval and beside every knot of the path."""
+    """Return the limits at both ends of every interval and beside every knot of the path.
+
+    The acceleration has no jumps there: one side of a node bounds it below, the other above.
+    """
     nodes, h, limits = spline.nodes, spline.lengths, problem.limits
     us = (nodes[:-1, None] + h[:, None] * _SAMPLES).ravel()
     weights = (h[:, None] * _WEIGHTS).ravel()
@@ -229,15 +229,21 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     a /= ((1.0 - reserve * ACCELERATION_RESERVE_SHARE)[:, None] * limits.acceleration)[:, :, None]
     j = np.stack([third, 1.5 * second, first / 2.0], axis=2)
     j /= ((1.0 - (0.5 + 0.5 * reserve) * JERK_RESERVE_SHARE)[:, None] * limits.jerk)[:, :, None]
-    v = np.zeros((len(us), 1, 3))
-    v[:, 0, 0] = ((1.0 - reserve * VELOCITY_RESERVE_SHARE) * problem.fastest(first)) ** -2
-    rows = np.concatenate([v, a, -a, j, -j], axis=1)
+    # one of an interval's two samples stands for its middle
+    back = np.zeros_like(us)
+    back[1 : 2 * len(h) : 2] = (_SAMPLES[1] - 0.5) * h
+    fastest = problem.fastest(first)
+    fastest[1 : 2 * len(h) : 2] = problem.fastest(problem.path.sample((nodes[1:] + nodes[:-1]) / 2.0)[1])
+    v = np.stack([np.ones_like(us), -back, back**2 / 2.0], axis=1)[:, None, :]
+    v *= (((1.0 - reserve * VELOCITY_RESERVE_SHARE) * fastest) ** -2)[:, None, None]
+    a[np.append(np.tile([1.0, -1.0], len(h)), np.repeat([-1.0, 1.0], len(knots))) < 0.0] *= -1.0
+    rows = np.concatenate([v, a, j, -j], axis=1)
     rows /= _share(excess, nodes)[interval][:, None, None]
     return Program(
         basis(h, interval, (us - nodes[interval]) / h[interval]),
         interval,
         rows,
-        1 + 2 * len(limits.names),
+        1 + len(limits.names),
         weights,
         problem.wanted(us, first),
     )

@@ -6,6 +6,7 @@ A plan is a path and a timing on it that is verified against every limit and end
 and plans can be pickled: the simulated controller plans in a process of its own.
 """
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
-from epson_driver.motion.smoother.interior_point import MAX_ROWS, Effort
+from epson_driver.motion.smoother.effort import OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -26,22 +27,33 @@ CATCH_UP_RATIO = 1.25
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-MAX_PAUSE_ROWS = 4 * MAX_ROWS
-"""What may be computed to come to rest on the path, which has to be found."""
+FRESH_SHARE, BRANCH_SHARE, URGENT_SHARE = 0.6, 0.5, 0.25
+"""Of the effort that is left: for a plan as if there were none so far; for each branch of it; and
+of all the effort, to take any plan when it is urgent."""
 
 SHORTER_SHARES = (0.8, 0.6)
 """Parts of the path to plan for where there is no plan for all of it."""
 
+OPTIMAL, BRANCH = 'optimal', 'branch'
+"""Names of what finds plans."""
+
+BRANCHES = ((1, 0.4), (0, 0.6), (0, 0.8), (0, 0.2))
+"""Where to leave the plan so far: how many of its last knots are not kept, and the share of its
+time until then."""
+
+BRANCH_HORIZON_SHARE = 0.6
+"""How far a plan that leaves the plan so far looks ahead then."""
+
 SAME_BEND_SHARE = 1e-6
 """Derivatives of two paths that differ relatively by no more than this are the same."""
 
+LEAST_OLDER = 3
+"""A path with no more knots than this has none to keep but those that are kept anyway."""
+
 Proposer = Callable[[Problem, SpeedBounds], TimeParametrisation | None]
 
-LADDERS: tuple[tuple[Proposer, ...], ...] = (
-    (optimal.propose,),
-    (filtered.propose, ruckig_move.propose),
-)
-"""Proposers in the order in which they are asked; the second row only when it is urgent."""
+URGENT: tuple[Proposer, ...] = (filtered.propose, ruckig_move.propose)
+"""Proposers that are asked only when it is urgent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +68,8 @@ class Request:
     timed: whether clock counts for the segment before it, shape (k + m,). lag: how late the state
     is on this clock, s. scale: of all speeds, 0 to come to rest on the path. horizon: how far
     ahead a plan looks at most (nearly), s. urgent: whether a slow plan is better than none.
-    reached: how many of the kept knots and points the plan so far goes to.
+    former: what the plan so far does from the state on, with all of its knots in `older`.
+    reached: how many of the kept knots and points that plan goes to.
     """
 
     start: float | None
@@ -70,6 +83,7 @@ class Request:
     scale: float
     horizon: float
     urgent: bool
+    former: TimeParametrisation | None = None
     reached: int = 0
 
 
@@ -90,14 +104,106 @@ class Plan:
 def plan(request: Request, limits: JointLimits) -> Plan | None:
     """Return a verified plan, or None if none was found (the plan so far goes on then)."""
     paths = _paths(request, limits)
-    effort = Effort(MAX_ROWS if request.scale > 0.0 else MAX_PAUSE_ROWS)
-    for ladder in LADDERS if request.urgent else LADDERS[:1]:
+    effort = Effort()
+    if request.scale == 0.0:
         for path in paths:
-            found = _plan(request, path, limits, ladder, effort)
+            timing = pause.propose(_problem(request, path, limits, 1.0, effort))
+            if timing is not None:
+                return Plan(request.start, path.knots, timing, 'stop')
+        return None
+    urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
+    found = _optimal(request, paths, limits, effort)
+    if found is None and request.urgent:
+        found = _any(request, paths, limits, urgent)
+    if found is None and len(request.kept.u) == 1:
+        found = _straight(request, limits)
+    return found
+
+
+def _optimal(
+    request: Request, paths: list[Path], limits: JointLimits, effort: Effort
+) -> Plan | None:
+    """Return a plan by the optimal proposer: the better ones are tried first."""
+    fresh = effort.part(FRESH_SHARE)
+    path, problem, bounds = _within_horizon(request, paths[0], limits, fresh)
+    timing = None
+    if not _leaves_range(path, request.state[0], limits):
+        timing = optimal.propose(problem, bounds)
+    if timing is not None:
+        return Plan(request.start, path.knots, timing, OPTIMAL)
+    effort.back(fresh)
+    if request.former is not None and request.older is not None:
+        for dropped, share in BRANCHES:
+            found = _branch(request, dropped, share, limits, effort)
             if found is not None:
                 return found
-    if len(request.kept.u) == 1 and request.scale > 0.0:
-        return _straight(request, limits)
+    for path in paths:
+        found = _shorter(request, path, limits, effort)
+        if found is not None:
+            return found
+    path, problem, bounds = _within_horizon(request, paths[0], limits, effort)
+    timing = optimal.propose(problem, bounds, optimal.SHORT_RAMP_TIME_S)
+    return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
+
+
+def _branch(
+    request: Request, dropped: int, share: float, limits: JointLimits, effort: Effort
+) -> Plan | None:
+    """Return a plan that does as the plan so far for a share of its time, and then goes on.
+
+    A motion that uses its limits to the full may have no other way on for a while: there is more
+    freedom where it has begun to brake for its end.
+    """
+    former, older = request.former, request.older
+    assert former is not None and older is not None
+    kept = older[: len(older.u) - dropped]
+    begin = share * former.duration
+    state = former.at(begin)
+    head = former.part(0.0, begin)
+    if head is None or len(kept.u) < 2 or state[0] >= kept.u[-1]:
+        return None
+    points = request.points[len(kept.u) - len(request.kept.u) :]
+    path = through(kept, points, limits) if len(points) else Path(kept)
+    clock = np.interp([request.state[0], state[0]], path.knots.u, request.clock)
+    later = dataclasses.replace(
+        request,
+        state=state,
+        lag=request.lag + begin - float(clock[1] - clock[0]),
+        horizon=BRANCH_HORIZON_SHARE * request.horizon,
+    )
+    part = effort.part(BRANCH_SHARE)
+    path, problem, bounds = _within_horizon(later, path, limits, part)
+    timing = None
+    if not _leaves_range(path, state[0], limits):
+        timing = optimal.propose(problem, bounds)
+    effort.back(part)
+    if timing is None:
+        return None
+    timing = head.then(timing)
+    if not problem.usage(timing).allowed:
+        return None
+    return Plan(request.start, path.knots, timing, BRANCH)
+
+
+def _leaves_range(path: Path, begin: float, limits: JointLimits) -> bool:
+    """Return whether a path leaves the position limits from some u on: no timing helps then.
+
+    A knot that is kept may bend towards a border that is too near for what follows.
+    """
+    return bool(path.outside(limits)[path.segment(begin) :].any())
+
+
+def _any(
+    request: Request, paths: list[Path], limits: JointLimits, effort: Effort
+) -> Plan | None:
+    """Return a plan by one of the other proposers."""
+    for path in paths:
+        path, problem, bounds = _within_horizon(request, path, limits, effort)  # noqa: PLW2901
+        for proposer in URGENT:
+            timing = proposer(problem, bounds)
+            if timing is not None:
+                name = proposer.__module__.rpartition('.')[2]
+                return Plan(request.start, path.knots, timing, name)
     return None
 
 
@@ -112,9 +218,7 @@ def _straight(request: Request, limits: JointLimits) -> Plan | None:
 def _paths(request: Request, limits: JointLimits) -> list[Path]:
     """Return the paths to plan on: with few knots kept, and with more if that is another path."""
     paths: list[Path] = []
-    for kept in (request.kept, request.older):
-        if kept is None:
-            continue
+    for kept in _kept(request):
         points = request.points[len(kept.u) - len(request.kept.u) :]
         path = Path(kept)
         if len(points):
@@ -124,6 +228,13 @@ def _paths(request: Request, limits: JointLimits) -> list[Path]:
     return paths
 
 
+def _kept(request: Request) -> list[Knots]:
+    """Return which knots to keep: as few as can be, all of the plan so far but its end."""
+    if request.older is None or len(request.older.u) <= LEAST_OLDER:
+        return [request.kept]
+    return [request.kept, request.older[:-1]]
+
+
 def _same(one: Knots, other: Knots) -> bool:
     """Return whether two paths through the same points bend in the same way."""
     return np.allclose(one.first, other.first, rtol=SAME_BEND_SHARE) and np.allclose(
@@ -131,34 +242,18 @@ def _same(one: Knots, other: Knots) -> bool:
     )
 
 
-def _plan(
-    request: Request, path: Path, limits: JointLimits, ladder: tuple[Proposer, ...], effort: Effort
-) -> Plan | None:
-    if request.scale == 0.0:
-        timing = pause.propose(_problem(request, path, limits, 1.0, effort))
-        return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
-    path, problem, bounds = _within_horizon(request, path, limits, effort)
-    for proposer in ladder:
-        timing = proposer(problem, bounds)
-        if timing is not None:
-            return Plan(request.start, path.knots, timing, proposer.__module__.rpartition('.')[2])
-    if ladder is LADDERS[0]:
-        return _shorter(request, path, limits, effort)
-    return None
-
-
 def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan to a knot before the end of the path, which may bend badly there."""
     begin = request.state[0]
     for share in SHORTER_SHARES:
         count = int(path.knots.u.searchsorted(begin + share * (path.end - begin), side='right'))
-        if count < max(request.reached, 2) or count in (len(request.kept.u), len(path.knots.u)):
+        if count <= max(request.reached, 2) or count == len(path.knots.u):
             continue
         part = Path(path.knots[:count])
         problem = _problem(request, part, limits, 1.0, effort)
         timing = optimal.propose(problem, SpeedBounds(problem))
         if timing is not None:
-            return Plan(request.start, part.knots, timing, 'optimal')
+            return Plan(request.start, part.knots, timing, OPTIMAL)
     return None
 
 
@@ -166,6 +261,7 @@ def _within_horizon(
     request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
     """Return the path as far as it is looked at now, and the problem on it."""
+    effort.spend(OUTSET_US)
     problem = _problem(request, path, limits, CATCH_UP_RATIO, effort)
     bounds = SpeedBounds(problem)
     profile = bounds.profile(problem.start[0], problem.start[1])

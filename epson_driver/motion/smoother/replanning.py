@@ -13,6 +13,7 @@ from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.smoother.execution import Execution
 from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.planner import Plan, Request, stopping_time
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 
 START_PATIENCE_S = 0.03
@@ -186,6 +187,7 @@ class Replanning:
         plan = execution.plan
         start: float | None = None
         older: Knots | None = None
+        former: TimeParametrisation | None = None
         lag = 0.0
         urgent = True
         if plan is None:
@@ -199,11 +201,11 @@ class Replanning:
                 start = begin
                 urgent = plan.end - begin < URGENT_RESERVE_SHARE * self._reserve
             state = plan.timing.at(begin - plan.begin)
+            former = plan.timing.part(begin - plan.begin)
             knots = plan.path.knots
             first = plan.path.segment(state[0])
             kept, route = knots[first : first + 2], plan.route[first : first + 2]
-            if len(knots.u) - first > 3:
-                older = knots[first:-1]
+            older = knots[first:]
             if execution.clock_start is not None and route[-1].timed:
                 lag = begin - execution.clock_start - plan.clock(begin)
             else:
@@ -225,6 +227,7 @@ class Replanning:
             execution.scale,
             horizon,
             urgent,
+            former,
             0 if plan is None else sum(way.index <= plan.route[-1].index for way in route),
         )
         return PendingRequest(request, route, more)
