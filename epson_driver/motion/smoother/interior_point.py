@@ -43,13 +43,15 @@ class Program:
 
     basis: (x, x′, x″) from three coefficients, shape (m, 3, 3); first: the first of the three,
     shape (m,). rows: shape (m, r, 3), of which those from `rooted` on have 1/√x at their right.
-    weights, wanted: w and c, shape (m,).
+    back: how far before a sample it is that x counts for the cost, in u; weights, wanted: w and c
+    there; shape (m,).
     """
 
     basis: Array
     first: npt.NDArray[np.intp]
     rows: Array
     rooted: int
+    back: Array
     weights: Array
     wanted: Array
 
@@ -85,7 +87,7 @@ def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
         """Put into g how much the rows are beyond their right sides."""
         along(rows[0], y, g)
         g[:rooted] -= 1.0
-        g[rooted:] -= 1.0 / np.sqrt(y[0])
+        g[rooted:] -= root / np.sqrt(y[0])
 
     def longest(values: Array, changes: Array) -> float:
         """Return the longest step ≤ 1 that leaves a hundredth of each positive value."""
@@ -94,9 +96,22 @@ def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
 
     c = start.copy()
     y = values(c)
-    if y[0].min() <= 0.0:
+    shift = np.stack([np.ones_like(program.back), -program.back, program.back**2 / 2.0])
+
+    def counted(y: Array) -> Array:
+        """Return x where it counts for the cost, shape (m,)."""
+        result: Array = (shift * y).sum(axis=0)
+        return result
+
+    x = counted(y)
+    if min(x.min(), y[0].min()) <= 0.0:
         return None
-    scale = 1.0 / float(np.sum(weights / np.sqrt(y[0])))
+    # so that the right sides are about 1, however slow it is
+    root = np.sqrt(y[0])
+    rows[:, rooted:] *= root
+    bent[rooted:] *= root
+    scale = 1.0 / float(np.sum(weights / np.sqrt(x)))
+    outer = (shift[:, None] * shift).transpose(2, 0, 1)
     update_excess()
     slack = np.maximum(-g, 0.1)
     mu = 1.0 / g.size
@@ -109,9 +124,9 @@ def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
         if effort.used_up:
             break
         effort.spend(NEWTON_STEP_US + ROW_US * g.size)
-        np.add(rows[0, rooted:], 0.5 * y[0] ** -1.5, out=bent[rooted:])
+        np.add(rows[0, rooted:], 0.5 * root * y[0] ** -1.5, out=bent[rooted:])
         tangents = (bent, rows[1], rows[2])
-        slope, curvature = _cost(program, y[0])
+        slope, curvature = _cost(program, x)
         np.divide(dual, slack, out=stiffness)
         # dual + (mu - slack · dual + dual · (g + slack)) / slack
         np.divide(mu, slack, out=push)
@@ -122,8 +137,8 @@ def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
             for j in range(i, 3):
                 hessian[:, i, j] = hessian[:, j, i] = _row_sums(spare, tangents[j])
             force[:, i] = _row_sums(push, tangents[i])
-        hessian[:, 0, 0] += scale * curvature
-        force[:, 0] += scale * slope
+        hessian += (scale * curvature)[:, None, None] * outer
+        force += (scale * slope * shift).T
         solved = solve_pentadiagonal(
             *_bands(basis.transpose(0, 2, 1) @ hessian @ basis, three, size, free),
             -_sum(three, (force[:, None, :] @ basis)[:, 0], size)[free],
@@ -143,7 +158,7 @@ def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
         d_dual -= dual
         d_dual -= np.multiply(stiffness, d_slack, out=spare)
         ahead = longest(slack, d_slack)
-        slowing = float((change[0] / y[0]).min())
+        slowing = float(min((change[0] / y[0]).min(), (counted(change) / x).min()))
         if slowing < 0.0:
             ahead = min(ahead, -0.9 / slowing)
         dual_ahead = longest(dual, d_dual)
@@ -156,6 +171,7 @@ def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
         slack += np.multiply(d_slack, ahead, out=spare)
         dual += np.multiply(d_dual, dual_ahead, out=spare)
         y = values(c)
+        x = counted(y)
         update_excess()
         np.maximum(slack, np.negative(g, out=spare), out=slack)
         gap = float(np.multiply(slack, dual, out=spare).sum())

@@ -200,7 +200,7 @@ def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
     least = windows(np.pad(x, 2 * width, mode='edge'), 2 * width + 1).min(axis=1)
     smooth = windows(least, 2 * width + 1).mean(axis=1)
     if problem.start[1] > 0.0:
-        stop = gentle_stop(problem.start, problem.path, problem.limits, 0.8)
+        stop = problem.former or gentle_stop(problem.start, problem.path, problem.limits, 0.8)
         if stop is not None:
             smooth = np.maximum(smooth, stop.speeds(_middles(spline.nodes)) ** 2)
     smooth[:2], smooth[-2:] = x[:2], x[-2:]
@@ -244,6 +244,7 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
         interval,
         rows,
         1 + len(limits.names),
+        back,
         weights,
         problem.wanted(us, first),
     )

@@ -168,6 +168,7 @@ def _branch(
     later = dataclasses.replace(
         request,
         state=state,
+        former=former.part(begin),
         lag=request.lag + begin - float(clock[1] - clock[0]),
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
     )
@@ -325,7 +326,7 @@ def _problem(
     slowing: TimeParametrisation | None = None
     if request.state[1] > 0.0 and (request.timed.any() or scale < 1.0):
         slowing = ruckig_move.gentle_stop(request.state, path, limits)
-    return Problem(path, request.state, limits, speeds, scale, slowing, effort)
+    return Problem(path, request.state, limits, speeds, scale, slowing, effort, request.former)
 
 
 def _commanded_speeds(request: Request, path: Path) -> Array:

@@ -37,6 +37,7 @@ class Problem:
     scale: float = 1.0
     slowing: TimeParametrisation | None = None
     effort: Effort = field(default_factory=Effort)
+    former: TimeParametrisation | None = None
 
     @property
     def end(self) -> float:
