@@ -30,6 +30,9 @@ NODE_SPACING_S = 0.008
 MAX_RAMP_TIME_S, SHORT_RAMP_TIME_S = 0.024, 0.008
 """The longest ramp of constant jerk from or to rest, s; what to try when there is no timing so."""
 
+RAMP_VIEW = 3.0
+"""How far from an end its path is looked at, in times of its ramp."""
+
 MIN_NODES, MAX_NODES = 8, 180
 
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
@@ -98,10 +101,14 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
     way = problem.end - problem.start[0]
     ramps = []
     for end, inward in ((problem.start[0], 1.0), (problem.end, -1.0)):
-        _, first, _, _ = problem.path.sample(np.array([end]))
-        with np.errstate(divide='ignore'):
-            slopes = problem.limits.jerk / np.abs(first)
-        jerk = (1.0 - JERK_RESERVE_SHARE) * float(np.min(slopes))
+        jerk = np.inf
+        for _ in range(2):  # at the end, and on the way there from as far as the ramp would begin
+            back = inward * min(jerk * (RAMP_VIEW * ramp_time) ** 3 / 6.0, way / 2.0)
+            places = end + (0.0 if jerk == np.inf else back * _ALONG_RAMP)
+            _, first, _, _ = problem.path.sample(np.atleast_1d(places))
+            with np.errstate(divide='ignore'):
+                slopes = problem.limits.jerk / np.abs(first)
+            jerk = (1.0 - JERK_RESERVE_SHARE) * float(np.min(slopes))
         # what the ramp begins must end below the bounds that are near
         near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
         speed = float(bounds.speeds[near].min(initial=np.inf))
@@ -232,8 +239,8 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     # one of an interval's two samples stands for its middle
     back = np.zeros_like(us)
     back[1 : 2 * len(h) : 2] = (_SAMPLES[1] - 0.5) * h
-    fastest = problem.fastest(first)
-    fastest[1 : 2 * len(h) : 2] = problem.fastest(problem.path.sample((nodes[1:] + nodes[:-1]) / 2.0)[1])
+    counted = problem.path.sample(us - back)[1]
+    fastest = problem.fastest(counted)
     v = np.stack([np.ones_like(us), -back, back**2 / 2.0], axis=1)[:, None, :]
     v *= (((1.0 - reserve * VELOCITY_RESERVE_SHARE) * fastest) ** -2)[:, None, None]
     a[np.append(np.tile([1.0, -1.0], len(h)), np.repeat([-1.0, 1.0], len(knots))) < 0.0] *= -1.0
@@ -246,7 +253,7 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
         1 + len(limits.names),
         back,
         weights,
-        problem.wanted(us, first),
+        problem.wanted(us - back, counted),
     )
 
 
