@@ -21,8 +21,15 @@ from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
-CATCH_UP_RATIO = 1.25
-"""How much faster than commanded the motion may be to make up for lost time."""
+CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
+"""How much faster than commanded the motion may be to make up for lost time; at most, where it
+would reach the trajectory's end too late so; and how closely that ratio is looked for."""
+
+LATE_END_SHARE = 0.05
+"""What is too late, of the time that is left for the way there."""
+
+GUESS_EXCESS_SHARE = 0.4
+"""About how much longer than a plan the guess for it takes, in A/J."""
 
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
@@ -69,6 +76,7 @@ class Request:
     is on this clock, s. scale: of all speeds, 0 to come to rest on the path. horizon: how far
     ahead a plan looks at most (nearly), s. urgent: whether a slow plan is better than none.
     former: what the plan so far does from the state on, with all of its knots in `older`.
+    whole: whether the trajectory ends at the last of the points.
     reached: how many of the kept knots and points that plan goes to.
     """
 
@@ -84,6 +92,7 @@ class Request:
     horizon: float
     urgent: bool
     former: TimeParametrisation | None = None
+    whole: bool = False
     reached: int = 0
 
 
@@ -276,13 +285,41 @@ def _within_horizon(
         if cut:
             problem = _problem(request, path, limits, CATCH_UP_RATIO, effort)
             bounds = SpeedBounds(problem)
-        factor = _catch_up(request, path, limits, filtered.filtered(problem, bounds))
+        guess = filtered.filtered(problem, bounds)
+        factor = _catch_up(request, path, limits, guess)
+        if request.whole and not cut and guess is not None and _late_end(request, path, limits, guess):
+            factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
         problem = _problem(request, path, limits, factor, effort)
         bounds = SpeedBounds(problem)
     elif cut:
         problem = _problem(request, path, limits, 1.0, effort)
         bounds = SpeedBounds(problem)
     return path, problem, bounds
+
+
+def _late_end(
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation
+) -> bool:
+    """Return whether a plan like a guess reaches the end of the path too late."""
+    now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
+    left = float(end - now) / (request.scale or 1.0)
+    faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
+    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
+
+
+def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
+    """Return the factor on the commanded speed that is needed to be in time at the end."""
+    low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
+    for _ in range(CATCH_UP_BISECTIONS):
+        effort.spend(OUTSET_US / 2.0)
+        ratio = float(np.sqrt(low * high))
+        problem = _problem(request, path, limits, ratio, effort)
+        guess = filtered.filtered(problem, SpeedBounds(problem))
+        if guess is None or _late_end(request, path, limits, guess):
+            low = ratio
+        else:
+            high = ratio
+    return high
 
 
 def _catch_up(
@@ -298,12 +335,13 @@ def _catch_up(
         late[clock - now > -request.lag / (CATCH_UP_RATIO - 1.0)] = 0.0
     elif guess is not None:
         # faster until the guess, which is faster all the way, is in time
-        ahead = knots >= request.state[0]
+        ahead = knots > request.state[0]
         clock = request.clock[: len(knots)]
         now = float(np.interp(request.state[0], knots, clock))
         arrival = np.interp(knots[ahead], guess.positions, guess.times)
         late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
         late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
+        late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
     spare = float(request.clock[-1]) - float(
         np.interp(request.state[0], knots, request.clock[: len(knots)])
     )

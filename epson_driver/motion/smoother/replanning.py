@@ -228,6 +228,7 @@ class Replanning:
             horizon,
             urgent,
             former,
+            route[-1].rest is not None,
             0 if plan is None else sum(way.index <= plan.route[-1].index for way in route),
         )
         return PendingRequest(request, route, more)
