@@ -33,7 +33,7 @@ SPEED_COST_EXPONENT = 8
 MIN_STEP_SHARE, MAX_SHORT_STEPS = 5e-3, 2
 """So many steps shorter than this lead nowhere."""
 
-MIN_ITERATIONS, SLOWEST_RATE = 12, 0.83
+MIN_ITERATIONS, SLOWEST_RATE = 12, 0.88
 """After so many iterations the rows must be as if each had left this share of their excess."""
 
 

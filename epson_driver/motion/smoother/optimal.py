@@ -210,8 +210,23 @@ def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
         stop = problem.former or gentle_stop(problem.start, problem.path, problem.limits, 0.8)
         if stop is not None:
             smooth = np.maximum(smooth, stop.speeds(_middles(spline.nodes)) ** 2)
+    middles = _middles(spline.nodes)
+    for ramp_, way in (
+        (spline.start_ramp, middles - problem.start[0]),
+        (spline.end_ramp, problem.end - middles),
+    ):
+        smooth = np.maximum(smooth, np.minimum(x, _on_ramp(ramp_, way)))
     smooth[:2], smooth[-2:] = x[:2], x[-2:]
     return dataclasses.replace(spline, coefficients=smooth)
+
+
+def _on_ramp(ramp: Ramp, way: Array) -> Array:
+    """Return u̇² at ways from rest if a ramp went on for as long as it is looked at; 0 beyond."""
+    if ramp.time == 0.0:
+        return np.zeros_like(way)
+    times = np.cbrt(6.0 * np.maximum(way, 0.0) / ramp.jerk)
+    x: Array = np.where(times < RAMP_VIEW * ramp.time, (ramp.jerk * times**2 / 2.0) ** 2, 0.0)
+    return x
 
 
 def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Program:
