@@ -215,17 +215,22 @@ def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
         (spline.start_ramp, middles - problem.start[0]),
         (spline.end_ramp, problem.end - middles),
     ):
-        smooth = np.maximum(smooth, np.minimum(x, _on_ramp(ramp_, way)))
+        smooth = np.maximum(smooth, np.minimum(x, _on_ramp(ramp_, way, smooth)))
     smooth[:2], smooth[-2:] = x[:2], x[-2:]
     return dataclasses.replace(spline, coefficients=smooth)
 
 
-def _on_ramp(ramp: Ramp, way: Array) -> Array:
-    """Return u̇² at ways from rest if a ramp went on for as long as it is looked at; 0 beyond."""
+def _on_ramp(ramp: Ramp, way: Array, most: Array) -> Array:
+    """Return u̇² at ways from rest if a ramp went on for as long as it is looked at; 0 beyond.
+
+    No more than `most` where that ends.
+    """
     if ramp.time == 0.0:
         return np.zeros_like(way)
     times = np.cbrt(6.0 * np.maximum(way, 0.0) / ramp.jerk)
-    x: Array = np.where(times < RAMP_VIEW * ramp.time, (ramp.jerk * times**2 / 2.0) ** 2, 0.0)
+    seen = times < RAMP_VIEW * ramp.time
+    end = np.argmin(np.abs(times - RAMP_VIEW * ramp.time))
+    x: Array = np.where(seen, np.minimum((ramp.jerk * times**2 / 2.0) ** 2, most[end]), 0.0)
     return x
 
 
