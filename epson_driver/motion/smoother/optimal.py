@@ -90,7 +90,10 @@ def propose(
         result = problem.usage(timing)
         if result.allowed:
             return timing
-        excess.append(_excess(result))
+        if result.inside or len(_excess(result)[0]) > 0:
+            excess.append(_excess(result))
+        else:
+            return None  # no lower speed helps
         if turn == 0 and excess[0][1].max(initial=1.0) > NODES_TOO_FAR_APART_RATIO:
             spline = _spline(problem, timing.positions, timing.velocities, timing.times, *ramps)
     return None

@@ -34,7 +34,7 @@ GUESS_EXCESS_SHARE = 0.4
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-FRESH_SHARE, BRANCH_SHARE, URGENT_SHARE = 0.6, 0.5, 0.25
+FRESH_SHARE, BRANCH_SHARE, URGENT_SHARE = 0.6, 0.8, 0.25
 """Of the effort that is left: for a plan as if there were none so far; for each branch of it; and
 of all the effort, to take any plan when it is urgent."""
 
@@ -44,7 +44,7 @@ SHORTER_SHARES = (0.8, 0.6)
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
-BRANCHES = ((1, 0.4), (0, 0.6), (0, 0.8), (0, 0.2))
+BRANCHES = ((1, 0.4), (0, 0.6), (0, 0.8), (0, 0.2), (0, 0.4))
 """Where to leave the plan so far: how many of its last knots are not kept, and the share of its
 time until then."""
 
@@ -151,7 +151,9 @@ def _optimal(
         if found is not None:
             return found
     path, problem, bounds = _within_horizon(request, paths[0], limits, effort)
-    timing = optimal.propose(problem, bounds, optimal.SHORT_RAMP_TIME_S)
+    timing = None
+    if not _leaves_range(path, request.state[0], limits):
+        timing = optimal.propose(problem, bounds, optimal.SHORT_RAMP_TIME_S)
     return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
 
 
@@ -260,6 +262,8 @@ def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) 
         if count <= max(request.reached, 2) or count == len(path.knots.u):
             continue
         part = Path(path.knots[:count])
+        if _leaves_range(part, begin, limits):
+            continue
         problem = _problem(request, part, limits, 1.0, effort)
         timing = optimal.propose(problem, SpeedBounds(problem))
         if timing is not None:
