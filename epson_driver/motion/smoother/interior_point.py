@@ -81,7 +81,7 @@ def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
         np.multiply(first, y[0], out=result)
         for k in (1, 2):
             np.multiply(rows[k], y[k], out=spare)
-            result += spare  # noqa: PLW2901
+            result += spare
 
     def update_excess() -> None:
         """Put into g how much the rows are beyond their right sides."""

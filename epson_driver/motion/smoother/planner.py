@@ -141,15 +141,16 @@ def _optimal(
     if timing is not None:
         return Plan(request.start, path.knots, timing, OPTIMAL)
     effort.back(fresh)
-    if request.former is not None and request.older is not None:
-        for dropped, share in BRANCHES:
-            found = _branch(request, dropped, share, limits, effort)
-            if found is not None:
-                return found
+    for dropped, share in BRANCHES:
+        found = _branch(request, dropped, share, limits, effort)
+        if found is not None:
+            return found
     for path in paths:
         found = _shorter(request, path, limits, effort)
         if found is not None:
             return found
+    if effort.used_up:
+        return None
     path, problem, bounds = _within_horizon(request, paths[0], limits, effort)
     timing = None
     if not _leaves_range(path, request.state[0], limits):
@@ -166,7 +167,8 @@ def _branch(
     freedom where it has begun to brake for its end.
     """
     former, older = request.former, request.older
-    assert former is not None and older is not None
+    if former is None or older is None or effort.used_up:
+        return None
     kept = older[: len(older.u) - dropped]
     begin = share * former.duration
     state = former.at(begin)
@@ -180,7 +182,7 @@ def _branch(
         request,
         state=state,
         former=former.part(begin),
-        lag=request.lag + begin - float(clock[1] - clock[0]),
+        lag=request.lag + begin - float(clock[1] - clock[0]) / request.scale,
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
     )
     part = effort.part(BRANCH_SHARE)
@@ -188,13 +190,12 @@ def _branch(
     timing = None
     if not _leaves_range(path, state[0], limits):
         timing = optimal.propose(problem, bounds)
+    if timing is not None:
+        timing = head.then(timing)
+    if timing is not None and not problem.usage(timing).allowed:
+        timing = None
     effort.back(part)
-    if timing is None:
-        return None
-    timing = head.then(timing)
-    if not problem.usage(timing).allowed:
-        return None
-    return Plan(request.start, path.knots, timing, BRANCH)
+    return None if timing is None else Plan(request.start, path.knots, timing, BRANCH)
 
 
 def _leaves_range(path: Path, begin: float, limits: JointLimits) -> bool:
@@ -205,17 +206,15 @@ def _leaves_range(path: Path, begin: float, limits: JointLimits) -> bool:
     return bool(path.outside(limits)[path.segment(begin) :].any())
 
 
-def _any(
-    request: Request, paths: list[Path], limits: JointLimits, effort: Effort
-) -> Plan | None:
+def _any(request: Request, paths: list[Path], limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan by one of the other proposers."""
     for path in paths:
-        path, problem, bounds = _within_horizon(request, path, limits, effort)  # noqa: PLW2901
+        part, problem, bounds = _within_horizon(request, path, limits, effort)
         for proposer in URGENT:
             timing = proposer(problem, bounds)
             if timing is not None:
                 name = proposer.__module__.rpartition('.')[2]
-                return Plan(request.start, path.knots, timing, name)
+                return Plan(request.start, part.knots, timing, name)
     return None
 
 
@@ -259,7 +258,7 @@ def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) 
     begin = request.state[0]
     for share in SHORTER_SHARES:
         count = int(path.knots.u.searchsorted(begin + share * (path.end - begin), side='right'))
-        if count <= max(request.reached, 2) or count == len(path.knots.u):
+        if count <= max(request.reached, 2) or count == len(path.knots.u) or effort.used_up:
             continue
         part = Path(path.knots[:count])
         if _leaves_range(part, begin, limits):
@@ -291,7 +290,7 @@ def _within_horizon(
             bounds = SpeedBounds(problem)
         guess = filtered.filtered(problem, bounds)
         factor = _catch_up(request, path, limits, guess)
-        if request.whole and not cut and guess is not None and _late_end(request, path, limits, guess):
+        if request.whole and not cut and _late_end(request, path, limits, guess):
             factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
         problem = _problem(request, path, limits, factor, effort)
         bounds = SpeedBounds(problem)
@@ -302,9 +301,11 @@ def _within_horizon(
 
 
 def _late_end(
-    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
 ) -> bool:
     """Return whether a plan like a guess reaches the end of the path too late."""
+    if guess is None:
+        return True
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     left = float(end - now) / (request.scale or 1.0)
     faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
@@ -319,7 +320,7 @@ def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Eff
         ratio = float(np.sqrt(low * high))
         problem = _problem(request, path, limits, ratio, effort)
         guess = filtered.filtered(problem, SpeedBounds(problem))
-        if guess is None or _late_end(request, path, limits, guess):
+        if _late_end(request, path, limits, guess):
             low = ratio
         else:
             high = ratio

@@ -82,17 +82,14 @@ class TimeParametrisation:
         first = int(self.times.searchsorted(begin, side='right')) - 1
         last = int(self.times.searchsorted(end, side='left'))
         inner = slice(first + 1, last)
-        columns = [
-            np.concatenate(([start], values[inner], [stop]))
-            for values, start, stop in zip(
-                (self.positions, self.velocities, self.accelerations),
-                self.at(begin),
-                self.at(end),
-                strict=True,
-            )
-        ]
-        times = np.concatenate(([0.0], self.times[inner] - begin, [end - begin]))
-        return TimeParametrisation(times, *columns, self.jerks[first:last])
+        (u, v, a), (end_u, end_v, end_a) = self.at(begin), self.at(end)
+        return TimeParametrisation(
+            np.concatenate(([0.0], self.times[inner] - begin, [end - begin])),
+            np.concatenate(([u], self.positions[inner], [end_u])),
+            np.concatenate(([v], self.velocities[inner], [end_v])),
+            np.concatenate(([a], self.accelerations[inner], [end_a])),
+            self.jerks[first:last],
+        )
 
     def then(self, next_: 'TimeParametrisation') -> 'TimeParametrisation':
         """Return this, a part, with what follows on it."""
