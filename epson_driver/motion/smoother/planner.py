@@ -44,9 +44,16 @@ SHORTER_SHARES = (0.8, 0.6)
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
-BRANCHES = ((1, 0.4), (0, 0.6), (0, 0.8), (0, 0.2), (0, 0.4))
-"""Where to leave the plan so far: how many of its last knots are not kept, and the share of its
-time until then."""
+BRANCHES = (
+    (1, 0.4, True),
+    (0, 0.6, True),
+    (0, 0.4, False),
+    (0, 0.8, True),
+    (0, 0.2, True),
+    (0, 0.4, True),
+)
+"""Where to leave the plan so far: how many of its last knots are not kept, the share of its time
+until then, and whether commanded speeds count: the clock makes up for it if they do not."""
 
 BRANCH_HORIZON_SHARE = 0.6
 """How far a plan that leaves the plan so far looks ahead then."""
@@ -141,10 +148,11 @@ def _optimal(
     if timing is not None:
         return Plan(request.start, path.knots, timing, OPTIMAL)
     effort.back(fresh)
-    for dropped, share in BRANCHES:
-        found = _branch(request, dropped, share, limits, effort)
-        if found is not None:
-            return found
+    for dropped, share, timed in BRANCHES:
+        if timed or request.timed.any():
+            found = _branch(request, dropped, share, timed, limits, effort)
+            if found is not None:
+                return found
     for path in paths:
         found = _shorter(request, path, limits, effort)
         if found is not None:
@@ -159,7 +167,12 @@ def _optimal(
 
 
 def _branch(
-    request: Request, dropped: int, share: float, limits: JointLimits, effort: Effort
+    request: Request,
+    dropped: int,
+    share: float,
+    timed: bool,
+    limits: JointLimits,
+    effort: Effort,
 ) -> Plan | None:
     """Return a plan that does as the plan so far for a share of its time, and then goes on.
 
@@ -181,6 +194,7 @@ def _branch(
     later = dataclasses.replace(
         request,
         state=state,
+        timed=request.timed & timed,
         former=former.part(begin),
         lag=request.lag + begin - float(clock[1] - clock[0]) / request.scale,
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
