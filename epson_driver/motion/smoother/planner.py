@@ -34,9 +34,9 @@ GUESS_EXCESS_SHARE = 0.4
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-FRESH_SHARE, BRANCH_SHARE, URGENT_SHARE = 0.6, 0.8, 0.25
-"""Of the effort that is left: for a plan as if there were none so far; for each branch of it; and
-of all the effort, to take any plan when it is urgent."""
+STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE = 0.2, 0.25, 0.6, 0.8
+"""Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
+for a plan as if there were none so far; and for each branch of that."""
 
 SHORTER_SHARES = (0.8, 0.6)
 """Parts of the path to plan for where there is no plan for all of it."""
@@ -127,12 +127,13 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
             if timing is not None:
                 return Plan(request.start, path.knots, timing, 'stop')
         return None
+    straight = effort.part(STRAIGHT_SHARE) if len(request.kept.u) == 1 else None
     urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
     found = _optimal(request, paths, limits, effort)
     if found is None and request.urgent:
         found = _any(request, paths, limits, urgent)
-    if found is None and len(request.kept.u) == 1:
-        found = _straight(request, limits)
+    if found is None and straight is not None:
+        found = _straight(request, limits, straight)
     return found
 
 
@@ -232,10 +233,10 @@ def _any(request: Request, paths: list[Path], limits: JointLimits, effort: Effor
     return None
 
 
-def _straight(request: Request, limits: JointLimits) -> Plan | None:
+def _straight(request: Request, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan from rest straight to rest at the next point: there always is one."""
     path = through(request.kept, request.points[:1], limits, clamped=False)
-    problem = _problem(request, path, limits, 1.0, Effort())
+    problem = _problem(request, path, limits, 1.0, effort)
     timing = ruckig_move.propose(problem, SpeedBounds(problem))
     return None if timing is None else Plan(request.start, path.knots, timing, 'straight')
 
