@@ -7,7 +7,7 @@ The unit is a µs of one core of a PC of 2024, by the counts that the time goes 
 
 from dataclasses import dataclass
 
-MAX_EFFORT_US = 46_000
+MAX_EFFORT_US = 48_000
 """The effort of a plan, but for what is done once and always: the path, and its speed bounds."""
 
 NEWTON_STEP_US, ROW_US = 130, 0.042

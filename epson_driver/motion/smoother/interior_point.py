@@ -22,7 +22,7 @@ from epson_driver.motion.smoother.pentadiagonal import solve_pentadiagonal
 
 MAX_ITERATIONS = 40
 RELATIVE_TOLERANCE = 2e-3
-"""When to stop: on the rows, and on what more time could be gained, relative."""
+"""When to stop: on the rows, and, by default, on what more time could be gained, relative."""
 
 ACCEPTED_ROW_EXCESS = 2e-2
 """The same for the rows when the iterations are used up."""
@@ -56,8 +56,13 @@ class Program:
     wanted: Array
 
 
-def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
-    """Return the coefficients of the minimum that is found from `start`, shape (n,), or None."""
+def minimise(
+    program: Program, start: Array, effort: Effort, tolerance: float = RELATIVE_TOLERANCE
+) -> Array | None:
+    """Return the coefficients of the minimum that is found from `start`, shape (n,), or None.
+
+    tolerance: when to stop, of what more time could be gained, relative.
+    """
     basis, weights = program.basis, program.weights
     # the samples last: each row, and each part of the sums over the rows, is one array
     rows = np.ascontiguousarray(program.rows.transpose(2, 1, 0))  # (3, r, m)
@@ -175,7 +180,7 @@ def minimise(program: Program, start: Array, effort: Effort) -> Array | None:
         update_excess()
         np.maximum(slack, np.negative(g, out=spare), out=slack)
         gap = float(np.multiply(slack, dual, out=spare).sum())
-        if gap < RELATIVE_TOLERANCE and g.max() < RELATIVE_TOLERANCE:
+        if gap < tolerance and g.max() < RELATIVE_TOLERANCE:
             return c
         mu = gap / g.size * (0.15 if min(ahead, dual_ahead) > 0.7 else 0.5)
     return c if g.max() < ACCEPTED_ROW_EXCESS else None

@@ -16,7 +16,7 @@ import numpy as np
 
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother.effort import ROUND_US
-from epson_driver.motion.smoother.interior_point import Program, minimise
+from epson_driver.motion.smoother.interior_point import RELATIVE_TOLERANCE, Program, minimise
 from epson_driver.motion.smoother.limit_usage import LimitUsage
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.ruckig_move import gentle_stop
@@ -60,11 +60,15 @@ _ALONG_RAMP = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
 def propose(
-    problem: Problem, bounds: SpeedBounds, ramp_time: float = MAX_RAMP_TIME_S
+    problem: Problem,
+    bounds: SpeedBounds,
+    ramp_time: float = MAX_RAMP_TIME_S,
+    tolerance: float = RELATIVE_TOLERANCE,
 ) -> TimeParametrisation | None:
     """Return a verified timing faster than most, or None if none was found.
 
-    ramp_time: the longest ramp of constant jerk from or to rest, s.
+    ramp_time: the longest ramp of constant jerk from or to rest, s. tolerance: how much more time
+    it may take than the best one, relative.
     """
     ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
@@ -79,7 +83,7 @@ def propose(
             return None
         problem.effort.spend(ROUND_US)
         coefficients = minimise(
-            _program(problem, spline, excess), spline.coefficients, problem.effort
+            _program(problem, spline, excess), spline.coefficients, problem.effort, tolerance
         )
         if coefficients is None:
             return None

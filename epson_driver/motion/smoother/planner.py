@@ -34,11 +34,11 @@ GUESS_EXCESS_SHARE = 0.4
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE = 0.2, 0.25, 0.6, 0.8
+STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE = 0.12, 0.15, 0.55, 0.8
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
-for a plan as if there were none so far; and for each branch of that."""
+for a plan as if there were none so far; and for each branch of that, or part of the path."""
 
-SHORTER_SHARES = (0.8, 0.6)
+SHORTER_SHARES = (0.8, 0.6, 0.4)
 """Parts of the path to plan for where there is no plan for all of it."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
@@ -47,7 +47,7 @@ OPTIMAL, BRANCH = 'optimal', 'branch'
 BRANCHES = (
     (1, 0.4, True),
     (0, 0.6, True),
-    (0, 0.4, False),
+    (0, 0.6, False),
     (0, 0.8, True),
     (0, 0.2, True),
     (0, 0.4, True),
@@ -57,6 +57,9 @@ until then, and whether commanded speeds count: the clock makes up for it if the
 
 BRANCH_HORIZON_SHARE = 0.6
 """How far a plan that leaves the plan so far looks ahead then."""
+
+BRANCH_TOLERANCE = 1e-2
+"""How much more time such a plan may take than the best one, relative."""
 
 SAME_BEND_SHARE = 1e-6
 """Derivatives of two paths that differ relatively by no more than this are the same."""
@@ -204,7 +207,7 @@ def _branch(
     path, problem, bounds = _within_horizon(later, path, limits, part)
     timing = None
     if not _leaves_range(path, state[0], limits):
-        timing = optimal.propose(problem, bounds)
+        timing = optimal.propose(problem, bounds, tolerance=BRANCH_TOLERANCE)
     if timing is not None:
         timing = head.then(timing)
     if timing is not None and not problem.usage(timing).allowed:
@@ -278,8 +281,11 @@ def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) 
         part = Path(path.knots[:count])
         if _leaves_range(part, begin, limits):
             continue
-        problem = _problem(request, part, limits, 1.0, effort)
-        timing = optimal.propose(problem, SpeedBounds(problem))
+        mine = effort.part(BRANCH_SHARE)
+        mine.spend(OUTSET_US / 2.0)
+        problem = _problem(request, part, limits, 1.0, mine)
+        timing = optimal.propose(problem, SpeedBounds(problem), tolerance=BRANCH_TOLERANCE)
+        effort.back(mine)
         if timing is not None:
             return Plan(request.start, part.knots, timing, OPTIMAL)
     return None
