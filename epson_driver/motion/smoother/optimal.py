@@ -11,6 +11,7 @@ the right side of the jerk limit. With a spline for x, `interior_point` finds th
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -41,8 +42,9 @@ VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1
 START_INTERVALS = 3
 """Intervals without (jerk: with half) this reserve at the start."""
 
-NODES_TOO_FAR_APART_RATIO = 1.3
-"""A limit exceeded by more than this shows that the nodes are too far apart somewhere."""
+NODES_TOO_FAR_APART_RATIO, FINER_ROUNDS = 1.3, 2
+"""A limit exceeded by more than this shows that the nodes are too far apart there; in so many
+rounds there are more of them then."""
 
 MAX_ROUNDS = 4
 """Each round begins with the timing of the one before and uses less where it exceeded a limit."""
@@ -98,8 +100,10 @@ def propose(
             excess.append(_excess(result))
         else:
             return None  # no lower speed helps
-        if turn == 0 and excess[0][1].max(initial=1.0) > NODES_TOO_FAR_APART_RATIO:
-            spline = _spline(problem, timing.positions, timing.velocities, timing.times, *ramps)
+        if turn < FINER_ROUNDS and excess[-1][1].max(initial=1.0) > NODES_TOO_FAR_APART_RATIO:
+            places, ratio = excess.pop()
+            places = places[ratio > NODES_TOO_FAR_APART_RATIO]
+            spline = _finer(problem, spline, timing, places)
     return None
 
 
@@ -162,10 +166,32 @@ def _spline(
     nodes = 0.98 * nodes + 0.02 * np.linspace(begin, end, count + 1)
     nodes[0], nodes[-1] = begin, end
     nodes = _on_knots(nodes, problem.path.knots.u)
+    speeds = np.interp(_middles(nodes), us, vs)
+    return _of_speeds(problem, nodes, math.sqrt(0.8) * speeds, start_ramp, end_ramp)
+
+
+def _finer(
+    problem: Problem, spline: SpeedSpline, timing: TimeParametrisation, places: Array
+) -> SpeedSpline | None:
+    """Return the spline of a timing with more nodes around some u."""
+    nodes = spline.nodes
+    near = np.zeros(len(nodes) - 1, dtype=bool)
+    interval = np.clip(nodes.searchsorted(places, side='right') - 1, 0, len(near) - 1)
+    for beside in (-1, 0, 1):
+        near[np.clip(interval + beside, 0, len(near) - 1)] = True
+    nodes = np.sort(np.concatenate([nodes, ((nodes[1:] + nodes[:-1]) / 2.0)[near]]))
+    speeds = np.interp(_middles(nodes), timing.positions, timing.velocities)
+    return _of_speeds(problem, nodes, speeds, spline.start_ramp, spline.end_ramp)
+
+
+def _of_speeds(
+    problem: Problem, nodes: Array, speeds: Array, start_ramp: Ramp, end_ramp: Ramp
+) -> SpeedSpline | None:
+    """Return a spline with nodes, and about these speeds where each coefficient counts most."""
     h = np.diff(nodes)
     if np.min(h) <= _BESIDE:
         return None
-    x = np.maximum(0.8 * np.interp(_middles(nodes), us, vs) ** 2, 1e-8)
+    x = np.maximum(speeds**2, 1e-8)
     v, a = problem.start[1], problem.start[2]
     if start_ramp.time > 0.0:
         v, a = start_ramp.speed, start_ramp.acceleration
