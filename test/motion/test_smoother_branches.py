@@ -12,7 +12,7 @@ from support.smoother_harness import ARM
 from benchmark import families
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Mode, Smoother, planner
-from epson_driver.motion.smoother.effort import MAX_EFFORT_US, Effort
+from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, Effort
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.planner import BRANCH, Plan, Request
@@ -96,7 +96,7 @@ def test_no_plan_costs_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPat
         smoother.step(CYCLE_S)
         assert smoother.now < MAX_MOTION_S
     # the last step, round and verification of each part is not cut off
-    assert 0.0 < max(spent) <= 1.25 * MAX_EFFORT_US
+    assert 0.0 < max(spent) <= 1.25 * MAX_EFFORT_AT_REST_US
 
 
 @pytest.mark.parametrize('pace', [1.2, 1.3, 1.5])

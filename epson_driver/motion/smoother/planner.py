@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
-from epson_driver.motion.smoother.effort import OUTSET_US, Effort
+from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -34,11 +34,11 @@ GUESS_EXCESS_SHARE = 0.4
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE = 0.12, 0.15, 0.55, 0.8
+STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.55, 0.8, 0.5
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
-for a plan as if there were none so far; and for each branch of that, or part of the path."""
+for a plan as if there were none so far; and for each branch of that, and for each part of the path."""
 
-SHORTER_SHARES = (0.8, 0.6, 0.4)
+SHORTER_SHARES = (0.6, 0.3, 0.15)
 """Parts of the path to plan for where there is no plan for all of it."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
@@ -130,7 +130,10 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
             if timing is not None:
                 return Plan(request.start, path.knots, timing, 'stop')
         return None
-    straight = effort.part(STRAIGHT_SHARE) if len(request.kept.u) == 1 else None
+    straight = None
+    if len(request.kept.u) == 1:
+        effort = Effort(MAX_EFFORT_AT_REST_US)
+        straight = effort.part(STRAIGHT_SHARE)
     urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
     found = _optimal(request, paths, limits, effort)
     if found is None and request.urgent:
@@ -281,7 +284,7 @@ def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) 
         part = Path(path.knots[:count])
         if _leaves_range(part, begin, limits):
             continue
-        mine = effort.part(BRANCH_SHARE)
+        mine = effort.part(PART_SHARE)
         mine.spend(OUTSET_US / 2.0)
         problem = _problem(request, part, limits, 1.0, mine)
         timing = optimal.propose(problem, SpeedBounds(problem), tolerance=BRANCH_TOLERANCE)
