@@ -36,9 +36,9 @@ FULL_CATCH_UP_DELAY_S = 0.05
 
 STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.55, 0.8, 0.5
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
-for a plan as if there were none so far; and for each branch of that, and for each part of the path."""
+for a plan as if there were none so far; for each branch of that; for each part of the path."""
 
-SHORTER_SHARES = (0.6, 0.3, 0.15)
+SHORTER_SHARES = (0.8, 0.6, 0.4)
 """Parts of the path to plan for where there is no plan for all of it."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
