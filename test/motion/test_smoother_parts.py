@@ -50,6 +50,18 @@ def unbound(path: Path) -> Problem:
     return Problem(path, (0.0, 0.0, 0.0), LIMITS, np.full(len(path.knots.u), 1e6))
 
 
+def test_a_path_that_may_go_on_points_less_steeply_at_the_border_than_one_that_ends() -> None:
+    """Where nothing follows, the spline is as it is: a gentler end would cost time."""
+    points = np.array([[0.5, 0.1], [1.0, 0.2], [1.8, 0.3]])
+    ends = [through(at_rest((0.0, 0.0)), points, LIMITS, False, final) for final in (False, True)]
+    slopes = [path.knots.first[-1] for path in ends]
+    assert 0.0 < slopes[0][0] < 0.9 * slopes[1][0]
+    assert slopes[0][1] == pytest.approx(slopes[1][1])
+    natural = through(at_rest((-1.0, 0.0)), points - [1.0, 0.0], LIMITS, False)
+    assert slopes[1] == pytest.approx(natural.knots.first[-1])
+    assert not any(path.outside(LIMITS).any() for path in ends)
+
+
 def test_a_path_goes_through_its_points_with_continuous_curvature() -> None:
     path = bow()
     before = path.sample(path.knots.u[1:-1] - 1e-9)

@@ -183,12 +183,15 @@ def chord_lengths(points: Array, limits: JointLimits) -> Array:
     return scaled
 
 
-def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = True) -> Path:
+def through(
+    kept: Knots, points: Array, limits: JointLimits, clamped: bool = True, final: bool = False
+) -> Path:
     """Return the path along kept knots and on through points, shape (m, n), m ≥ 1.
 
     The kept knots (one or more) stay as they are, unless the path begins at rest in a single one:
     not `clamped`, its derivatives are free. A joint that would leave its position limits between
-    two points inside of them is kept level there instead.
+    two points inside of them is kept level there instead. The last point is approached so that the
+    path can go on from it within the limits, unless it is `final`: nothing follows without a rest.
     """
     chain = np.concatenate([kept.position[-1:], points])
     u = kept.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
@@ -201,13 +204,13 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
     nearness = -np.minimum(chain - limits.position_min, limits.position_max - chain)
     held = np.zeros_like(chain)
     first, _ = _cubic_spline(u, chain, level, held, begin, low, high)
-    # what comes after the last point has to stay within the range, too
+    # what may come after the last point has to stay within the range, too
     room = np.where(
         first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min
     )
     onward = min(LONG_SEGMENT, LONGER_RATIO * float(np.max(np.diff(u))))
     steepest = room / (ONWARD_SHARE * onward)
-    steep = (np.abs(first[-1]) > steepest) & (level[-1] == _FREE)
+    steep = (np.abs(first[-1]) > steepest) & (level[-1] == _FREE) & (not final)
     level[-1, steep] = _LEVEL
     held[-1, steep] = (np.sign(first[-1]) * steepest)[steep]
     changed = True

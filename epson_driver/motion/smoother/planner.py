@@ -7,8 +7,9 @@ and plans can be pickled: the simulated controller plans in a process of its own
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -34,14 +35,16 @@ GUESS_EXCESS_SHARE = 0.4
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.55, 0.8, 0.5
+STRAIGHT_SHARE, URGENT_SHARE, SLOW_SHARE = 0.1, 0.15, 0.15
+FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.55, 0.8, 0.5
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
-for a plan as if there were none so far; for each branch of that; for each part of the path."""
+to go on slowly; for a plan as if there were none so far; for each branch of that; for each part of
+the path."""
 
 SHORTER_SHARES = (0.8, 0.6, 0.4)
 """Parts of the path to plan for where there is no plan for all of it."""
 
-OPTIMAL, BRANCH = 'optimal', 'branch'
+OPTIMAL, BRANCH, SLOW = 'optimal', 'branch', 'slow'
 """Names of what finds plans."""
 
 BRANCHES = (
@@ -60,6 +63,13 @@ BRANCH_HORIZON_SHARE = 0.6
 
 BRANCH_TOLERANCE = 1e-2
 """How much more time such a plan may take than the best one, relative."""
+
+SLOW_SHARES, SLOW_REACHES, SLOW_HARDNESS = (0.6, 0.3, 0.0), (2.0, 1.5, 1.2, 1.05), (0.9, 0.6)
+"""A plan that goes on slowly: where it leaves the plan so far, as a share of the time of that; how
+far it goes from there, as a multiple of the way to the rest; what it uses of the limits."""
+
+SLOW_POINTS = 3
+"""How many points after the rest of the plan so far it looks at."""
 
 SAME_BEND_SHARE = 1e-6
 """Derivatives of two paths that differ relatively by no more than this are the same."""
@@ -122,10 +132,10 @@ class Plan:
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
     """Return a verified plan, or None if none was found (the plan so far goes on then)."""
-    paths = _paths(request, limits)
+    first = _path(request, request.kept, limits)
     effort = Effort()
     if request.scale == 0.0:
-        for path in paths:
+        for path in _paths(request, first, limits):
             timing = pause.propose(_problem(request, path, limits, 1.0, effort))
             if timing is not None:
                 return Plan(request.start, path.knots, timing, 'stop')
@@ -135,20 +145,21 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
         effort = Effort(MAX_EFFORT_AT_REST_US)
         straight = effort.part(STRAIGHT_SHARE)
     urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
-    found = _optimal(request, paths, limits, effort)
+    slow = effort.part(SLOW_SHARE) if request.former is not None else Effort(0)
+    found = _optimal(request, first, limits, effort)
     if found is None and request.urgent:
-        found = _any(request, paths, limits, urgent)
+        found = _any(request, first, limits, urgent)
+    if found is None:
+        found = _slow(request, limits, slow)
     if found is None and straight is not None:
         found = _straight(request, limits, straight)
     return found
 
 
-def _optimal(
-    request: Request, paths: list[Path], limits: JointLimits, effort: Effort
-) -> Plan | None:
+def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan by the optimal proposer: the better ones are tried first."""
     fresh = effort.part(FRESH_SHARE)
-    path, problem, bounds = _within_horizon(request, paths[0], limits, fresh)
+    path, problem, bounds = _within_horizon(request, first, limits, fresh)
     timing = None
     if not _leaves_range(path, request.state[0], limits):
         timing = optimal.propose(problem, bounds)
@@ -160,13 +171,13 @@ def _optimal(
             found = _branch(request, dropped, share, timed, limits, effort)
             if found is not None:
                 return found
-    for path in paths:
+    for path in _paths(request, first, limits):
         found = _shorter(request, path, limits, effort)
         if found is not None:
             return found
     if effort.used_up:
         return None
-    path, problem, bounds = _within_horizon(request, paths[0], limits, effort)
+    path, problem, bounds = _within_horizon(request, first, limits, effort)
     timing = None
     if not _leaves_range(path, request.state[0], limits):
         timing = optimal.propose(problem, bounds, optimal.SHORT_RAMP_TIME_S)
@@ -186,17 +197,15 @@ def _branch(
     A motion that uses its limits to the full may have no other way on for a while: there is more
     freedom where it has begun to brake for its end.
     """
-    former, older = request.former, request.older
-    if former is None or older is None or effort.used_up:
+    former = request.former
+    if former is None or effort.used_up:
         return None
-    kept = older[: len(older.u) - dropped]
     begin = share * former.duration
     state = former.at(begin)
     head = former.part(0.0, begin)
-    if head is None or len(kept.u) < 2 or state[0] >= kept.u[-1]:
+    path = _continued(request, dropped, state[0], limits)
+    if head is None or path is None:
         return None
-    points = request.points[len(kept.u) - len(request.kept.u) :]
-    path = through(kept, points, limits) if len(points) else Path(kept)
     clock = np.interp([request.state[0], state[0]], path.knots.u, request.clock)
     later = dataclasses.replace(
         request,
@@ -219,6 +228,55 @@ def _branch(
     return None if timing is None else Plan(request.start, path.knots, timing, BRANCH)
 
 
+def _continued(
+    request: Request, dropped: int, u: float, limits: JointLimits, most: int | None = None
+) -> Path | None:
+    """Return the path so far but for its last knots, and on through `most` of the points.
+
+    None if the last knots begin before u: the plan so far is on another path there.
+    """
+    if request.older is None:
+        return None
+    kept = request.older[: len(request.older.u) - dropped]
+    if len(kept.u) < 2 or u >= kept.u[-1]:
+        return None
+    points = request.points[len(kept.u) - len(request.kept.u) :]
+    if not len(points):
+        return Path(kept)
+    final = request.whole and (most is None or most >= len(points))
+    return through(kept, points[:most], limits, final=final)
+
+
+def _slow(request: Request, limits: JointLimits, effort: Effort) -> Plan | None:
+    """Return a plan that goes on slowly, and not far, where the plan so far would rest.
+
+    So there is motion from which another plan can go on.
+    """
+    former = request.former
+    if former is None:
+        return None
+    found: list[tuple[float, Path, TimeParametrisation]] = []
+    for dropped, share in product((0, 1), SLOW_SHARES):
+        begin = share * former.duration
+        state, head = former.at(begin), former.part(0.0, begin)
+        path = _continued(request, dropped, state[0], limits, SLOW_POINTS + dropped)
+        if path is None:
+            continue
+        speeds = np.full(len(path.knots.u), UNBOUND_SPEED)
+        problem = Problem(path, state, limits, speeds, effort=effort)
+        for reach in SLOW_REACHES:
+            end = min(state[0] + reach * (former.end - state[0]), path.end)
+            for timing in ruckig_move.rests_at(problem, end, SLOW_HARDNESS):
+                if end > former.end and not effort.used_up and problem.may_be_allowed(timing):
+                    whole = timing if head is None else head.then(timing)
+                    found.append(((end - request.state[0]) / whole.duration, path, whole))
+    for _, path, timing in sorted(found, key=lambda one: -one[0]):
+        problem = _problem(request, path, limits, 1.0, effort)
+        if not effort.used_up and problem.usage(timing).allowed:
+            return Plan(request.start, path.knots, timing, SLOW)
+    return None
+
+
 def _leaves_range(path: Path, begin: float, limits: JointLimits) -> bool:
     """Return whether a path leaves the position limits from some u on: no timing helps then.
 
@@ -227,9 +285,9 @@ def _leaves_range(path: Path, begin: float, limits: JointLimits) -> bool:
     return bool(path.outside(limits)[path.segment(begin) :].any())
 
 
-def _any(request: Request, paths: list[Path], limits: JointLimits, effort: Effort) -> Plan | None:
+def _any(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan by one of the other proposers."""
-    for path in paths:
+    for path in _paths(request, first, limits):
         part, problem, bounds = _within_horizon(request, path, limits, effort)
         for proposer in URGENT:
             timing = proposer(problem, bounds)
@@ -247,24 +305,23 @@ def _straight(request: Request, limits: JointLimits, effort: Effort) -> Plan | N
     return None if timing is None else Plan(request.start, path.knots, timing, 'straight')
 
 
-def _paths(request: Request, limits: JointLimits) -> list[Path]:
-    """Return the paths to plan on: with few knots kept, and with more if that is another path."""
-    paths: list[Path] = []
-    for kept in _kept(request):
-        points = request.points[len(kept.u) - len(request.kept.u) :]
-        path = Path(kept)
-        if len(points):
-            path = through(kept, points, limits, clamped=len(kept.u) > 1)
-        if not paths or not _same(path.knots, paths[0].knots):
-            paths.append(path)
-    return paths
+def _path(request: Request, kept: Knots, limits: JointLimits) -> Path:
+    """Return the path along some of the knots so far, and on through the points."""
+    points = request.points[len(kept.u) - len(request.kept.u) :]
+    if not len(points):
+        return Path(kept)
+    return through(kept, points, limits, clamped=len(kept.u) > 1, final=request.whole)
 
 
-def _kept(request: Request) -> list[Knots]:
-    """Return which knots to keep: as few as can be, all of the plan so far but its end."""
-    if request.older is None or len(request.older.u) <= LEAST_OLDER:
-        return [request.kept]
-    return [request.kept, request.older[:-1]]
+def _paths(request: Request, first: Path, limits: JointLimits) -> Iterator[Path]:
+    """Return the paths to plan on: the first one keeps few knots; one that keeps all but the last
+    of the plan so far, if that is another path.
+    """
+    yield first
+    if request.older is not None and len(request.older.u) > LEAST_OLDER:
+        second = _path(request, request.older[:-1], limits)
+        if not _same(first.knots, second.knots):
+            yield second
 
 
 def _same(one: Knots, other: Knots) -> bool:
