@@ -19,7 +19,7 @@ from benchmark.motion_record import Record
 from benchmark.stop_and_go import stop_and_go
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode, Smoother
-from epson_driver.motion.smoother.planner import SLOW, Plan, Request, plan
+from epson_driver.motion.smoother.planner import Plan, Request, plan
 
 MAX_BORDER_DISTANCE_RAD = 0.1
 """How near points lie to the border of the range."""
@@ -252,9 +252,8 @@ FAMILIES: dict[str, tuple[str, int, Make]] = {
 class FamilyFigures:
     """What a family's runs came to.
 
-    plans: how many were asked for; failed: for how many of them none was found; slow: how many
-    only go on slowly, and not far, as nothing better was found. stops: rests at neither end of a
-    motion. time_ratio: worst time of a time-optimal run with all known / point to
+    plans: how many were asked for; failed: for how many of them none was found. stops: rests at
+    neither end of a motion. time_ratio: worst time of a time-optimal run with all known / point to
     point. velocity, acceleration, jerk: largest multiple of the limit. outside: of the position
     limits, rad. unfinished: runs that did not end. violations: of the limits, seen by the
     smoother's own guard. plan_median, plan_p99: CPU time of a plan, s.
@@ -264,7 +263,6 @@ class FamilyFigures:
     runs: int = 0
     plans: int = 0
     failed: int = 0
-    slow: int = 0
     stops: int = 0
     time_ratio: float = 0.0
     velocity: float = 0.0
@@ -280,11 +278,6 @@ class FamilyFigures:
     def failed_share(self) -> float:
         """The share of plans that failed."""
         return self.failed / max(self.plans, 1)
-
-    @property
-    def slow_share(self) -> float:
-        """The share of plans that only go on slowly."""
-        return self.slow / max(self.plans, 1)
 
     def as_dict(self) -> dict[str, object]:
         """Return it as JSON has it."""
@@ -304,7 +297,6 @@ class _Counting:
         self.costs.append(time.process_time() - began)
         self.figures.plans += 1
         self.figures.failed += found is None
-        self.figures.slow += found is not None and found.proposer == SLOW
         return found
 
 

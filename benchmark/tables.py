@@ -40,8 +40,7 @@ WORDS = """Written by `make bench-motion`; all figures are in motion.json as wel
 
 FAMILY_WORDS = """Random trajectories, each run three times: time-optimal with all known and with
 3·A/J, and time-preserving with 3·A/J. **failed**: the share of plans for which none was found, so
-that the one before went on. **slow**: of plans that only go on slowly, and not far, as no other
-was found. **time / pt to pt**: the worst, all known. **plan**: CPU time of one.
+that the one before went on. **time / pt to pt**: the worst, all known. **plan**: CPU time of one.
 Wanted: failed ≤ 2 %, no stops, time ≤ 1, v, a, j ≤ 1, plan ≤ 60 ms at the 99th percentile."""
 
 
@@ -332,7 +331,6 @@ def families(found: Sequence[FamilyFigures]) -> str:
         'runs',
         'plans',
         'failed',
-        'slow',
         'stops',
         'time / pt to pt',
         'v, a, j',
@@ -346,7 +344,6 @@ def families(found: Sequence[FamilyFigures]) -> str:
             str(one.runs) + (f' ({one.unfinished} without an end)' if one.unfinished else ''),
             str(one.plans),
             f'{100.0 * one.failed_share:.1f} %',
-            f'{100.0 * one.slow_share:.1f} %',
             str(one.stops),
             f'{one.time_ratio:.2f}',
             f'{one.velocity:.3f}, {one.acceleration:.3f}, {one.jerk:.3f}',

@@ -68,9 +68,6 @@ SLOW_SHARES, SLOW_REACHES, SLOW_HARDNESS = (0.6, 0.3, 0.0), (2.0, 1.5, 1.2, 1.05
 """A plan that goes on slowly: where it leaves the plan so far, as a share of the time of that; how
 far it goes from there, as a multiple of the way to the rest; what it uses of the limits."""
 
-SLOW_HORIZON_SHARE = 0.6
-"""How long it may last, as a share of the horizon: a better one is looked for soon."""
-
 SLOW_POINTS = 3
 """How many points after the rest of the plan so far it looks at."""
 
@@ -256,8 +253,7 @@ def _slow(request: Request, limits: JointLimits, effort: Effort) -> Plan | None:
     So there is motion from which another plan can go on.
     """
     former = request.former
-    longest = SLOW_HORIZON_SHARE * request.horizon
-    if former is None or former.duration > longest:
+    if former is None:
         return None
     found: list[tuple[float, Path, TimeParametrisation]] = []
     for dropped, share in product((0, 1), SLOW_SHARES):
@@ -273,8 +269,7 @@ def _slow(request: Request, limits: JointLimits, effort: Effort) -> Plan | None:
             for timing in ruckig_move.rests_at(problem, end, SLOW_HARDNESS):
                 if end > former.end and not effort.used_up and problem.may_be_allowed(timing):
                     whole = timing if head is None else head.then(timing)
-                    if whole.duration <= longest:
-                        found.append(((end - request.state[0]) / whole.duration, path, whole))
+                    found.append(((end - request.state[0]) / whole.duration, path, whole))
     for _, path, timing in sorted(found, key=lambda one: -one[0]):
         problem = _problem(request, path, limits, 1.0, effort)
         if not effort.used_up and problem.usage(timing).allowed:
