@@ -11,12 +11,11 @@ from support.smoother_harness import ARM
 
 from benchmark import families
 from epson_driver.motion import JointLimits
-from epson_driver.motion.smoother import Mode, Smoother, optimal, planner
+from epson_driver.motion.smoother import Mode, Smoother, planner
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, Effort
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Path
-from epson_driver.motion.smoother.planner import BRANCH, SLOW, Plan, Request
-from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.planner import BRANCH, Plan, Request
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
 
 CYCLE_S = 0.004
@@ -72,30 +71,6 @@ def test_where_there_is_no_new_way_on_a_plan_branches_off_the_one_so_far() -> No
         assert begin == pytest.approx(request.state)
         assert limit_usage(Path(plan.knots), plan.timing, member.limits).allowed
         assert len(plan.knots.u) > request.reached, 'it goes on'
-
-
-def test_where_nothing_better_is_found_the_motion_goes_on_slowly(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """It would rest where the plan so far ends, and be slower still."""
-    propose = optimal.propose
-
-    def at_rest_only(problem: Problem, *others: object) -> TimeParametrisation | None:
-        return None if problem.start[1] > 0.0 else propose(problem, *others)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(planner.optimal, 'propose', at_rest_only)
-    monkeypatch.setattr(planner, '_branch', lambda *_: None)
-    monkeypatch.setattr(planner, '_shorter', lambda *_: None)
-    monkeypatch.setattr(planner, 'URGENT', ())
-    member = to_and_fro()
-    _, asked = move(member.limits, member.positions, None, 0.3)
-    slow = [(ask, plan) for ask, plan in asked if plan is not None and plan.proposer == SLOW]
-    assert slow
-    for request, plan in slow:
-        assert request.former is not None
-        assert plan.timing.at(0.0) == pytest.approx(request.state)
-        assert limit_usage(Path(plan.knots), plan.timing, member.limits).allowed
-        assert plan.timing.end > request.former.end, 'it goes on'
 
 
 @pytest.mark.parametrize('name', ['single_joint', 'close_pairs', 'mixed_sizes'])

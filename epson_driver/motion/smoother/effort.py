@@ -19,9 +19,6 @@ NEWTON_STEP_US, ROW_US = 130, 0.042
 VERIFICATION_US, PIECE_US = 800, 4
 """The verification of a timing, and of each of its pieces."""
 
-GLANCE_US = 120
-"""A look at samples of a timing."""
-
 OUTSET_US, ROUND_US = 2_500, 1_500
 """A path with its speed bounds; and what comes before and after the Newton steps."""
 

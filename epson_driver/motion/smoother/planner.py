@@ -9,7 +9,6 @@ and plans can be pickled: the simulated controller plans in a process of its own
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -35,25 +34,23 @@ GUESS_EXCESS_SHARE = 0.4
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-STRAIGHT_SHARE, URGENT_SHARE, SLOW_SHARE = 0.1, 0.15, 0.15
-FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.55, 0.8, 0.5
+STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.55, 0.8, 0.5
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
-to go on slowly; for a plan as if there were none so far; for each branch of that; for each part of
-the path."""
+for a plan as if there were none so far; for each branch of that; for each part of the path."""
 
 SHORTER_SHARES = (0.8, 0.6, 0.4)
 """Parts of the path to plan for where there is no plan for all of it."""
 
-OPTIMAL, BRANCH, SLOW = 'optimal', 'branch', 'slow'
+OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
 BRANCHES = (
-    (1, 0.4, True),
-    (0, 0.6, True),
-    (0, 0.6, False),
-    (0, 0.8, True),
-    (0, 0.2, True),
-    (0, 0.4, True),
+    (0, 0.3, True),
+    (0, 0.15, True),
+    (0, 0.5, True),
+    (1, 0.15, True),
+    (0, 0.3, False),
+    (0, 0.75, True),
 )
 """Where to leave the plan so far: how many of its last knots are not kept, the share of its time
 until then, and whether commanded speeds count: the clock makes up for it if they do not."""
@@ -63,13 +60,6 @@ BRANCH_HORIZON_SHARE = 0.6
 
 BRANCH_TOLERANCE = 1e-2
 """How much more time such a plan may take than the best one, relative."""
-
-SLOW_SHARES, SLOW_REACHES, SLOW_HARDNESS = (0.6, 0.3, 0.0), (2.0, 1.5, 1.2, 1.05), (0.9, 0.6)
-"""A plan that goes on slowly: where it leaves the plan so far, as a share of the time of that; how
-far it goes from there, as a multiple of the way to the rest; what it uses of the limits."""
-
-SLOW_POINTS = 3
-"""How many points after the rest of the plan so far it looks at."""
 
 SAME_BEND_SHARE = 1e-6
 """Derivatives of two paths that differ relatively by no more than this are the same."""
@@ -145,12 +135,9 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
         effort = Effort(MAX_EFFORT_AT_REST_US)
         straight = effort.part(STRAIGHT_SHARE)
     urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
-    slow = effort.part(SLOW_SHARE) if request.former is not None else Effort(0)
     found = _optimal(request, first, limits, effort)
     if found is None and request.urgent:
         found = _any(request, first, limits, urgent)
-    if found is None:
-        found = _slow(request, limits, slow)
     if found is None and straight is not None:
         found = _straight(request, limits, straight)
     return found
@@ -197,15 +184,16 @@ def _branch(
     A motion that uses its limits to the full may have no other way on for a while: there is more
     freedom where it has begun to brake for its end.
     """
-    former = request.former
-    if former is None or effort.used_up:
+    former, older = request.former, request.older
+    if former is None or older is None or effort.used_up:
         return None
+    kept = older[: len(older.u) - dropped]
     begin = share * former.duration
     state = former.at(begin)
     head = former.part(0.0, begin)
-    path = _continued(request, dropped, state[0], limits)
-    if head is None or path is None:
+    if head is None or len(kept.u) < 2 or state[0] >= kept.u[-1]:
         return None
+    path = _path(request, kept, limits)
     clock = np.interp([request.state[0], state[0]], path.knots.u, request.clock)
     later = dataclasses.replace(
         request,
@@ -226,55 +214,6 @@ def _branch(
         timing = None
     effort.back(part)
     return None if timing is None else Plan(request.start, path.knots, timing, BRANCH)
-
-
-def _continued(
-    request: Request, dropped: int, u: float, limits: JointLimits, most: int | None = None
-) -> Path | None:
-    """Return the path so far but for its last knots, and on through `most` of the points.
-
-    None if the last knots begin before u: the plan so far is on another path there.
-    """
-    if request.older is None:
-        return None
-    kept = request.older[: len(request.older.u) - dropped]
-    if len(kept.u) < 2 or u >= kept.u[-1]:
-        return None
-    points = request.points[len(kept.u) - len(request.kept.u) :]
-    if not len(points):
-        return Path(kept)
-    final = request.whole and (most is None or most >= len(points))
-    return through(kept, points[:most], limits, final=final)
-
-
-def _slow(request: Request, limits: JointLimits, effort: Effort) -> Plan | None:
-    """Return a plan that goes on slowly, and not far, where the plan so far would rest.
-
-    So there is motion from which another plan can go on.
-    """
-    former = request.former
-    if former is None:
-        return None
-    found: list[tuple[float, Path, TimeParametrisation]] = []
-    for dropped, share in product((0, 1), SLOW_SHARES):
-        begin = share * former.duration
-        state, head = former.at(begin), former.part(0.0, begin)
-        path = _continued(request, dropped, state[0], limits, SLOW_POINTS + dropped)
-        if path is None:
-            continue
-        speeds = np.full(len(path.knots.u), UNBOUND_SPEED)
-        problem = Problem(path, state, limits, speeds, effort=effort)
-        for reach in SLOW_REACHES:
-            end = min(state[0] + reach * (former.end - state[0]), path.end)
-            for timing in ruckig_move.rests_at(problem, end, SLOW_HARDNESS):
-                if end > former.end and not effort.used_up and problem.may_be_allowed(timing):
-                    whole = timing if head is None else head.then(timing)
-                    found.append(((end - request.state[0]) / whole.duration, path, whole))
-    for _, path, timing in sorted(found, key=lambda one: -one[0]):
-        problem = _problem(request, path, limits, 1.0, effort)
-        if not effort.used_up and problem.usage(timing).allowed:
-            return Plan(request.start, path.knots, timing, SLOW)
-    return None
 
 
 def _leaves_range(path: Path, begin: float, limits: JointLimits) -> bool:

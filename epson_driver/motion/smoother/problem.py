@@ -7,16 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother.effort import GLANCE_US, PIECE_US, VERIFICATION_US, Effort
-from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED, LimitUsage, limit_usage
+from epson_driver.motion.smoother.effort import PIECE_US, VERIFICATION_US, Effort
+from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
 UNBOUND_SPEED = 1e6
 """A speed that no limit of a joint allows."""
-
-GLANCE_SAMPLES = 48
-"""How many samples of a timing are looked at before it is worth a verification."""
 
 SLOWING_SLACK_SHARE = 0.02
 """How much faster than `slowing` a motion may be, relative."""
@@ -51,23 +48,6 @@ class Problem:
         """Return what a timing on the path uses of the limits; that takes some of the effort."""
         self.effort.spend(VERIFICATION_US + PIECE_US * len(timing.jerks))
         return limit_usage(self.path, timing, self.limits)
-
-    def may_be_allowed(self, timing: TimeParametrisation) -> bool:
-        """Return whether samples of a timing keep the limits: quick, and no verification."""
-        self.effort.spend(GLANCE_US)
-        u, v, a, j = (
-            values[:, None]
-            for values in timing.sample(np.linspace(0.0, timing.duration, GLANCE_SAMPLES))
-        )
-        if u.max() > self.end or v.min() < -BACKWARD_SPEED:
-            return False
-        _, first, second, third = self.path.sample(u[:, 0])
-        limits = self.limits
-        return bool(
-            np.all(np.abs(first * v) <= limits.velocity)
-            and np.all(np.abs(first * a + second * v**2) <= limits.acceleration)
-            and np.all(np.abs(first * j + 3.0 * second * v * a + third * v**3) <= limits.jerk)
-        )
 
     def fastest(self, first: Array) -> Array:
         """Return the highest u̇ that the velocity limits allow, shape (m,), for q′ of (m, n)."""

@@ -5,8 +5,6 @@
 The simplest timing there is. It always finds one from rest, since any path can be followed slowly.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
@@ -106,19 +104,6 @@ def _fastest(
         else:
             high = speed
     return found
-
-
-def rests_at(
-    problem: Problem, end: float, hardness: tuple[float, ...]
-) -> Iterator[TimeParametrisation]:
-    """Return moves to rest at `end` that get no faster than they are. Not verified."""
-    _, v, a = problem.start
-    _, acceleration, jerk = slope_bounds(problem, end)
-    for share in hardness:
-        speed = v + max(a, 0.0) ** 2 / (2.0 * share * jerk)
-        timing = move(problem.start, end, speed, share * acceleration, share * jerk)
-        if timing is not None:
-            yield timing
 
 
 def stop(problem: Problem) -> TimeParametrisation | None:
