@@ -34,22 +34,22 @@ GUESS_EXCESS_SHARE = 0.4
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.55, 0.8, 0.5
+STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.7, 0.9, 0.8
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
 for a plan as if there were none so far; for each branch of that; for each part of the path."""
 
-SHORTER_SHARES = (0.8, 0.6, 0.4)
+SHORTER_SHARES = (0.6, 0.4)
 """Parts of the path to plan for where there is no plan for all of it."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
 BRANCHES = (
-    (0, 0.3, True),
     (0, 0.15, True),
-    (0, 0.5, True),
+    (0, 0.15, False),
+    (0, 0.4, True),
     (1, 0.15, True),
-    (0, 0.3, False),
+    (0, 0.4, False),
     (0, 0.75, True),
 )
 """Where to leave the plan so far: how many of its last knots are not kept, the share of its time
@@ -88,6 +88,7 @@ class Request:
     former: what the plan so far does from the state on, with all of its knots in `older`.
     whole: whether the trajectory ends at the last of the points.
     reached: how many of the kept knots and points that plan goes to.
+    failures: for how many requests in a row, just before, no plan was found.
     """
 
     start: float | None
@@ -104,6 +105,7 @@ class Request:
     former: TimeParametrisation | None = None
     whole: bool = False
     reached: int = 0
+    failures: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,21 +147,22 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
 
 def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan by the optimal proposer: the better ones are tried first."""
-    fresh = effort.part(FRESH_SHARE)
-    path, problem, bounds = _within_horizon(request, first, limits, fresh)
-    timing = None
-    if not _leaves_range(path, request.state[0], limits):
-        timing = optimal.propose(problem, bounds)
-    if timing is not None:
-        return Plan(request.start, path.knots, timing, OPTIMAL)
-    effort.back(fresh)
-    for dropped, share, timed in BRANCHES:
+    again = request.failures % 2 == 1
+    if not again:
+        fresh = effort.part(FRESH_SHARE)
+        path, problem, bounds = _within_horizon(request, first, limits, fresh)
+        timing = None
+        if not _leaves_range(path, request.state[0], limits):
+            timing = optimal.propose(problem, bounds)
+        if timing is not None:
+            return Plan(request.start, path.knots, timing, OPTIMAL)
+        effort.back(fresh)
+    for number, (dropped, share, timed) in enumerate(BRANCHES):
+        found = None
         if timed or request.timed.any():
             found = _branch(request, dropped, share, timed, limits, effort)
-            if found is not None:
-                return found
-    for path in _paths(request, first, limits):
-        found = _shorter(request, path, limits, effort)
+        if found is None and number == 0:
+            found = _shorter(request, first, limits, effort)
         if found is not None:
             return found
     if effort.used_up:

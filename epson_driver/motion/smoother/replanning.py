@@ -76,6 +76,8 @@ class Replanning:
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
         self._pending: PendingRequest | None = None
         self._asked_at = -np.inf
+        self._failures = 0
+        """For how many requests in a row no plan was found."""
 
     def forget(self) -> None:
         """Forget what was asked for and what was planned: it is for points that are no more."""
@@ -114,6 +116,7 @@ class Replanning:
         pending, self._pending = self._pending, None
         if pending is None:
             return False  # forgotten meanwhile
+        self._failures = self._failures + 1 if answer is None else 0
         now = execution.now
         if answer is None or (answer.start is not None and answer.start < now - LATE_TOLERANCE_S):
             self.news = True
@@ -230,6 +233,7 @@ class Replanning:
             former,
             route[-1].rest is not None,
             0 if plan is None else sum(way.index <= plan.route[-1].index for way in route),
+            self._failures,
         )
         return PendingRequest(request, route, more)
 
