@@ -38,17 +38,17 @@ STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15,
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
 for a plan as if there were none so far; for each branch of that; for each part of the path."""
 
-SHORTER_SHARES = (0.6, 0.4)
-"""Parts of the path to plan for where there is no plan for all of it."""
+SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
+"""Parts of the path to plan for where there is no plan for all of it; after which branch."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
 BRANCHES = (
+    (1, 0.15, True),
     (0, 0.15, True),
     (0, 0.15, False),
     (0, 0.4, True),
-    (1, 0.15, True),
     (0, 0.4, False),
     (0, 0.75, True),
 )
@@ -161,7 +161,7 @@ def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort)
         found = None
         if timed or request.timed.any():
             found = _branch(request, dropped, share, timed, limits, effort)
-        if found is None and number == 0:
+        if found is None and number == SHORTER_AFTER:
             found = _shorter(request, first, limits, effort)
         if found is not None:
             return found
