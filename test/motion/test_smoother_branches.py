@@ -5,6 +5,8 @@
 Invariant 2 of docs/invariants.md: what is found some other way keeps every limit as well.
 """
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from support.smoother_harness import ARM
@@ -71,6 +73,26 @@ def test_where_there_is_no_new_way_on_a_plan_branches_off_the_one_so_far() -> No
         assert begin == pytest.approx(request.state)
         assert limit_usage(Path(plan.knots), plan.timing, member.limits).allowed
         assert len(plan.knots.u) > request.reached, 'it goes on'
+
+
+def test_a_request_says_for_how_many_before_it_no_plan_was_found() -> None:
+    """So that the planner does not try first what has just failed."""
+    asked: list[int] = []
+
+    def often_without(request: Request, limits: JointLimits) -> Plan | None:
+        asked.append(request.failures)
+        moving = request.state[1] > 0.0
+        return None if moving and len(asked) % 4 else planner.plan(request, limits)
+
+    positions = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(6)
+    smoother = Smoother(ARM, positions[0], Mode.TIME_OPTIMAL, planner=often_without)
+    for position in positions[1:]:
+        while smoother.look_ahead > 0.3:
+            smoother.step(CYCLE_S)
+        smoother.append(position)
+    assert {0, 1, 2} <= set(asked)
+    for before, after in pairwise(asked):
+        assert after in (0, before + 1)
 
 
 @pytest.mark.parametrize('name', ['single_joint', 'close_pairs', 'mixed_sizes'])

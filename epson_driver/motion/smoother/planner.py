@@ -147,8 +147,7 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
 
 def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan by the optimal proposer: the better ones are tried first."""
-    again = request.failures % 2 == 1
-    if not again:
+    if request.failures % 2 == 0:  # else that has just failed, and the rest has all of the effort
         fresh = effort.part(FRESH_SHARE)
         path, problem, bounds = _within_horizon(request, first, limits, fresh)
         timing = None
@@ -256,9 +255,7 @@ def _path(request: Request, kept: Knots, limits: JointLimits) -> Path:
 
 
 def _paths(request: Request, first: Path, limits: JointLimits) -> Iterator[Path]:
-    """Return the paths to plan on: the first one keeps few knots; one that keeps all but the last
-    of the plan so far, if that is another path.
-    """
+    """Return the first path, and one that keeps all knots so far but the last, if that differs."""
     yield first
     if request.older is not None and len(request.older.u) > LEAST_OLDER:
         second = _path(request, request.older[:-1], limits)
