@@ -34,9 +34,11 @@ GUESS_EXCESS_SHARE = 0.4
 FULL_CATCH_UP_DELAY_S = 0.05
 """A delay (s) from which on this is used in full."""
 
-STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.7, 0.9, 0.8
+STRAIGHT_SHARE, URGENT_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.9, 0.8
+FRESH_SHARE, FRESH_SHARE_AT_REST = 0.7, 0.55
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
-for a plan as if there were none so far; for each branch of that; for each part of the path."""
+for each branch of the plan so far; for each part of the path. And for a plan as if there were none
+so far."""
 
 SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
 """Parts of the path to plan for where there is no plan for all of it; after which branch."""
@@ -44,7 +46,8 @@ SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
-BRANCHES = (
+BRANCHES = ((1, 0.15, True), (0, 0.4, True), (0, 0.15, True), (0, 0.75, True))
+TIMED_BRANCHES = (
     (1, 0.15, True),
     (0, 0.15, True),
     (0, 0.15, False),
@@ -148,7 +151,8 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
 def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan by the optimal proposer: the better ones are tried first."""
     if request.failures % 2 == 0:  # else that has just failed, and the rest has all of the effort
-        fresh = effort.part(FRESH_SHARE)
+        moving = request.state[1] > 0.0
+        fresh = effort.part(FRESH_SHARE if moving else FRESH_SHARE_AT_REST)
         path, problem, bounds = _within_horizon(request, first, limits, fresh)
         timing = None
         if not _leaves_range(path, request.state[0], limits):
@@ -156,10 +160,9 @@ def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort)
         if timing is not None:
             return Plan(request.start, path.knots, timing, OPTIMAL)
         effort.back(fresh)
-    for number, (dropped, share, timed) in enumerate(BRANCHES):
-        found = None
-        if timed or request.timed.any():
-            found = _branch(request, dropped, share, timed, limits, effort)
+    branches = TIMED_BRANCHES if request.timed.any() else BRANCHES
+    for number, (dropped, share, timed) in enumerate(branches):
+        found = _branch(request, dropped, share, timed, limits, effort)
         if found is None and number == SHORTER_AFTER:
             found = _shorter(request, first, limits, effort)
         if found is not None:
