@@ -8,9 +8,16 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from epson_driver.robot import MotionError, Robot, RobotError, Settings
+    from epson_driver.robot import (
+        EpsonPoint,
+        MotionError,
+        Robot,
+        RobotError,
+        Settings,
+        Waypoint,
+    )
 
-__all__ = ['MotionError', 'Robot', 'RobotError', 'Settings']
+__all__ = ['EpsonPoint', 'MotionError', 'Robot', 'RobotError', 'Settings', 'Waypoint']
 
 
 def __getattr__(name: str) -> object:

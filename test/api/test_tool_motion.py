@@ -115,7 +115,7 @@ def test_what_cannot_be_driven_is_refused_before_anything_moves(robot):
 
 def test_a_point_of_the_pendant_is_the_pose_it_shows(robot):
     robot.move_joints(READY)
-    assert np.allclose(robot.pose_of_epson_point(*robot.epson_point), robot.pose)
+    assert np.allclose(robot.frames['base'] @ robot.epson_point.pose, robot.pose)
 
 
 @pytest.mark.invariant(3)

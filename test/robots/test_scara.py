@@ -1,0 +1,106 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The closed-form inverse of SCARAs: against forward kinematics, at its edges, and where it ends."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from epson_driver.robots import Chain, load_robot_model, robot_models
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.robots.opw import KinematicsError
+from epson_driver.robots.scara import scara_parameters
+
+MODELS = [
+    model for model in map(load_robot_model, robot_models()) if model.kind == 'SCARA'
+]
+GX4 = load_robot_model('gx4_c251s')
+RS4 = load_robot_model('rs4_c351s')
+
+
+def hanging(model):
+    """Return a model upside down, with a tool beside its last axis and turned axes."""
+    turned = Chain(model.chain.origins * (1.0, 1.0, -1.0), -model.chain.axes)
+    tool0 = dataclasses.replace(model.tool0, xyz=np.array([0.01, -0.02, -0.03]))
+    return dataclasses.replace(model, name='hanging', chain=turned, tool0=tool0)
+
+
+@pytest.mark.parametrize('model', [*MODELS, hanging(GX4)], ids=lambda model: model.name)
+def test_each_pose_has_the_joints_it_came_from_and_all_solutions_give_it(model):
+    arm, limits = Kinematics(model), model.limits
+    random = np.random.default_rng(18)
+    both = 0
+    for joints in random.uniform(limits.position_min, limits.position_max, (300, 4)):
+        pose = arm.forward(joints)
+        found = arm.inverse(pose, joints)
+        assert np.abs(found[0] - joints).max() < 1e-6
+        for solution in found:
+            np.testing.assert_allclose(arm.forward(solution), pose, atol=1e-9)
+            assert np.all((solution >= limits.position_min) & (solution <= limits.position_max))
+        sides = {float(np.sign(np.sin(solution[1]))) for solution in found}
+        both += len(sides) == 2
+    assert both > 20  # most poses can be reached with the elbow on either side
+
+
+def test_the_lengths_of_the_arms_are_those_of_the_chain():
+    lengths = scara_parameters(GX4).lengths
+    assert lengths == pytest.approx({'arm_1': 0.124, 'arm_2': 0.126, 'height': 0.124})
+
+
+@pytest.mark.parametrize('model', [GX4, RS4], ids=lambda model: model.name)
+def test_stretched_arms_have_one_solution_and_beyond_them_is_none(model):
+    arm = Kinematics(model)
+    stretched = np.array([0.7, 0.0, -0.05, 0.2])
+    pose = arm.forward(stretched)
+    found = arm.inverse(pose, stretched)
+    assert np.abs(found[0] - stretched).max() < 1e-6
+    for beyond, count in ((1e-10, True), (1e-6, False)):
+        further = pose.copy()
+        away = pose[:2, 3] / np.linalg.norm(pose[:2, 3])
+        further[:2, 3] += beyond * away
+        assert bool(len(arm.inverse(further, stretched))) is count
+
+
+def test_arms_of_one_length_fold_onto_the_first_axis_which_then_is_as_it_was():
+    arm = Kinematics(RS4)
+    folded = np.array([0.4, np.pi, -0.05, 0.2])
+    found = arm.inverse(arm.forward(folded), folded)
+    assert np.abs(found[0] - folded).max() < 1e-6
+
+
+def test_the_range_of_the_axis_that_moves_up_and_down_is_kept():
+    arm = Kinematics(GX4)
+    pose = arm.forward(np.array([0.3, 0.8, -0.1, 0.0]))
+    assert len(arm.inverse(pose))
+    for height in (0.11, -0.051):
+        pose[2, 3] += height
+        assert not len(arm.inverse(pose))
+        pose[2, 3] -= height
+
+
+def test_a_tool_that_leans_has_no_solution_and_the_reason_is_said():
+    arm = Kinematics(GX4)
+    pose = arm.forward(np.array([0.3, 0.8, -0.1, 0.0]))
+    assert arm.hindrance(pose) == ''
+    pose[:3, :3] = pose[:3, :3] @ rotation_of_uvw(np.radians([0.0, 0.0, 3.0]))
+    assert not len(arm.inverse(pose))
+    assert arm.hindrance(pose) == (
+        'it leans by 3 degrees, and the tool of a SCARA stays upright'
+    )
+    upside_down = arm.forward(np.zeros(4))
+    upside_down[:3, :3] = upside_down[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    assert 'leans by 180 degrees' in arm.hindrance(upside_down)
+
+
+def test_a_chain_that_is_no_scara_is_refused_with_its_reason():
+    axes = GX4.chain.axes.copy()
+    axes[1] = [0.0, 1.0, 0.0]
+    leaning = dataclasses.replace(GX4, chain=Chain(GX4.chain.origins, axes))
+    with pytest.raises(KinematicsError, match=r'^gx4_c251s: .*: the axis of joint_2 is not vert'):
+        Kinematics(leaning).inverse(np.eye(4))
+    origins = GX4.chain.origins.copy()
+    origins[1] = 0.0
+    short = dataclasses.replace(GX4, chain=Chain(origins, GX4.chain.axes))
+    with pytest.raises(KinematicsError, match='one of its arms has no length'):
+        Kinematics(short).inverse(np.eye(4))
