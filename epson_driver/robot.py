@@ -65,6 +65,11 @@ class Motion:
         return self._motion.text
 
     @property
+    def duration(self) -> float:
+        """How long it is planned to take, s, at a speed scaling of 1."""
+        return self._motion.duration
+
+    @property
     def progress(self) -> float:
         """The share of its planned time that has passed, 0 to 1; 1 only when it has succeeded."""
         return self._motion.progress
