@@ -19,7 +19,7 @@ from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.robots.chain import rotation_about
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.share import share_folder
-from generate.meshes import six_axis_models
+from generate.meshes import described_models
 from generate.render import Body, Camera, project, render
 
 IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
@@ -69,7 +69,7 @@ def robot() -> Array:
 
 def robots() -> Array:
     """Return all six-axis models side by side, from small to large, with their names."""
-    models = sorted(six_axis_models(), key=lambda model: (float(model.reach[0]), model.name))
+    models = sorted(described_models(), key=lambda model: (float(model.reach[0]), model.name))
     widths = np.array([0.22 + 0.38 * float(model.reach[0]) for model in models])
     places = np.cumsum(widths) - widths / 2.0 - np.sum(widths) / 2.0
     scene: list[Body] = []
