@@ -284,7 +284,7 @@ def test_a_thousand_short_moves_leave_memory_tasks_and_threads_flat(scara):
     there[2, 3] += 0.001
     sizes, tasks, threads = [], [], []
     for number in range(1000):
-        scara.move_line(home if number % 2 else there, speed=1.0, acceleration=100.0)
+        scara.move_line(home if number % 2 else there, speed=1.0, acceleration=10.0)
         if number % 100 == 99:
             gc.collect()
             sizes.append(int(Path('/proc/self/statm').read_text().split()[1]) * 4)
