@@ -116,7 +116,7 @@ class PathPoint:
     blend: float = 0.0
 
     def segment(self, before: Array, start: Array) -> PosePath:
-        """Return the way there from a pose, for a tool that began at `start`. Raises ValueError."""
+        """Return the way there from a pose; the tool began at `start`. Raises ValueError."""
         end = self.pose.seen_from(start)
         if self.via is None:
             return line(before, end)

@@ -183,8 +183,8 @@ class Frames:
     def _pose_of(self, frame: str, where: str, more: list[str]) -> Array:
         """Return a frame's pose. Raises ValueError that names all there are, and `more`."""
         if not isinstance(frame, str) or frame not in self._poses:
-            names = [*self._poses, *more]
-            raise ValueError(f'{where} = {frame!r}: must be {", ".join(names[:-1])} or {names[-1]}')
+            *names, last = [*self._poses, *more]
+            raise ValueError(f'{where} = {frame!r}: must be {", ".join(names)} or {last}')
         return self._poses[frame]
 
     def _check_near(self, field: str, pose: Array) -> None:
@@ -229,14 +229,15 @@ def checked_pose(field: str, values: Pose) -> Array:
 def quaternion_pose(pose: Array) -> Array:
     """Return x y z and the quaternion x y z w, w ≥ 0, of a homogeneous matrix: shape (7,), m."""
     turn = pose[:3, :3]
-    # the eigenvector of the largest eigenvalue: no case has small divisors
+    # the eigenvector of the largest eigenvalue: no case has small divisors; the lower half counts
     xx, yy, zz = np.diag(turn)
+    x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
     products = np.array(
         [
             [xx - yy - zz, 0.0, 0.0, 0.0],
             [turn[0, 1] + turn[1, 0], yy - xx - zz, 0.0, 0.0],
             [turn[0, 2] + turn[2, 0], turn[1, 2] + turn[2, 1], zz - xx - yy, 0.0],
-            [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1], xx + yy + zz],
+            [x, y, z, xx + yy + zz],
         ]
     )
     quaternion = np.linalg.eigh(products)[1][:, -1]

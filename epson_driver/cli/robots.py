@@ -123,7 +123,11 @@ def _shown(model: RobotModel) -> list[Sheet]:
             tuple((name, *_words(values)) for name, values in _quantities(model)),
         ),
         Sheet('Chain, in base_link, m', ('frame', 'origin', 'axis or rpy'), tuple(_frames(model))),
-        Sheet(f'{SCARA if model.kind == SCARA else "OPW"} lengths, m', ('length', 'value'), tuple(_lengths(model))),
+        Sheet(
+            f'{SCARA if model.kind == SCARA else "OPW"} lengths, m',
+            ('length', 'value'),
+            tuple(_lengths(model)),
+        ),
         Sheet(
             'Sources',
             ('quantity', 'confidence', 'source'),

@@ -46,7 +46,8 @@ def scara_parameters(model: RobotModel) -> ScaraParameters:
         if abs(share - 1.0) > TOLERANCE:
             raise _no_scara(model, f'the axis of {name} is not vertical')
     origins = model.chain.origins
-    base, first, second = (complex(x, y) for x, y, _ in (origins[0], origins[1], origins[2:].sum(0)))
+    places = (origins[0], origins[1], origins[2:].sum(axis=0))
+    base, first, second = (complex(x, y) for x, y, _ in places)
     if min(abs(first), abs(second)) < TOLERANCE:
         raise _no_scara(model, 'one of its arms has no length')
     return ScaraParameters(

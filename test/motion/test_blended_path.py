@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines and arcs that go over into each other: smooth seams, the cut corner, and what is refused."""
+"""Lines and arcs that go over into each other: smooth seams, cut corners, what is refused."""
 
 import numpy as np
 import pytest

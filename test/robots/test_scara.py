@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The closed-form inverse of SCARAs: against forward kinematics, at its edges, and where it ends."""
+"""The closed-form inverse of SCARAs: against forward kinematics, and at its edges."""
 
 import dataclasses
 
