@@ -50,7 +50,7 @@ class Solver(Protocol):
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return all solutions, regardless of the joint limits; free joints are as in `near`."""
 
-    def hindrance(self, pose: Array) -> str:
+    def hindrance(self, pose: Array, /) -> str:
         """Return why no place of the arm could have the orientation of a pose, or ''."""
 
 
