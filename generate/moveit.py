@@ -10,6 +10,8 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.model import SCARA, SIX_AXIS
 from generate.self_collision import ROOT, CollisionBodies, Pair, disabled_pairs
@@ -97,7 +99,7 @@ def srdf(model: RobotModel, pairs: Iterable[Pair]) -> str:
         lines.append(f'  <group_state name="{pose}" group="{GROUP}">')
         lines += [
             f'    <joint name="{joint}" value="{float(value)!r}"/>'
-            for joint, value in zip(model.joint_names, shown / model.shown_per_unit, strict=True)
+            for joint, value in zip(model.joint_names, np.array(shown) / model.shown_per_unit, strict=True)
         ]
         lines.append('  </group_state>')
     lines += [

@@ -30,6 +30,9 @@ LOOKS = {
     'dark': ((0.20, 0.215, 0.235), 0.35),
     'metal': ((0.55, 0.565, 0.58), 0.6),
 }
+HUNG_M = 0.62
+"""How high base_link of an arm is shown that hangs."""
+
 PALE = ((0.42, 0.62, 0.80), 0.1)
 
 
@@ -38,16 +41,17 @@ def bodies(
     shown: Sequence[float],
     place: tuple[float, float, float],
     collision: bool = False,
+    height: float = 0.0,
 ) -> Iterator[Body]:
     """Yield the surfaces of a robot at joint positions, degrees (mm).
 
-    place: x, y and the angle about z, degrees, of base_link.
+    place: x, y and the angle about z, degrees, of base_link; height: its z, m.
     """
     links = yaml.safe_load((MESHES / model.name / 'links.yaml').read_text('utf-8'))
     stand = np.eye(4)
     stand[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(place[2]))
-    stand[:2, 3] = place[:2]
-    frames = [np.eye(4), *Kinematics(model).link_frames(shown / model.shown_per_unit)]
+    stand[:3, 3] = *place[:2], height
+    frames = [np.eye(4), *Kinematics(model).link_frames(np.array(shown) / model.shown_per_unit)]
     for frame, link in zip(frames, links.values(), strict=True):
         files = [(each['mesh'], LOOKS[each['colour']]) for each in link['visual']]
         if collision:
@@ -93,7 +97,9 @@ def _side_by_side(
     places = np.cumsum(widths) - widths / 2.0 - np.sum(widths) / 2.0
     scene: list[Body] = []
     for model, x in zip(models, places, strict=True):
-        scene += bodies(model, shown, (float(x) - 0.1, 0.0, turn))
+        hangs = model.chain.origins[1, 2] < 0.0
+        place = (float(x) - 0.1, 0.0, turn)
+        scene += bodies(model, shown, place, height=HUNG_M if hangs else 0.0)
     size = (1600, 500)
     picture = Image.fromarray(render(scene, camera, size))
     draw = ImageDraw.Draw(picture)
