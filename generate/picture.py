@@ -98,8 +98,8 @@ def _side_by_side(
     scene: list[Body] = []
     for model, x in zip(models, places, strict=True):
         hangs = model.chain.origins[1, 2] < 0.0
-        place = (float(x) - 0.1, 0.0, turn)
-        scene += bodies(model, shown, place, height=HUNG_M if hangs else 0.0)
+        stand = (float(x) - 0.1, 0.0, turn)
+        scene += bodies(model, shown, stand, height=HUNG_M if hangs else 0.0)
     size = (1600, 500)
     picture = Image.fromarray(render(scene, camera, size))
     draw = ImageDraw.Draw(picture)
