@@ -9,9 +9,9 @@ INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 	$(shell find $(wildcard epson_driver config controller_program launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)
 
-# Four processes, each with one thread for matrices: tests of real processes mostly wait. Each file stays in one of
+# Six processes, each with one thread for matrices: tests of real processes mostly wait. Each file stays in one of
 # them, so that what its tests share is started once.
-ALL_TESTS := --numprocesses 4 --dist loadfile --no-loadscope-reorder
+ALL_TESTS := --numprocesses 6 --dist loadfile --no-loadscope-reorder
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
 # An environment belongs to the Python that made it: PYTHON=... with another one is an error.

@@ -149,7 +149,7 @@ SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
         'tasks': NOTHING,
         'outcome': NOTHING,
         'state': NOTHING,
-        'smoothing': NOTHING,
+        'smoothing': frozenset({'tasks'}),
         'io': frozenset({'tasks'}),
         'delivery': frozenset({'outcome', 'state'}),
         'stopping': frozenset({'delivery', 'state', 'tasks'}),

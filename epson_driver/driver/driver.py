@@ -25,7 +25,7 @@ from epson_driver.driver.stopping.arm_gate import ArmGate, only_motors_off, what
 from epson_driver.driver.stopping.motors import SerializedMotors, make_motors
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import run_task_group
+from epson_driver.driver.tasks.task_group import run_task_group, until_done
 from epson_driver.link import Link, LinkState
 from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
@@ -181,10 +181,15 @@ class Driver:
             )
         finally:
             self.fault('the driver ended')
+            await until_done(asyncio.create_task(self._close()))
+            self.trace.end('the driver ended', END_TIMEOUT_S)
+
+    async def _close(self) -> None:
+        try:
             await self.stopper.close()
             await self.motors.close()
+        finally:
             await self.goal_queue.close()
-            self.trace.end('the driver ended', END_TIMEOUT_S)
 
     async def shut_down(self) -> None:
         """Stop the arm and end the running goal when it stands, or after half a second.

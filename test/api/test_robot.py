@@ -256,14 +256,15 @@ def test_a_program_that_is_killed_leaves_no_simulated_controller_behind():
 # --- threads ----------------------------------------------------------------------------------
 
 
-def test_a_hundred_moves_leave_threads_and_tasks_flat_and_closing_leaves_none(ports):
+@pytest.mark.parametrize('count', [10, pytest.param(100, marks=pytest.mark.slow)])
+def test_moves_leave_threads_and_tasks_flat_and_closing_leaves_none(ports, count):
     before = threading.active_count()
     with robot_at(ports) as robot:
         robot.enable()
         robot.move_joints([0.01, 0, 0, 0, 0, 0])
         tasks = robot._call(lambda: len(asyncio.all_tasks()))
         threads = threading.active_count()
-        for index in range(100):
+        for index in range(count):
             robot.move_joints([0.01 * (index % 2), 0, 0, 0, 0, 0])
         assert threading.active_count() == threads
         assert robot._call(lambda: len(asyncio.all_tasks())) <= tasks

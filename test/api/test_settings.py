@@ -92,6 +92,7 @@ def test_sentences_have_the_names_of_python(sentence, expected):
     assert in_python(sentence) == expected
 
 
+@pytest.mark.slow
 def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
     file = tmp_path / 'user.py'
     file.write_text(

@@ -58,6 +58,7 @@ def _run(test: Callable[..., None], port: int, given: dict[str, object]) -> None
     test(**given)
 
 
+@pytest.mark.slow
 def test_every_statement_is_executed() -> None:
     """The tests of the servers and of main, run once more, leave no line of the program out."""
     with executed_lines() as lines:

@@ -84,7 +84,7 @@ def random_path(random, start_joints):
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('count', [12, pytest.param(200, marks=pytest.mark.slow)])
 def test_random_paths_are_refused_with_the_reason_or_keep_every_limit(count):
     random = np.random.default_rng(18)
     outcomes, reasons = [], []

@@ -341,7 +341,10 @@ class GoalQueue:
         planned: Trajectory | None = None
         rejection: GoalRejectedError | None = None
         try:
-            planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
+            try:
+                planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
+            finally:
+                smoother.make_ready()
             if execution.state is GoalState.PREPARING:
                 sample = self._sample_at_start(planned, _now())
         except SmoothingError as error:

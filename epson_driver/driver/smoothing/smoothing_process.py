@@ -14,6 +14,7 @@ import signal
 import sys
 
 from epson_driver.driver.smoothing.smoothing import Smoothing
+from epson_driver.driver.tasks.task_group import until_done
 from epson_driver.motion import Array, JointLimits, Trajectory
 
 TIMEOUT_S = 30.0
@@ -34,10 +35,11 @@ class SmoothingProcess:
         self._limits = limits
         self._smoothing = smoothing
         self._next: asyncio.Task[asyncio.subprocess.Process] | None = None
+        self._closed = False
 
     def make_ready(self) -> None:
-        """Start the next process, so that the next trajectory need not wait for its start."""
-        if self._next is None:
+        """Start the next process, so that the next trajectory need not wait; not once closed."""
+        if self._next is None and not self._closed:
             self._next = asyncio.create_task(start_process())
 
     async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
@@ -54,7 +56,6 @@ class SmoothingProcess:
             raise SmoothingError(f'no smooth motion was found within {TIMEOUT_S:g} s') from error
         finally:
             await _end(process)
-            self.make_ready()
         if process.returncode or not answer:
             raise SmoothingError(f'the smoother {_fate(process.returncode)}')
         try:
@@ -79,11 +80,11 @@ class SmoothingProcess:
         return process
 
     async def close(self) -> None:
-        """End the process that was started for the next trajectory."""
+        """End the process that was started for the next trajectory; no other is started."""
+        self._closed = True
         waiting, self._next = self._next, None
         if waiting is not None:
-            with contextlib.suppress(OSError):
-                await _end(await waiting)
+            await until_done(asyncio.create_task(_end_started(waiting)))
 
 
 async def start_process() -> asyncio.subprocess.Process:
@@ -101,11 +102,16 @@ async def start_process() -> asyncio.subprocess.Process:
     )
 
 
+async def _end_started(starting: asyncio.Task[asyncio.subprocess.Process]) -> None:
+    with contextlib.suppress(OSError):
+        await _end(await starting)
+
+
 async def _end(process: asyncio.subprocess.Process) -> None:
     if process.returncode is None:
         with contextlib.suppress(ProcessLookupError):
             process.kill()
-        await process.wait()
+        await until_done(asyncio.create_task(process.wait()))
 
 
 def _fate(code: int | None) -> str:

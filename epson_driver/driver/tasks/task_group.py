@@ -30,6 +30,22 @@ def report_task_error(task: 'asyncio.Task[Any]') -> None:
         report_error(f'{task.get_coro().__qualname__} failed', error)  # type: ignore[union-attr]
 
 
+async def until_done(task: 'asyncio.Task[None] | asyncio.Task[int]') -> None:
+    """Wait until a task has ended, also when that is cancelled meanwhile; raise what it raised.
+
+    For tidying up that must not be left half done, by a task that ends soon.
+    """
+    canceled: asyncio.CancelledError | None = None
+    while not task.done():
+        try:
+            await asyncio.wait({task})
+        except asyncio.CancelledError as error:
+            canceled = error
+    if canceled is not None:
+        raise canceled
+    task.result()
+
+
 TaskFunction = Callable[[], Coroutine[Any, Any, None]]
 
 

@@ -190,6 +190,23 @@ def test_inv5_the_end_of_the_driver_ends_the_goal_and_the_process(slow):
     run(scenario())
 
 
+def test_a_driver_that_is_canceled_again_and_again_leaves_no_process(slow):
+    async def scenario():
+        async with cell(smoothing=RESAMPLE) as (harness, _):
+            harness.submit(pose(0.5))
+            await until(lambda: slow)
+            process_of(harness).make_ready()
+            waiting = await process_of(harness)._next
+            while harness.running:
+                harness._task.cancel()
+                await asyncio.sleep(0)
+            assert slow[0].returncode == waiting.returncode == -signal.SIGKILL
+            process_of(harness).make_ready()
+            assert process_of(harness)._next is None
+
+    run(scenario())
+
+
 def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another():
     async def scenario():
         async with cell(smoothing=RESAMPLE) as (harness, _):
