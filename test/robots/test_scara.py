@@ -31,7 +31,7 @@ def test_each_pose_has_the_joints_it_came_from_and_all_solutions_give_it(model):
     arm, limits = Kinematics(model), model.limits
     random = np.random.default_rng(18)
     both = 0
-    for joints in random.uniform(limits.position_min, limits.position_max, (300, 4)):
+    for joints in random.uniform(limits.position_min, limits.position_max, (60, 4)):
         pose = arm.forward(joints)
         found = arm.inverse(pose, joints)
         assert np.abs(found[0] - joints).max() < 1e-6
@@ -40,7 +40,7 @@ def test_each_pose_has_the_joints_it_came_from_and_all_solutions_give_it(model):
             assert np.all((solution >= limits.position_min) & (solution <= limits.position_max))
         sides = {float(np.sign(np.sin(solution[1]))) for solution in found}
         both += len(sides) == 2
-    assert both > 20  # most poses can be reached with the elbow on either side
+    assert both > 10  # most poses can be reached with the elbow on either side
 
 
 def test_the_lengths_of_the_arms_are_those_of_the_chain():
@@ -48,10 +48,10 @@ def test_the_lengths_of_the_arms_are_those_of_the_chain():
     assert lengths == pytest.approx({'arm_1': 0.124, 'arm_2': 0.126, 'height': 0.124})
 
 
-@pytest.mark.parametrize('model', [GX4, RS4], ids=lambda model: model.name)
-def test_stretched_arms_have_one_solution_and_beyond_them_is_none(model):
+@pytest.mark.parametrize(('model', 'bend'), [(GX4, 0.0), (RS4, np.pi)], ids=['gx4', 'rs4'])
+def test_stretched_arms_have_one_solution_and_beyond_them_is_none(model, bend):
     arm = Kinematics(model)
-    stretched = np.array([0.7, 0.0, -0.05, 0.2])
+    stretched = np.array([0.7, bend, -0.05, 0.2])
     pose = arm.forward(stretched)
     found = arm.inverse(pose, stretched)
     assert np.abs(found[0] - stretched).max() < 1e-6
@@ -64,7 +64,7 @@ def test_stretched_arms_have_one_solution_and_beyond_them_is_none(model):
 
 def test_arms_of_one_length_fold_onto_the_first_axis_which_then_is_as_it_was():
     arm = Kinematics(RS4)
-    folded = np.array([0.4, np.pi, -0.05, 0.2])
+    folded = np.array([0.4, 0.0, -0.05, 0.2])  # at zero one arm is below the other
     found = arm.inverse(arm.forward(folded), folded)
     assert np.abs(found[0] - folded).max() < 1e-6
 
