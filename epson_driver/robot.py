@@ -397,8 +397,8 @@ class Robot:
         """Move the tool straight to a pose: in base_link, a named frame, or 'tool'.
 
         pose: a homogeneous matrix, shape (4, 4), m; x y z, m, and a quaternion x y z w, shape
-        (7,); or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the tool where it
-        is), or a name given to `set_frame`; None: 'base_link', 'base' for an EpsonPoint.
+        (7,); or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the tool where
+        it is), or a name given to `set_frame`; None: 'base_link', 'base' for an EpsonPoint.
 
         The orientation turns evenly about one axis. speed, acceleration: of the tool at most, m/s
         and m/s², in bends too; turn_speed, turn_acceleration: of its turn, rad/s and rad/s².

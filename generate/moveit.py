@@ -96,10 +96,11 @@ def srdf(model: RobotModel, pairs: Iterable[Pair]) -> str:
         '  </group>',
     ]
     for pose, shown in POSES[model.kind].items():
+        values = np.array(shown) / model.shown_per_unit
         lines.append(f'  <group_state name="{pose}" group="{GROUP}">')
         lines += [
             f'    <joint name="{joint}" value="{float(value)!r}"/>'
-            for joint, value in zip(model.joint_names, np.array(shown) / model.shown_per_unit, strict=True)
+            for joint, value in zip(model.joint_names, values, strict=True)
         ]
         lines.append('  </group_state>')
     lines += [

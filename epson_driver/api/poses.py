@@ -113,9 +113,7 @@ class Tool:
                 raise ValueError(f'{name} = {value:g} {unit}: the tool allows {most:g} {unit}')
 
 
-def checked_tool(
-    pose: Pose, max_speed: float | None, max_acceleration: float | None
-) -> Tool:
+def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:
     """Return a tool from a user's arguments. Raises ValueError."""
     checked = checked_pose('pose', pose)
     away = float(np.linalg.norm(checked[:3, 3]))
@@ -160,9 +158,7 @@ class Frames:
         """
         return self._placed(checked_pose(field, pose), _usual(frame, pose), field)
 
-    def point(
-        self, field: str, xyz: npt.ArrayLike, frame: str | None, pose: Pose
-    ) -> Target:
+    def point(self, field: str, xyz: npt.ArrayLike, frame: str | None, pose: Pose) -> Target:
         """Return what a point, x y z in m, means in the frame that `target` takes for a pose.
 
         It is turned anyhow. Raises ValueError.

@@ -48,9 +48,7 @@ def line(start: Array, end: Array) -> PosePath:
     def derivatives_at(_share: float) -> Array:
         return derivatives
 
-    return PosePath(
-        float(np.linalg.norm(way)), float(np.linalg.norm(turn)), pose, derivatives_at
-    )
+    return PosePath(float(np.linalg.norm(way)), float(np.linalg.norm(turn)), pose, derivatives_at)
 
 
 def arc(start: Array, via: Array, end: Array) -> PosePath:

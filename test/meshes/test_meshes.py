@@ -18,9 +18,9 @@ pytest.importorskip('manifold3d')
 from generate.dimensions import dimensions  # noqa: E402
 from generate.meshes import (  # noqa: E402
     collision_file,
+    described_models,
     description,
     sharing,
-    described_models,
     visual_file,
 )
 

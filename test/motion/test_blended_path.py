@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lines and arcs that go over into each other: smooth seams, cut corners, what is refused."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -77,7 +79,7 @@ def test_without_a_blend_the_tool_rests_at_the_corner():
 
 def test_blends_may_use_up_the_way_between_two_corners():
     square = [pose(0, 0, 0), pose(0.1, 0, 0), pose(0.1, 0.1, 0), pose(0, 0.1, 0)]
-    segments = [line(a, b) for a, b in zip(square[:-1], square[1:], strict=True)]
+    segments = [line(a, b) for a, b in itertools.pairwise(square)]
     (run,) = runs(segments, [0.05, 0.05])
     assert [round(part.length, 9) for part in run.parts] == [0.05, 0.1, 0.1, 0.05]
 

@@ -118,7 +118,9 @@ def test_a_name_may_be_written_as_epson_does_and_shortened(name: str) -> None:
     [
         ('C8', 'c8_c1401s or c8_c901s'),
         ('C4', 'c4_a601s or c4_a901s'),
-        ('C4-A601SR', 'c4_a601s or '), ('c3a601s', 'c3_a601s or ')],
+        ('C4-A601SR', 'c4_a601s or '),
+        ('c3a601s', 'c3_a601s or '),
+    ],
 )
 def test_a_name_that_could_be_several_models_or_none_is_answered_with_near_ones(
     name: str, near: str

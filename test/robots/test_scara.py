@@ -12,9 +12,7 @@ from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.robots.opw import KinematicsError
 from epson_driver.robots.scara import scara_parameters
 
-MODELS = [
-    model for model in map(load_robot_model, robot_models()) if model.kind == 'SCARA'
-]
+MODELS = [model for model in map(load_robot_model, robot_models()) if model.kind == 'SCARA']
 GX4 = load_robot_model('gx4_c251s')
 RS4 = load_robot_model('rs4_c351s')
 
@@ -85,9 +83,7 @@ def test_a_tool_that_leans_has_no_solution_and_the_reason_is_said():
     assert arm.hindrance(pose) == ''
     pose[:3, :3] = pose[:3, :3] @ rotation_of_uvw(np.radians([0.0, 0.0, 3.0]))
     assert not len(arm.inverse(pose))
-    assert arm.hindrance(pose) == (
-        'it leans by 3 degrees, and the tool of a SCARA stays upright'
-    )
+    assert arm.hindrance(pose) == ('it leans by 3 degrees, and the tool of a SCARA stays upright')
     upside_down = arm.forward(np.zeros(4))
     upside_down[:3, :3] = upside_down[:3, :3] @ np.diag([1.0, -1.0, -1.0])
     assert 'leans by 180 degrees' in arm.hindrance(upside_down)
