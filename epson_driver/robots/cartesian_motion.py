@@ -27,6 +27,10 @@ MIN_PERIOD_S = 0.01
 JERK_PER_ACCELERATION = 10.0
 """The jerk of the tool as a multiple of its acceleration, 1/s: a ramp of 0.1 s."""
 
+REST_S = 0.2
+"""How long the tool rests between two runs: controllers that go smoothly through points take one
+that is repeated so much later for a rest, and others for a corner that may be rounded."""
+
 MAX_STRETCH = 100.0
 """A path that would have to be so much slower than asked is refused all the same."""
 
@@ -76,12 +80,16 @@ def cartesian_trajectory(
 def runs_trajectory(
     kinematics: Kinematics, start: Array, path: Sequence[Run], tool: ToolLimits
 ) -> Trajectory:
-    """Return the joints' way along the runs of a path, with a rest after each.
+    """Return the joints' way along the runs of a path, with a rest of REST_S after each.
 
     The rest is as in `cartesian_trajectory`.
     """
     times, positions, velocities = [np.zeros(1)], [start[None, :]], [np.zeros((1, len(start)))]
     for run in path:
+        if len(times) > 1:
+            times.append(times[-1][-1:] + REST_S)
+            positions.append(positions[-1][-1:])
+            velocities.append(velocities[-1][-1:])
         name = 'the way' if len(path) == 1 else f'the way to points[{run.last}]'
         found = joint_path(kinematics, positions[-1][-1], run, name)
         moments, rows, speeds = _run_points(found, tool)

@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The forms of a pose, frames, tools and way points: what they mean, and what is refused."""
 
+import inspect
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from epson_driver import aio, robot
 from epson_driver.api.moves import path_points, path_runs
 from epson_driver.api.poses import (
     EpsonPoint,
@@ -169,3 +172,19 @@ def test_a_path_that_cannot_be_is_refused_with_the_point_and_the_reason(points, 
     with pytest.raises(ValueError, match=expected) as caught:
         path_runs(path_points(points, blend, None, frames()), HERE)
     assert '\n' not in str(caught.value)
+
+
+MOVES = ('move_joints', 'move_waypoints', 'move_trajectory', 'move_line', 'move_arc', 'move_path')
+PLACES = ('pose', 'tool_pose', 'ros_pose', 'epson_point', 'pose_in', 'tool', 'set_tool')
+
+
+@pytest.mark.parametrize('name', [*MOVES, *PLACES, 'frames', 'set_frame'])
+def test_both_doors_take_the_same_arguments_and_say_the_same(name):
+    with_asyncio, without = getattr(aio.Robot, name), getattr(robot.Robot, name)
+    if isinstance(with_asyncio, property):
+        assert isinstance(without, property)
+    else:
+        parameters = [inspect.signature(each).parameters for each in (with_asyncio, without)]
+        assert str(parameters[0]) == str(parameters[1])
+    if name not in MOVES[:3]:  # their words differ where Ctrl-C does
+        assert inspect.getdoc(with_asyncio) == inspect.getdoc(without)

@@ -82,20 +82,18 @@ def cut_by_the_servos(start, via, end, speed):
     return (speed * LAG_S) ** 2 / (2.0 * radius)
 
 
-def bound(robot, motion_joints, length, angle, speed):
-    """Return the shortest time, s, that tool and joint limits allow from rest to rest."""
-    limits = robot.model.limits
-    by_joints = go(limits, motion_joints[0], motion_joints[-1]).duration
+def bound(robot, ends, path, speed):
+    """Return the shortest time, s, from rest to rest that tool and joint limits allow.
+
+    The tool's place and its turn run evenly along the path, so that its share has both limits.
+    """
+    by_joints = go(robot.model.limits, *ends).duration
+    ways = np.array([[path.length], [path.angle]])
+    with np.errstate(divide='ignore'):
+        most = np.min([[speed, 1.0, 10.0], [1.0, 10.0, 100.0]] / ways, axis=0)
     one = np.ones(1)
-    ways = [
-        (length, speed, 1.0),
-        (angle, 1.0, 10.0),
-    ]
-    by_tool = []
-    for way, v, a in ways:
-        rules = JointLimits(('way',), -one, 9 * one, v * one, a * one, 10 * a * one)
-        by_tool.append(go(rules, 0 * one, way * one).duration)
-    return max(by_joints, *by_tool)
+    share = JointLimits(('share',), -one, 2.0 * one, *(each * one for each in most))
+    return max(by_joints, go(share, 0.0 * one, one).duration)
 
 
 @BOTH
@@ -134,7 +132,7 @@ def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos
         assert away < ACCURACY + cut
         worst[kind] = max(worst[kind], away)
         assert np.abs(robot.pose - end).max() < 1e-5
-        least = bound(robot, (first, robot.joints), path.length, path.angle, speed)
+        least = bound(robot, (first, robot.joints), path, speed)
         assert planned > least * 0.999
         if kind == 'line':
             assert planned < least * 1.01

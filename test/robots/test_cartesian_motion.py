@@ -215,7 +215,7 @@ def test_a_blended_path_keeps_the_tools_speed_and_acceleration_around_its_corner
         nearest = np.linalg.norm(places - corner[:3, 3], axis=1).min()
         assert 0.1 * radius < nearest < radius
     stops = np.flatnonzero(np.all(resting.velocities == 0.0, axis=1))
-    assert len(stops) == 4
+    assert len(stops) == 6  # begin and end, and of both rests
 
 
 @pytest.mark.invariant(2)
