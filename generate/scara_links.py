@@ -78,9 +78,9 @@ def base_link(d: ScaraDimensions) -> Iterator[Piece]:
     """A foot, the column with the bearing of joint 1, and the connector box behind."""
     t, top = d.thickness, d.base
     if d.hangs:
-        yield Piece(WHITE, drum('z', (0, 0, 0), 78 * t, (top + 3.0, top + 90 * t), edge=8 * t))
+        yield Piece(WHITE, drum('z', (0, 0, 0), 78 * t, (top + 3.0, top + 91.3 * t), edge=7 * t))
         yield Piece(DARK, drum('z', (0, 0, 0), 62 * t, (top - 1.0, top + 8.0), ends='none'))
-        plate = box((-95 * t, 95 * t), (-95 * t, 95 * t), (top + 86 * t, top + 104 * t), 5 * t)
+        plate = box((-95 * t, 95 * t), (-95 * t, 95 * t), (top + 83 * t, top + 101 * t), 5 * t)
         yield Piece(WHITE, plate, BACK)
         return
     foot = box((-150 * t, 70 * t), (-68 * t, 68 * t), (0.0, 16 * t), edge=4 * t)
@@ -147,9 +147,9 @@ def link_4(d: ScaraDimensions) -> Iterator[Piece]:
     t = d.thickness
     yield Piece(METAL, drum('z', (0, 0, 0), 7 * t, (0.0, 30 * t), edge=1.0, ends='low'))
     collar = drum('z', (0, 0, 0), 15 * t, (20 * t, 28 * t), edge=1.5)
-    yield Piece(DARK, collar)
+    yield Piece(DARK, collar, 1)
     for head in bolts('z', (0, 0, 0), 11 * t, 4, 1.6 * t, (18.5 * t, 21 * t)):
-        yield Piece(METAL, head)
+        yield Piece(METAL, head, 1)
 
 
 def _turned(solid: Solid, angle: float) -> Solid:

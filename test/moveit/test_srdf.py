@@ -109,8 +109,9 @@ def test_another_seed_sees_no_collision_of_a_pair_that_never_collides(model: str
         seen |= bodies.touching(angles)
     checked = {bodies.pairs[index] for index in seen}
     assert checked & never == set()
-    # and the samples are worth something: an arm that folds does touch itself
-    assert not bodies.pairs or checked
+    # and the samples are worth something: an arm that folds does touch itself, unless it cannot
+    disabled = {(pair.get('link1'), pair.get('link2')) for pair in pairs}
+    assert checked or disabled == set(bodies.pairs)
 
 
 def test_the_c3s_pairs_hold_those_that_ros_1_had() -> None:
