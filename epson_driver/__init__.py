@@ -8,9 +8,25 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from epson_driver.robot import GripperWiring, MotionError, Robot, RobotError, Settings
+    from epson_driver.robot import (
+        EpsonPoint,
+        GripperWiring,
+        MotionError,
+        Robot,
+        RobotError,
+        Settings,
+        Waypoint,
+    )
 
-__all__ = ['GripperWiring', 'MotionError', 'Robot', 'RobotError', 'Settings']
+__all__ = [
+    'EpsonPoint',
+    'GripperWiring',
+    'MotionError',
+    'Robot',
+    'RobotError',
+    'Settings',
+    'Waypoint',
+]
 
 
 def __getattr__(name: str) -> object:

@@ -15,6 +15,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import replace
+from functools import partial
 from types import TracebackType
 from typing import Any, Literal, TypeVar
 
@@ -27,6 +28,16 @@ from epson_driver.api.errors import MotionError, RobotError, in_python, not_begu
 from epson_driver.api.gripper import Gripper, GripperState, GripperWiring
 from epson_driver.api.io import Io
 from epson_driver.api.motion import Motion
+from epson_driver.api.poses import (
+    BASE,
+    EpsonPoint,
+    Frames,
+    Pose,
+    Tool,
+    Waypoint,
+    checked_tool,
+    quaternion_pose,
+)
 from epson_driver.api.settings import Ports, Settings, make_setup
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.status import ControllerError, RobotStatus, robot_status
@@ -41,14 +52,15 @@ from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_error
 from epson_driver.motion import Array, Trajectory
-from epson_driver.motion.cartesian import PosePath, arc, line
+from epson_driver.motion.blended_path import Run
 from epson_driver.robots import RobotModel
-from epson_driver.robots.cartesian_motion import ToolLimits, cartesian_trajectory
-from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.robots.cartesian_motion import ToolLimits, runs_trajectory
+from epson_driver.robots.kinematics import Kinematics
 from epson_driver.simple_message import Status
 
 __all__ = [
     'ControllerError',
+    'EpsonPoint',
     'Gripper',
     'GripperState',
     'GripperWiring',
@@ -59,6 +71,7 @@ __all__ = [
     'RobotError',
     'RobotStatus',
     'Settings',
+    'Waypoint',
 ]
 
 READY_TIMEOUT_S = 10.0
@@ -96,6 +109,8 @@ class Robot:
         self._setup = make_setup(host, controller, model, ports, settings or Settings())
         self._simulation: SimulatedController | None = None
         self._kinematics = Kinematics(self._setup.model)
+        self._hand = (Tool(np.eye(4)), self._kinematics)
+        self._frames = Frames(self._setup.model.base.matrix, float(self._setup.model.reach[0]))
         self._driver: Driver | None = None
         self._commands: ArmCommands | None = None
         self._task: asyncio.Task[None] | None = None
@@ -230,9 +245,62 @@ class Robot:
         return self._kinematics.forward(self._sample().positions)
 
     @property
-    def epson_point(self) -> tuple[Array, Array]:
-        """Tool 0 as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad. As `joints`."""
-        return self._kinematics.epson_point(self._sample().positions)
+    def tool_pose(self) -> Array:
+        """The tool in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
+        return self._hand[1].forward(self._sample().positions)
+
+    @property
+    def ros_pose(self) -> Array:
+        """The tool in base_link: x y z, m, and a quaternion x y z w, shape (7,). As `joints`."""
+        return quaternion_pose(self.tool_pose)
+
+    @property
+    def epson_point(self) -> EpsonPoint:
+        """The tool as the teach pendant shows it, in mm and degrees. Raises as `joints`."""
+        return EpsonPoint.of(self.pose_in(BASE))
+
+    def pose_in(self, frame: str) -> Array:
+        """Return the tool in a frame: homogeneous, shape (4, 4), m.
+
+        Raises ValueError for a frame that is not there; otherwise as `joints`.
+        """
+        return self._frames.pose_in(self.tool_pose, frame)
+
+    # --- tool and frames --------------------------------------------------------------------
+
+    @property
+    def tool(self) -> Array:
+        """The tool in the flange (tool0): homogeneous, shape (4, 4), m."""
+        return self._hand[0].pose.copy()
+
+    def set_tool(
+        self,
+        pose: Pose,
+        *,
+        max_speed: float | None = None,
+        max_acceleration: float | None = None,
+    ) -> None:
+        """Set the tool (TCP) that lines, arcs and poses are about; at first it is the flange.
+
+        pose: in the flange (tool0), in any form that `move_line` takes. max_speed, m/s, and
+        max_acceleration, m/s²: a line, an arc or a path that asks for more is refused; None: no
+        limit. Joint moves are not held against them. What runs goes on. Raises ValueError.
+        """
+        tool = checked_tool(pose, max_speed, max_acceleration)
+        self._hand = (tool, Kinematics(self.model, tool.pose))
+
+    @property
+    def frames(self) -> dict[str, Array]:
+        """The frames by name, each in base_link: homogeneous, shape (4, 4), m."""
+        return self._frames.poses
+
+    def set_frame(self, name: str, pose: Pose, *, parent: str | None = None) -> None:
+        """Set a named frame by its pose in another one, in any form that `move_line` takes.
+
+        parent: as `frame` of `move_line`, but not 'tool'. The frame stays where it is if the
+        parent is set anew. Raises ValueError.
+        """
+        self._frames.set(name, pose, parent)
 
     async def catch_up(self) -> None:
         """Let what has come be read, as long as the newest joints are too old: half a second.
@@ -347,8 +415,9 @@ class Robot:
 
     async def move_line(
         self,
-        pose: npt.ArrayLike,
+        pose: Pose,
         *,
+        frame: str | None = None,
         speed: float = 0.1,
         acceleration: float = 1.0,
         turn_speed: float = 1.0,
@@ -357,28 +426,33 @@ class Robot:
         slow: bool = False,
         wait: bool = True,
     ) -> Motion:
-        """Move the flange (tool0) straight to a pose in base_link: shape (4, 4), m.
+        """Move the tool straight to a pose: in base_link, a named frame, or 'tool'.
 
-        The orientation turns evenly about one axis. speed, acceleration: of the flange, m/s and
-        m/s²; turn_speed, turn_acceleration: of its turn, rad/s and rad/s². accuracy: how far the
-        way between two points that are sent may be from the line, m. slow: go slower where a joint
-        limit asks for it; otherwise that is refused.
+        pose: a homogeneous matrix, shape (4, 4), m; x y z, m, and a quaternion x y z w, shape
+        (7,); or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the tool where
+        it is), or a name given to `set_frame`; None: 'base_link', 'base' for an EpsonPoint.
+
+        The orientation turns evenly about one axis. speed, acceleration: of the tool at most, m/s
+        and m/s², in bends too; turn_speed, turn_acceleration: of its turn, rad/s and rad/s².
+        accuracy: how far the way between two points that are sent may be from the line, m. slow:
+        go slower where a joint limit asks for it; otherwise that is refused.
 
         Raises ValueError, before anything is sent, for a pose out of reach or a way near a
-        singularity, with joint and place; otherwise as `move_joints`. Six-axis arms only;
+        singularity, with joint, place and limit; otherwise as `move_joints`. On six-axis arms it
         needs py-opw-kinematics (pip install 'epson_driver[planning]').
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, slow=slow
         )
-        end = moves.checked_pose('pose', pose)
-        return await self._move_tool(lambda start: line(start, end), tool, wait)
+        point = moves.PathPoint(self._frames.target('pose', pose, frame))
+        return await self._move_tool(point.run, tool, wait)
 
     async def move_arc(
         self,
         via: npt.ArrayLike,
-        pose: npt.ArrayLike,
+        pose: Pose,
         *,
+        frame: str | None = None,
         speed: float = 0.1,
         acceleration: float = 1.0,
         turn_speed: float = 1.0,
@@ -387,33 +461,55 @@ class Robot:
         slow: bool = False,
         wait: bool = True,
     ) -> Motion:
-        """Move the flange on a circle through a point, shape (3,), m, to a pose in base_link.
+        """Move the tool on a circle through a point, x y z in m, to a pose in the same frame.
 
-        The rest as in `move_line`.
+        The point is x y z also where the pose is an EpsonPoint. The rest as in `move_line`.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, slow=slow
         )
-        middle = moves.checked_point('via', via)
-        end = moves.checked_pose('pose', pose)
-        return await self._move_tool(lambda start: arc(start, middle, end), tool, wait)
+        middle = self._frames.point('via', via, frame, pose)
+        point = moves.PathPoint(self._frames.target('pose', pose, frame), middle)
+        return await self._move_tool(point.run, tool, wait)
 
-    def pose_of_epson_point(self, xyz: npt.ArrayLike, uvw: npt.ArrayLike) -> Array:
-        """Return a pose in base_link of a point as the teach pendant has it: m and rad."""
-        pose = np.eye(4)
-        pose[:3, 3] = moves.checked_point('xyz', xyz)
-        pose[:3, :3] = rotation_of_uvw(moves.checked_point('uvw', uvw))
-        return self._kinematics.from_base(pose)
+    async def move_path(
+        self,
+        points: Sequence[Waypoint | Pose],
+        *,
+        blend: float = 0.0,
+        frame: str | None = None,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        slow: bool = False,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the tool through poses or Waypoints, from one to the next straight or on a circle.
+
+        blend: how far from each point, m, the tool may leave the way to it for the way to the
+        next, without a rest; 0: it rests there. blend and frame hold for the points that have none
+        of their own. Around the corner it is as fast as the limits allow. 'tool' is the tool where
+        it is at the beginning.
+
+        The rest as in `move_line`; the ValueError for a blend that is longer than the way, and for
+        what is wrong with a single point, names the point.
+        """
+        tool = moves.tool_limits(
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, slow=slow
+        )
+        ways = moves.path_points(points, blend, frame, self._frames)
+        return await self._move_tool(partial(moves.path_runs, ways), tool, wait)
 
     async def _move_tool(
-        self, path: Callable[[Array], PosePath], tool: ToolLimits, wait: bool
+        self, path: Callable[[Array], list[Run]], limits: ToolLimits, wait: bool
     ) -> Motion:
-        sample = await self._ready()
-        start = sample.positions
-        way = path(self._kinematics.forward(start))
-        trajectory = await asyncio.to_thread(
-            cartesian_trajectory, self._kinematics, start, way, tool
-        )
+        tool, arm = self._hand
+        tool.check(limits.speed, limits.acceleration)
+        start = (await self._ready()).positions
+        way = path(arm.forward(start))
+        trajectory = await asyncio.to_thread(runs_trajectory, arm, start, way, limits)
         return await self._execute(trajectory, wait)
 
     @property

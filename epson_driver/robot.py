@@ -22,6 +22,7 @@ import numpy.typing as npt
 from epson_driver import aio
 from epson_driver.api.errors import MotionError, RobotError
 from epson_driver.api.gripper import GripperState, GripperWiring
+from epson_driver.api.poses import EpsonPoint, Pose, Waypoint
 from epson_driver.api.settings import Settings
 from epson_driver.api.status import ControllerError, RobotStatus
 from epson_driver.api.threads import CallbackThread, LoopThread
@@ -30,6 +31,7 @@ from epson_driver.robots import RobotModel
 
 __all__ = [
     'ControllerError',
+    'EpsonPoint',
     'Gripper',
     'GripperState',
     'GripperWiring',
@@ -40,6 +42,7 @@ __all__ = [
     'RobotError',
     'RobotStatus',
     'Settings',
+    'Waypoint',
 ]
 
 _log = logging.getLogger(__name__)
@@ -64,6 +67,11 @@ class Motion:
     def text(self) -> str:
         """How it ended, in a sentence; '' before."""
         return self._motion.text
+
+    @property
+    def duration(self) -> float:
+        """How long it is planned to take, s, at a speed scaling of 1."""
+        return self._motion.duration
 
     @property
     def progress(self) -> float:
@@ -262,9 +270,61 @@ class Robot:
         return self._measured(lambda: self._robot.pose)
 
     @property
-    def epson_point(self) -> tuple[Array, Array]:
-        """Tool 0 as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad. As `joints`."""
+    def tool_pose(self) -> Array:
+        """The tool in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
+        return self._measured(lambda: self._robot.tool_pose)
+
+    @property
+    def ros_pose(self) -> Array:
+        """The tool in base_link: x y z, m, and a quaternion x y z w, shape (7,). As `joints`."""
+        return self._measured(lambda: self._robot.ros_pose)
+
+    @property
+    def epson_point(self) -> EpsonPoint:
+        """The tool as the teach pendant shows it, in mm and degrees. Raises as `joints`."""
         return self._measured(lambda: self._robot.epson_point)
+
+    def pose_in(self, frame: str) -> Array:
+        """Return the tool in a frame: homogeneous, shape (4, 4), m.
+
+        Raises ValueError for a frame that is not there; otherwise as `joints`.
+        """
+        return self._measured(lambda: self._robot.pose_in(frame))
+
+    # --- tool and frames --------------------------------------------------------------------
+
+    @property
+    def tool(self) -> Array:
+        """The tool in the flange (tool0): homogeneous, shape (4, 4), m."""
+        return self._robot.tool
+
+    def set_tool(
+        self,
+        pose: Pose,
+        *,
+        max_speed: float | None = None,
+        max_acceleration: float | None = None,
+    ) -> None:
+        """Set the tool (TCP) that lines, arcs and poses are about; at first it is the flange.
+
+        pose: in the flange (tool0), in any form that `move_line` takes. max_speed, m/s, and
+        max_acceleration, m/s²: a line, an arc or a path that asks for more is refused; None: no
+        limit. Joint moves are not held against them. What runs goes on. Raises ValueError.
+        """
+        self._robot.set_tool(pose, max_speed=max_speed, max_acceleration=max_acceleration)
+
+    @property
+    def frames(self) -> dict[str, Array]:
+        """The frames by name, each in base_link: homogeneous, shape (4, 4), m."""
+        return self._robot.frames
+
+    def set_frame(self, name: str, pose: Pose, *, parent: str | None = None) -> None:
+        """Set a named frame by its pose in another one, in any form that `move_line` takes.
+
+        parent: as `frame` of `move_line`, but not 'tool'. The frame stays where it is if the
+        parent is set anew. Raises ValueError.
+        """
+        self._robot.set_frame(name, pose, parent=parent)
 
     # --- commands ---------------------------------------------------------------------------
 
@@ -359,8 +419,9 @@ class Robot:
 
     def move_line(
         self,
-        pose: npt.ArrayLike,
+        pose: Pose,
         *,
+        frame: str | None = None,
         speed: float = 0.1,
         acceleration: float = 1.0,
         turn_speed: float = 1.0,
@@ -369,21 +430,26 @@ class Robot:
         slow: bool = False,
         wait: bool = True,
     ) -> Motion:
-        """Move the flange (tool0) straight to a pose in base_link: shape (4, 4), m.
+        """Move the tool straight to a pose: in base_link, a named frame, or 'tool'.
 
-        The orientation turns evenly about one axis. speed, acceleration: of the flange, m/s and
-        m/s²; turn_speed, turn_acceleration: of its turn, rad/s and rad/s². accuracy: how far the
-        way between two points that are sent may be from the line, m. slow: go slower where a joint
-        limit asks for it; otherwise that is refused.
+        pose: a homogeneous matrix, shape (4, 4), m; x y z, m, and a quaternion x y z w, shape
+        (7,); or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the tool where
+        it is), or a name given to `set_frame`; None: 'base_link', 'base' for an EpsonPoint.
+
+        The orientation turns evenly about one axis. speed, acceleration: of the tool at most, m/s
+        and m/s², in bends too; turn_speed, turn_acceleration: of its turn, rad/s and rad/s².
+        accuracy: how far the way between two points that are sent may be from the line, m. slow:
+        go slower where a joint limit asks for it; otherwise that is refused.
 
         Raises ValueError, before anything is sent, for a pose out of reach or a way near a
-        singularity, with joint and place; otherwise as `move_joints`. Six-axis arms only;
+        singularity, with joint, place and limit; otherwise as `move_joints`. On six-axis arms it
         needs py-opw-kinematics (pip install 'epson_driver[planning]').
         """
         return self._move(
             partial(
                 self._robot.move_line,
                 pose,
+                frame=frame,
                 speed=speed,
                 acceleration=acceleration,
                 turn_speed=turn_speed,
@@ -397,8 +463,9 @@ class Robot:
     def move_arc(
         self,
         via: npt.ArrayLike,
-        pose: npt.ArrayLike,
+        pose: Pose,
         *,
+        frame: str | None = None,
         speed: float = 0.1,
         acceleration: float = 1.0,
         turn_speed: float = 1.0,
@@ -407,15 +474,16 @@ class Robot:
         slow: bool = False,
         wait: bool = True,
     ) -> Motion:
-        """Move the flange on a circle through a point, shape (3,), m, to a pose in base_link.
+        """Move the tool on a circle through a point, x y z in m, to a pose in the same frame.
 
-        The rest as in `move_line`.
+        The point is x y z also where the pose is an EpsonPoint. The rest as in `move_line`.
         """
         return self._move(
             partial(
                 self._robot.move_arc,
                 via,
                 pose,
+                frame=frame,
                 speed=speed,
                 acceleration=acceleration,
                 turn_speed=turn_speed,
@@ -426,9 +494,45 @@ class Robot:
             )
         )
 
-    def pose_of_epson_point(self, xyz: npt.ArrayLike, uvw: npt.ArrayLike) -> Array:
-        """Return a pose in base_link of a point as the teach pendant has it: m and rad."""
-        return self._robot.pose_of_epson_point(xyz, uvw)
+    def move_path(
+        self,
+        points: Sequence[Waypoint | Pose],
+        *,
+        blend: float = 0.0,
+        frame: str | None = None,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        slow: bool = False,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the tool through poses or Waypoints, from one to the next straight or on a circle.
+
+        blend: how far from each point, m, the tool may leave the way to it for the way to the
+        next, without a rest; 0: it rests there. blend and frame hold for the points that have none
+        of their own. Around the corner it is as fast as the limits allow. 'tool' is the tool where
+        it is at the beginning.
+
+        The rest as in `move_line`; the ValueError for a blend that is longer than the way, and for
+        what is wrong with a single point, names the point.
+        """
+        return self._move(
+            partial(
+                self._robot.move_path,
+                points,
+                blend=blend,
+                frame=frame,
+                speed=speed,
+                acceleration=acceleration,
+                turn_speed=turn_speed,
+                turn_acceleration=turn_acceleration,
+                accuracy=accuracy,
+                slow=slow,
+                wait=wait,
+            )
+        )
 
     @property
     def speed_scaling(self) -> float:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writes urdf/meshes: what a six-axis arm looks like, and convex solids around it.
+"""Writes urdf/meshes: what an arm looks like, and convex solids around it.
 
     python -m generate.meshes
 
@@ -21,10 +21,13 @@ from manifold3d import Manifold, Mesh, OpType
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
+from epson_driver.robots.model import SCARA, SIX_AXIS
 from epson_driver.share import share_folder
+from generate import scara_links
 from generate.dimensions import MM, Dimensions, dimensions
 from generate.hulls import few_faces
 from generate.links import LEFT, LINKS, RIGHT, Piece
+from generate.scara_links import ScaraDimensions, scara_dimensions
 from generate.shapes import mirrored
 
 FIRST = 'c3_a601s'
@@ -49,21 +52,23 @@ class Link:
     per_kg: Array = field(default_factory=lambda: np.zeros(6))
 
 
-def six_axis_models() -> list[RobotModel]:
-    """Return the models for which meshes are made, FIRST first."""
-    names = sorted(robot_models(), key=lambda name: (name != FIRST, name))
-    models = [load_robot_model(name) for name in names]
-    return [model for model in models if model.joint_types == ('revolute',) * 6]
+def described_models() -> list[RobotModel]:
+    """Return the models for which meshes are made, FIRST first, then by kind and name."""
+    models = [load_robot_model(name) for name in robot_models()]
+    return sorted(
+        (model for model in models if model.kind in (SIX_AXIS, SCARA)),
+        key=lambda model: (model.name != FIRST, model.kind != SIX_AXIS, model.name),
+    )
 
 
 def links(model: RobotModel) -> dict[str, Link]:
-    """Return all links of a six-axis model."""
-    return _links(dimensions(model))
+    """Return all links of a model. Raises ValueError for one that is built otherwise."""
+    return _links(scara_dimensions(model) if model.kind == SCARA else dimensions(model))
 
 
 @cache
-def _links(sizes: Dimensions) -> dict[str, Link]:
-    raw = {name: _link(list(pieces(sizes))) for name, pieces in LINKS.items()}
+def _links(sizes: Dimensions | ScaraDimensions) -> dict[str, Link]:
+    raw = {name: _link(pieces) for name, pieces in _pieces(sizes).items()}
     total = sum(link.volume for link in raw.values())
     return {
         name: Link(
@@ -75,6 +80,12 @@ def _links(sizes: Dimensions) -> dict[str, Link]:
         )
         for name, link in raw.items()
     }
+
+
+def _pieces(sizes: Dimensions | ScaraDimensions) -> dict[str, list[Piece]]:
+    if isinstance(sizes, ScaraDimensions):
+        return {name: list(pieces(sizes)) for name, pieces in scara_links.LINKS.items()}
+    return {name: list(pieces(sizes)) for name, pieces in LINKS.items()}
 
 
 @dataclass(frozen=True)
@@ -197,4 +208,4 @@ def write(folder: Path, models: list[RobotModel]) -> None:
 
 
 if __name__ == '__main__':
-    write(share_folder('urdf', 'meshes'), six_axis_models())
+    write(share_folder('urdf', 'meshes'), described_models())

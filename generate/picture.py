@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Renders the pictures of the robots in docs/images from the files in urdf/meshes.
 
-python -m generate.picture [robot] [robots] [meshes]
+python -m generate.picture [robot] [robots] [scaras] [meshes]
 """
 
 import sys
@@ -18,8 +18,9 @@ from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.robots.chain import rotation_about
 from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.model import SCARA, SIX_AXIS
 from epson_driver.share import share_folder
-from generate.meshes import six_axis_models
+from generate.meshes import described_models
 from generate.render import Body, Camera, project, render
 
 IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
@@ -29,21 +30,28 @@ LOOKS = {
     'dark': ((0.20, 0.215, 0.235), 0.35),
     'metal': ((0.55, 0.565, 0.58), 0.6),
 }
+HUNG_M = 0.62
+"""How high base_link of an arm is shown that hangs."""
+
 PALE = ((0.42, 0.62, 0.80), 0.1)
 
 
 def bodies(
     model: RobotModel,
-    degrees: Sequence[float],
+    shown: Sequence[float],
     place: tuple[float, float, float],
     collision: bool = False,
+    height: float = 0.0,
 ) -> Iterator[Body]:
-    """Yield the surfaces of a robot; place: x, y and the angle about z (degrees) of base_link."""
+    """Yield the surfaces of a robot at joint positions, degrees (mm).
+
+    place: x, y and the angle about z, degrees, of base_link; height: its z, m.
+    """
     links = yaml.safe_load((MESHES / model.name / 'links.yaml').read_text('utf-8'))
     stand = np.eye(4)
     stand[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(place[2]))
-    stand[:2, 3] = place[:2]
-    frames = [np.eye(4), *Kinematics(model).link_frames(np.radians(degrees))]
+    stand[:3, 3] = *place[:2], height
+    frames = [np.eye(4), *Kinematics(model).link_frames(np.array(shown) / model.shown_per_unit)]
     for frame, link in zip(frames, links.values(), strict=True):
         files = [(each['mesh'], LOOKS[each['colour']]) for each in link['visual']]
         if collision:
@@ -69,14 +77,30 @@ def robot() -> Array:
 
 def robots() -> Array:
     """Return all six-axis models side by side, from small to large, with their names."""
-    models = sorted(six_axis_models(), key=lambda model: (float(model.reach[0]), model.name))
-    widths = np.array([0.22 + 0.38 * float(model.reach[0]) for model in models])
+    camera = Camera(eye=(0.0, -7.0, 2.1), target=(0.02, 0.0, 0.47), height=1.86)
+    return _side_by_side(SIX_AXIS, [-10, 12, -16, 0, -62, 0], -35.0, 0.38, camera)
+
+
+def scaras() -> Array:
+    """Return all SCARAs side by side; those that hang, hang."""
+    camera = Camera(eye=(0.0, -6.0, 2.2), target=(0.02, 0.0, 0.2), height=1.5)
+    return _side_by_side(SCARA, [60, 60, -50, 0], -40.0, 0.75, camera)
+
+
+def _side_by_side(
+    kind: str, shown: Sequence[float], turn: float, room: float, camera: Camera
+) -> Array:
+    """Return all models of a kind at a pose, degrees (mm). room: how wide each is per reach."""
+    models = [model for model in described_models() if model.kind == kind]
+    models.sort(key=lambda model: (float(model.reach[0]), model.name))
+    widths = np.array([0.22 + room * float(model.reach[0]) for model in models])
     places = np.cumsum(widths) - widths / 2.0 - np.sum(widths) / 2.0
     scene: list[Body] = []
     for model, x in zip(models, places, strict=True):
-        scene += bodies(model, [-10, 12, -16, 0, -62, 0], (float(x) - 0.1, 0.0, -35.0))
+        hangs = model.chain.origins[1, 2] < 0.0
+        stand = (float(x) - 0.1, 0.0, turn)
+        scene += bodies(model, shown, stand, height=HUNG_M if hangs else 0.0)
     size = (1600, 500)
-    camera = Camera(eye=(0.0, -7.0, 2.1), target=(0.02, 0.0, 0.47), height=1.86)
     picture = Image.fromarray(render(scene, camera, size))
     draw = ImageDraw.Draw(picture)
     for model, x in zip(models, places, strict=True):
@@ -98,7 +122,7 @@ def meshes() -> Array:
     return render(scene, camera, (1200, 700))
 
 
-PICTURES = {'robot': robot, 'robots': robots, 'meshes': meshes}
+PICTURES = {'robot': robot, 'robots': robots, 'scaras': scaras, 'meshes': meshes}
 
 
 def main(names: list[str]) -> None:

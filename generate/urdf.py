@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writes urdf/NAME.urdf of every six-axis model, for users without xacro.
+"""Writes urdf/NAME.urdf of every model, for users without xacro.
 
 python -m generate.urdf
 """
@@ -11,7 +11,7 @@ import xacro
 
 from epson_driver.robots import RobotModel
 from epson_driver.share import share_folder
-from generate.meshes import six_axis_models
+from generate.meshes import described_models
 
 NOTE = (
     'Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0\n'
@@ -38,4 +38,4 @@ def write(folder: Path, models: list[RobotModel]) -> None:
 
 
 if __name__ == '__main__':
-    write(share_folder('urdf'), six_axis_models())
+    write(share_folder('urdf'), described_models())

@@ -18,6 +18,7 @@ class Motion:
 
     def __init__(self, queue: GoalQueue, goal: Goal) -> None:
         self._queue = queue
+        self._planned = goal.trajectory.duration
         self._handle = GoalHandle(goal, self._on_end, lambda _execution, _sample: None)
         self._outcome: Outcome | None = None
         self._ended = asyncio.Event()
@@ -39,6 +40,11 @@ class Motion:
     def text(self) -> str:
         """How it ended, in a sentence; '' before."""
         return '' if self._outcome is None else in_python(self._outcome.text)
+
+    @property
+    def duration(self) -> float:
+        """How long it is planned to take, s, at a speed scaling of 1."""
+        return self._planned
 
     @property
     def progress(self) -> float:

@@ -3,16 +3,19 @@
 """From what a user asks for to a checked trajectory. ValueErrors name field, value and limit."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
 import numpy.typing as npt
 
+from epson_driver.api.poses import Frames, Pose, Target, Waypoint
 from epson_driver.driver.goal.goal_checks import check_limits, untimed
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.inputs import number
 from epson_driver.motion import Array, JointLimits, Trajectory, go
+from epson_driver.motion.blended_path import BlendError, Run, runs
+from epson_driver.motion.cartesian import PosePath, arc, line
 from epson_driver.motion.point_to_point import check_fractions
 from epson_driver.robots.cartesian_motion import ToolLimits
 
@@ -81,7 +84,7 @@ def tool_limits(
     *,
     slow: bool,
 ) -> ToolLimits:
-    """Return how the flange may move. Raises ValueError that names the argument."""
+    """Return how the tool may move. Raises ValueError that names the argument."""
     given = {
         'speed': speed,
         'acceleration': acceleration,
@@ -104,34 +107,75 @@ _TOOL_RULES = {
 }
 
 
-def checked_point(field: str, values: npt.ArrayLike) -> Array:
-    """Return three finite numbers, shape (3,). Raises ValueError."""
-    return _finite(field, values, (3,))
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """A checked way point: where to go, through what on a circle, and the blend there, m."""
+
+    pose: Target
+    via: Target | None = None
+    blend: float = 0.0
+
+    def segment(self, before: Array, start: Array) -> PosePath:
+        """Return the way there from a pose; the tool began at `start`. Raises ValueError."""
+        end = self.pose.seen_from(start)
+        if self.via is None:
+            return line(before, end)
+        return arc(before, self.via.seen_from(start)[:3, 3], end)
+
+    def run(self, start: Array) -> list[Run]:
+        """Return the way there from `start`, a pose in base_link. Raises ValueError."""
+        return runs([self.segment(start, start)], [])
 
 
-def checked_pose(field: str, values: npt.ArrayLike) -> Array:
-    """Return a homogeneous matrix, shape (4, 4), whose place is in m. Raises ValueError."""
-    pose = _finite(field, values, (4, 4))
-    turn = pose[:3, :3]
-    if (
-        np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6
-        or np.linalg.det(turn) < 0.0
-        or np.abs(pose[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9
-    ):
-        raise ValueError(f'{field}: must be a rotation and a place, with 0 0 0 1 in its last row')
-    return pose
+def path_points(
+    points: Sequence[Waypoint | Pose], blend: float, frame: str | None, frames: Frames
+) -> list[PathPoint]:
+    """Return a user's way points; blend and frame: of those that have none. Raises ValueError."""
+    _BLEND.checked(blend, 'blend')
+    if isinstance(points, str) or not isinstance(points, Sequence | np.ndarray):
+        raise ValueError(f'points = {points!r}: must be a list of poses or way points')
+    if not len(points):
+        raise ValueError('points: must have at least one')
+    last = len(points) - 1
+    found = []
+    for index, each in enumerate(points):
+        name = f'points[{index}]'
+        point = each if isinstance(each, Waypoint) else Waypoint(each)
+        if point.blend is not None:
+            _BLEND.checked(point.blend, f'{name}.blend')
+            if index == last and point.blend > 0.0:
+                raise ValueError(f'{name}.blend = {point.blend:g} m: nothing follows the last one')
+        radius = blend if point.blend is None else point.blend
+        its_frame = frame if point.frame is None else point.frame
+        pose = frames.target(name, point.pose, its_frame)
+        via = None
+        if point.via is not None:
+            via = frames.point(f'{name}.via', point.via, its_frame, point.pose)
+        found.append(PathPoint(pose, via, 0.0 if index == last else float(radius)))
+    return found
 
 
-def _finite(field: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
+def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
+    """Return the way through points of a tool that is at `start`, a pose in base_link.
+
+    Raises ValueError that names the point: for a blend that does not fit, a circle that is none,
+    half a turn, or no way at all.
+    """
+    segments: list[PosePath] = []
+    before = start
+    for index, point in enumerate(points):
+        try:
+            segments.append(point.segment(before, start))
+        except ValueError as error:
+            raise ValueError(f'points[{index}]: {error}') from error
+        before = point.pose.seen_from(start)
     try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'{field}: must be numbers of shape {shape} ({error})') from error
-    if array.shape != shape:
-        raise ValueError(f'{field} has shape {array.shape}: must be {shape}')
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f'{field} = {array.tolist()}: must be finite numbers')
-    return array
+        return runs(segments, [point.blend for point in points[:-1]])
+    except BlendError as error:
+        raise ValueError(f'points[{error.index}]: {error}') from error
+
+
+_BLEND = number(0.0, 100.0, 'm')
 
 
 def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajectory:

@@ -7,13 +7,17 @@ from typing import Any
 from epson_driver.inputs import read_yaml
 from epson_driver.share import share_file
 
+JOINTS_OF_A_FREE_TOOL = 6
+"""With fewer the tool cannot have every orientation, and KDL solves for its place alone."""
+
 
 def move_group_parameters(model: str, prefix: str = '') -> dict[str, Any]:
     """Return the parameters of move_group, without the two descriptions of the robot."""
     controllers = _load('moveit_controllers.yaml')
     manager = controllers['moveit_simple_controller_manager']
+    joints = _load(model, 'joint_limits.yaml')['joint_limits']
     for name in manager['controller_names']:
-        manager[name]['joints'] = [prefix + joint for joint in manager[name]['joints']]
+        manager[name]['joints'] = [prefix + joint for joint in joints]
     return {
         **rviz_parameters(model, prefix),
         **controllers,
@@ -24,12 +28,15 @@ def move_group_parameters(model: str, prefix: str = '') -> dict[str, Any]:
 def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
     """Return the parameters of MoveIt's panel in RViz: kinematics, limits, and planners."""
     limits = _load(model, 'joint_limits.yaml')
+    free = len(limits['joint_limits']) >= JOINTS_OF_A_FREE_TOOL
     limits['joint_limits'] = {
         prefix + joint: values for joint, values in limits['joint_limits'].items()
     }
     pipelines = _load('planning_pipelines.yaml')
     return {
-        'robot_description_kinematics': _load('kinematics.yaml'),
+        'robot_description_kinematics': _load(
+            'kinematics.yaml' if free else 'kinematics_scara.yaml'
+        ),
         'robot_description_planning': {**limits, **_load('pilz_cartesian_limits.yaml')},
         **pipelines,
         **{name: _load(f'{name}_planning.yaml') for name in pipelines['planning_pipelines']},

@@ -17,7 +17,9 @@ from epson_driver.inputs import InputError
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.chain import SHOWN_UNITS
+from epson_driver.robots.model import SCARA
 from epson_driver.robots.opw import KinematicsError, opw_parameters
+from epson_driver.robots.scara import scara_parameters
 
 COLOURS = {'high': 'green', 'medium': 'yellow', 'low': 'red'}
 
@@ -126,7 +128,11 @@ def _shown(model: RobotModel) -> list[Sheet]:
             tuple((name, *_words(values)) for name, values in _quantities(model)),
         ),
         Sheet('Chain, in base_link, m', ('frame', 'origin', 'axis or rpy'), tuple(_frames(model))),
-        Sheet('OPW lengths, m', ('length', 'value'), tuple(_lengths(model))),
+        Sheet(
+            f'{SCARA if model.kind == SCARA else "OPW"} lengths, m',
+            ('length', 'value'),
+            tuple(_lengths(model)),
+        ),
         Sheet(
             'Sources',
             ('quantity', 'confidence', 'source'),
@@ -178,8 +184,9 @@ def _frames(model: RobotModel) -> Iterator[tuple[str, ...]]:
 
 
 def _lengths(model: RobotModel) -> Iterator[tuple[str, ...]]:
+    parameters = scara_parameters if model.kind == SCARA else opw_parameters
     try:
-        lengths = opw_parameters(model).lengths
+        lengths = parameters(model).lengths
     except KinematicsError as error:
         yield 'none', str(error)
         return

@@ -3,7 +3,8 @@
 """Straight lines and arcs of a frame, as poses over a path parameter from 0 to 1.
 
 The place runs evenly along the line or arc; the orientation turns evenly about one fixed axis, the
-shorter way (slerp). Poses are homogeneous matrices, shape (4, 4), m.
+shorter way (slerp). Poses are homogeneous matrices, shape (4, 4), m. blended_path.py makes paths
+of several of them.
 """
 
 from collections.abc import Callable
@@ -22,22 +23,32 @@ HALF_TURN_MARGIN_RAD = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
-    """Poses from `pose(0)` to `pose(1)`. length: m, of the way; angle: rad, of the turn."""
+    """Poses from `pose(0)` to `pose(1)`. length: m, of the way; angle: rad, of the turn.
+
+    derivatives: the first three by the share, shape (3, 6), at a share: of the place, m, and of
+    the turn about the axes of the frame itself, rad.
+    """
 
     length: float
     angle: float
     pose: Callable[[float], Array]
+    derivatives: Callable[[float], Array]
 
 
 def line(start: Array, end: Array) -> PosePath:
     """Return the straight way between two poses. Raises ValueError for a turn by π."""
-    angle, turned = _turn(start[:3, :3], end[:3, :3])
+    turn = _turn(start[:3, :3], end[:3, :3])
     way = end[:3, 3] - start[:3, 3]
+    derivatives = np.zeros((3, 6))
+    derivatives[0] = *way, *turn
 
     def pose(share: float) -> Array:
-        return _pose(turned(share), start[:3, 3] + share * way)
+        return homogeneous(start[:3, :3] @ rotation(share * turn), start[:3, 3] + share * way)
 
-    return PosePath(float(np.linalg.norm(way)), angle, pose)
+    def derivatives_at(_share: float) -> Array:
+        return derivatives
+
+    return PosePath(float(np.linalg.norm(way)), float(np.linalg.norm(turn)), pose, derivatives_at)
 
 
 def arc(start: Array, via: Array, end: Array) -> PosePath:
@@ -60,14 +71,22 @@ def arc(start: Array, via: Array, end: Array) -> PosePath:
     x = radius / np.linalg.norm(radius)
     y = np.cross(normal / np.sqrt(square), x)
     sweep = float(np.arctan2((c - center) @ y, (c - center) @ x)) % (2.0 * np.pi)
-    angle, turned = _turn(start[:3, :3], end[:3, :3])
+    turn = _turn(start[:3, :3], end[:3, :3])
     size = float(np.linalg.norm(radius))
 
     def pose(share: float) -> Array:
         at = center + size * (np.cos(share * sweep) * x + np.sin(share * sweep) * y)
-        return _pose(turned(share), at)
+        return homogeneous(start[:3, :3] @ rotation(share * turn), at)
 
-    return PosePath(size * sweep, angle, pose)
+    def derivatives(share: float) -> Array:
+        out = size * (np.cos(share * sweep) * x + np.sin(share * sweep) * y)
+        along = size * (np.cos(share * sweep) * y - np.sin(share * sweep) * x)
+        result = np.zeros((3, 6))
+        result[:, :3] = sweep * along, -(sweep**2) * out, -(sweep**3) * along
+        result[0, 3:] = turn
+        return result
+
+    return PosePath(size * sweep, float(np.linalg.norm(turn)), pose, derivatives)
 
 
 def distance_from(point: Array, places: Array) -> float:
@@ -79,31 +98,32 @@ def distance_from(point: Array, places: Array) -> float:
     return float(np.min(np.linalg.norm(point - nearest, axis=1)))
 
 
-def _turn(first: Array, last: Array) -> tuple[float, Callable[[float], Array]]:
-    """Return the angle of a turn, rad, and the rotation after a share of it."""
+def rotation(turn: Array) -> Array:
+    """Return the rotation by a rotation vector, rad, shape (3,): about it, by its length."""
+    angle = float(np.linalg.norm(turn))
+    x, y, z = turn / angle if angle > 0.0 else turn
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    versed = 2.0 * np.sin(angle / 2.0) ** 2
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + versed * cross @ cross)
+
+
+def homogeneous(turned: Array, place: Array) -> Array:
+    """Return the pose of a rotation matrix, shape (3, 3), and a place, shape (3,), m."""
+    pose = np.eye(4)
+    pose[:3, :3] = turned
+    pose[:3, 3] = place
+    return pose
+
+
+def _turn(first: Array, last: Array) -> Array:
+    """Return the turn from one rotation matrix to another, in the first, as a rotation vector."""
     turn = first.T @ last
     twist = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine = float(np.linalg.norm(twist)) / 2.0
     angle = float(np.arctan2(sine, (np.trace(turn) - 1.0) / 2.0))
     if angle > np.pi - HALF_TURN_MARGIN_RAD:
         raise ValueError('the orientation turns by half a turn, either way: go in two steps')
-    axis = twist / (2.0 * sine) if sine > 0.0 else np.zeros(3)
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-    def turned(share: float) -> Array:
-        part = share * angle
-        versed = 2.0 * np.sin(part / 2.0) ** 2
-        return np.asarray(first @ (np.eye(3) + np.sin(part) * cross + versed * cross @ cross))
-
-    return angle, turned
-
-
-def _pose(rotation: Array, place: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = place
-    return pose
+    return np.asarray(twist * (angle / (2.0 * sine))) if sine > 0.0 else np.zeros(3)
 
 
 def _text(point: Array) -> str:

@@ -3,12 +3,13 @@
 """The joints along a path of the tool, in one configuration, or where there are none."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.motion.cartesian import PosePath
+from epson_driver.motion.blended_path import Run
 from epson_driver.robots.kinematics import Kinematics
 
 STEP_M = 0.001
@@ -16,6 +17,8 @@ STEP_RAD = 0.01
 """How densely a path is looked at."""
 
 MIN_STEPS = 50
+"""For each line, arc and blend."""
+
 MAX_STEPS = 5000
 
 MAX_JOINT_STEP = 0.15
@@ -28,54 +31,65 @@ class PathError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """A path, and the joints at k shares of it.
+    """A run of a path, and the joints at k places of it.
 
-    shares: shape (k,), joints: (k, n), places: (k, 3), m.
+    ways: m (rad) from its begin, shape (k,), joints: (k, n), places: (k, 3), m. name: what to call
+    the run.
     """
 
-    path: PosePath
+    run: Run
+    name: str
     kinematics: Kinematics
-    shares: Array
+    ways: Array
     joints: Array
     places: Array
 
     def where(self, index: int) -> str:
-        """Return the place of a share as a clause."""
+        """Return a place as a clause."""
         at = ', '.join(f'{value * 1e3:.1f}' for value in self.places[index])
-        return f'{self.shares[index] * 100.0:.0f} % of the way, at ({at}) mm'
+        return f'{self.ways[index] / self.ways[-1] * 100.0:.0f} % of {self.name}, at ({at}) mm'
 
-    def at(self, shares: Array) -> Array:
-        """Return the joints at other shares, shape (m,), to all digits: shape (m, n)."""
-        near = np.array([np.interp(shares, self.shares, column) for column in self.joints.T]).T
+    def at(self, ways: Array) -> Array:
+        """Return the joints after other ways, shape (m,), to all digits: shape (m, n)."""
+        near = np.array([np.interp(ways, self.ways, column) for column in self.joints.T]).T
         found = [
-            self.kinematics.inverse(self.path.pose(share), guess)
-            for share, guess in zip(shares.tolist(), near, strict=True)
+            self.kinematics.inverse(self.run.pose(way), guess)
+            for way, guess in zip(ways.tolist(), near, strict=True)
         ]
         for index, solutions in enumerate(found):
             if not len(solutions) or np.max(np.abs(solutions[0] - near[index])) > MAX_JOINT_STEP:
-                raise PathError(f'no solution at {shares[index] * 100.0:.3g} % of the way')
+                share = ways[index] / self.ways[-1]
+                raise PathError(f'no solution at {share * 100.0:.3g} % of {self.name}')
         return np.array([solutions[0] for solutions in found])
 
 
-def joint_path(kinematics: Kinematics, start: Array, path: PosePath) -> JointPath:
-    """Return the joints along a path that begins where the joints `start`, shape (n,), are.
+def joint_path(kinematics: Kinematics, start: Array, run: Run, name: str = 'the way') -> JointPath:
+    """Return the joints along a run that begins where the joints `start`, shape (n,), are.
 
     Raises PathError for a pose without a solution within the joint limits near the one before:
     out of reach, beyond a joint's limit, or past a singularity. KinematicsError for a chain
     without a closed form, ModuleNotFoundError that says what to install.
     """
-    steps = max(ceil(path.length / STEP_M), ceil(path.angle / STEP_RAD), MIN_STEPS)
-    if steps > MAX_STEPS:
+    counts = [
+        max(ceil(part.length / STEP_M), ceil(part.angle / STEP_RAD), MIN_STEPS)
+        for part in run.parts
+    ]
+    if sum(counts) > MAX_STEPS:
         raise PathError(f'the path is longer than {MAX_STEPS} looks of {STEP_M * 1e3:g} mm')
-    shares = np.linspace(0.0, 1.0, steps + 1)
-    poses = [path.pose(share) for share in shares.tolist()]
-    found = JointPath(
-        path, kinematics, shares, np.empty((steps + 1, len(start))), np.array(poses)[:, :3, 3]
-    )
+    looks = [
+        np.linspace(*seams, count, endpoint=False)
+        for seams, count in zip(pairwise(run.seams), counts, strict=True)
+    ]
+    ways = np.concatenate([*looks, run.seams[-1:]])
+    poses = [run.pose(way) for way in ways.tolist()]
+    joints = np.empty((len(ways), len(start)))
+    found = JointPath(run, name, kinematics, ways, joints, np.array(poses)[:, :3, 3])
     before = start
     for index, pose in enumerate(poses):
         solutions = kinematics.inverse(pose, before)
         if not len(solutions):
+            if why := kinematics.hindrance(pose):
+                raise PathError(f'no joints give the pose {found.where(index)}: {why}')
             raise PathError(_why_none(kinematics, before, found.where(index)))
         step = np.abs(solutions[0] - before)
         joint = int(np.argmax(step))

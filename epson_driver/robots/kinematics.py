@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Forward and inverse kinematics of Tool 0.
+"""Forward and inverse kinematics of Tool 0, or of a tool on it.
 
 Poses are homogeneous matrices, shape (4, 4), m. Forward kinematics follow the chain and hold for
-every model. Inverse kinematics are closed-form (py-opw-kinematics, `[planning]` extra) and hold
-for six-axis arms with a spherical wrist.
+every model. Inverse kinematics are closed-form and hold for SCARAs and for six-axis arms with a
+spherical wrist (these by py-opw-kinematics, `[planning]` extra).
 """
 
 from collections.abc import Callable
@@ -15,14 +15,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.robots.chain import PRISMATIC, Frame, rotation_about
-from epson_driver.robots.model import RobotModel
+from epson_driver.robots.chain import PRISMATIC, REVOLUTE, Frame, rotation_about
+from epson_driver.robots.model import SCARA, RobotModel
 from epson_driver.robots.opw import OpwParameters, opw_parameters
+from epson_driver.robots.scara import ScaraSolver
 
 FULL_TURN = 2.0 * np.pi
 
 LIMIT_TOLERANCE_RAD = 1e-9
-"""A joint up to this far outside its range counts as at the limit, because of rounding."""
+"""A joint up to this far (rad, m) outside its range counts as at the limit, due to rounding."""
 
 SAME_SOLUTION_RAD = 1e-5
 """Solutions closer than this in all joints count as one; a stretched arm has such pairs."""
@@ -43,24 +44,32 @@ GIMBAL_LOCK_RAD = 1e-9
 INSTALL = "pip install 'epson_driver[planning]'"
 
 
-class Branches(Protocol):
-    """The closed form of one kind of arm."""
+class Solver(Protocol):
+    """A closed form for one kind of chain. Poses are those of tool0 in base_link."""
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return those solutions that exist, regardless of the joint limits and of full turns."""
+        """Return all solutions, regardless of the joint limits; free joints are as in `near`."""
+
+    def hindrance(self, pose: Array, /) -> str:
+        """Return why no place of the arm could have the orientation of a pose, or ''."""
 
 
 class Kinematics:
     """Forward and inverse kinematics of one model, from its data. Joints have shape (n,), rad, m.
+
+    tool: the pose in tool0 of what forward and inverse kinematics are about, shape (4, 4), m;
+    tool0 itself if it is None.
 
     >>> arm = Kinematics(load_robot_model('c3_a601s'))
     >>> pose = arm.forward(np.radians([0, 0, 0, 0, -90, 0]))
     >>> arm.inverse(pose)[0]
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, tool: Array | None = None) -> None:
         self.model = model
         self._tool0 = model.tool0.matrix
+        self._tool = np.eye(4) if tool is None else _checked_pose(tool)
+        self._from_tool = np.linalg.inv(self._tool)
         self._world = model.base.matrix
 
     def link_frames(self, joints: Array) -> Array:
@@ -79,20 +88,21 @@ class Kinematics:
         return frames
 
     def forward(self, joints: Array) -> Array:
-        """Return the pose of tool0 in base_link; the joints may be outside the limits."""
-        return np.asarray(self.link_frames(joints)[-1] @ self._tool0)
+        """Return the pose of the tool in base_link; the joints may be outside the limits."""
+        return np.asarray(self.link_frames(joints)[-1] @ self._tool0 @ self._tool)
 
     def inverse(self, pose: Array, near: Array | None = None) -> Array:
-        """Return all joint positions within the limits that bring tool0 to a pose in base_link.
+        """Return all joint positions within the limits that bring the tool to a pose in base_link.
 
         Shape (k, n), the nearest to `near` (default: all joints 0) first; k is 0 if the pose is
-        out of reach. A joint that can turn more than once is returned with every turn. Where joint
-        5 is straight, joint 4 is as in `near`, one solution of infinitely many.
+        out of reach. A joint that can turn more than once is returned with every turn. Where a
+        six-axis arm's joint 5 is straight, joint 4 is as in `near`, one solution of infinitely
+        many; where a SCARA's arms are folded onto joint 1's axis, joint 1 is.
 
         Raises KinematicsError for a chain without a closed form, ModuleNotFoundError that says
         what to install, ValueError for a matrix that is no pose.
         """
-        pose = _checked_pose(pose)
+        pose = self._of_tool0(_checked_pose(pose))
         near = np.zeros(len(self.model.joint_names)) if near is None else self._checked(near)
         found: list[Array] = []
         for branch in self._solver.branches(pose, near):
@@ -101,6 +111,10 @@ class Kinematics:
                     found.append(joints)
         found.sort(key=lambda joints: float(np.linalg.norm(joints - near)))
         return np.array(found).reshape(-1, len(near))
+
+    def hindrance(self, pose: Array) -> str:
+        """Return why the tool can have the orientation of a pose nowhere, or ''. As `inverse`."""
+        return self._solver.hindrance(self._of_tool0(_checked_pose(pose)))
 
     def in_base(self, pose: Array) -> Array:
         """Return a pose in base_link as one in `base`, EPSON's world."""
@@ -111,19 +125,32 @@ class Kinematics:
         return np.asarray(self._world @ pose)
 
     def epson_point(self, joints: Array) -> tuple[Array, Array]:
-        """Return Tool 0 as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad."""
+        """Return the tool as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad."""
         pose = self.in_base(self.forward(joints))
         return pose[:3, 3], uvw(pose[:3, :3])
 
     @cached_property
-    def _solver(self) -> 'Branches':
-        return _Solver(self.model, self.forward)
+    def _solver(self) -> Solver:
+        if self.model.kind == SCARA:
+            return ScaraSolver(self.model)
+        return _OpwSolver(self.model, Kinematics(self.model).forward)
+
+    def _of_tool0(self, pose: Array) -> Array:
+        """Return the pose of tool0 when the tool has this one."""
+        return np.asarray(pose @ self._from_tool)
 
     def _turns(self, branch: Array) -> list[Array]:
         """Return a solution with every full turn of each joint that fits into its range."""
         limits = self.model.limits
         choices = []
-        for value, low, high in zip(branch, limits.position_min, limits.position_max, strict=True):
+        kinds = self.model.joint_types
+        for value, low, high, kind in zip(
+            branch, limits.position_min, limits.position_max, kinds, strict=True
+        ):
+            if kind != REVOLUTE:
+                inside = low - LIMIT_TOLERANCE_RAD <= value <= high + LIMIT_TOLERANCE_RAD
+                choices.append(np.clip([value][: int(inside)], low, high))
+                continue
             first = np.ceil((low - LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
             last = np.floor((high + LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
             values = value + FULL_TURN * np.arange(first, last + 1.0)
@@ -158,7 +185,7 @@ def opw_robot(parameters: OpwParameters) -> Any:
     return opw.Robot(arm, degrees=False)
 
 
-class _Solver:
+class _OpwSolver:
     """py-opw-kinematics with the parameters of one model."""
 
     def __init__(self, model: RobotModel, forward: Callable[[Array], Array]) -> None:
@@ -171,6 +198,10 @@ class _Solver:
         lengths = parameters.lengths
         self._hand, self._shoulder = lengths['c4'], (lengths['a1'], lengths['c1'])
         self._forward = forward
+
+    def hindrance(self, _pose: Array) -> str:
+        """Return '': a spherical wrist can point anywhere."""
+        return ''
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return those of the eight solutions that exist, regardless of the joint limits.

@@ -38,9 +38,11 @@ UNIT_TOLERANCE = 1e-9
 MIN_JOINT_RANGE = 1e-6
 """The smallest difference between the position limits of a joint, rad or m."""
 
+SIX_AXIS, SCARA = 'six-axis', 'SCARA'
+
 _KINDS = {
-    ('revolute',) * 6: 'six-axis',
-    ('revolute', 'revolute', 'prismatic', 'revolute'): 'SCARA',
+    ('revolute',) * 6: SIX_AXIS,
+    ('revolute', 'revolute', 'prismatic', 'revolute'): SCARA,
 }
 
 

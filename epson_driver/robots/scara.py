@@ -1,87 +1,119 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Inverse kinematics of a SCARA: two links that turn in a plane, a vertical joint, a turning one.
+"""The closed-form inverse kinematics of a SCARA: two arms, a vertical axis, and the tool's turn.
 
-Only the simulated controller uses it, for programs in SPEL+ that name places in space.
+All four axes are vertical, so the tool stays upright. Seen from above the arms are a triangle: a
+place within reach has two solutions, with the elbow on one side or the other.
 """
 
-from collections.abc import Callable
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.robots.kinematics import Branches, Kinematics
 from epson_driver.robots.model import RobotModel
-from epson_driver.robots.opw import KinematicsError
+from epson_driver.robots.opw import TOLERANCE, KinematicsError
 
-SCARA = 'SCARA'
+EDGE_M = 1e-9
+"""A place up to this far beyond the stretched or folded arms counts as at the edge."""
 
-PLACE_TOLERANCE = 1e-9
-"""How far Tool 0 may be from the axis of joint 4, m, and an axis from upright (1 - cosine)."""
-
-POSE_TOLERANCE = 1e-6
-"""How far a solution may be from the pose, m and rad: a pose that is tilted has none."""
+UPRIGHT_RAD = 1e-6
+"""A pose that leans by less counts as upright. The error of the solution is no larger."""
 
 
-def kinematics_of(model: RobotModel) -> Kinematics:
-    """Return the kinematics of a model, which of a SCARA have an inverse too."""
-    return ScaraKinematics(model) if model.kind == SCARA else Kinematics(model)
+@dataclass(frozen=True)
+class ScaraParameters:
+    """The closed form's parameters.
+
+    lengths, m: arm_1 and arm_2, seen from above; height of link_4 at the zero pose. base: of joint
+    1's axis, and arms: of both arms at the zero pose, as complex numbers x + iy, m. signs: 1 where
+    a joint's axis points up, or -1, one per joint.
+    """
+
+    lengths: dict[str, float]
+    base: complex
+    arms: tuple[complex, complex]
+    signs: tuple[int, ...]
 
 
-class ScaraKinematics(Kinematics):
-    """Forward and inverse kinematics of a SCARA. Raises KinematicsError, as `inverse` does."""
+def scara_parameters(model: RobotModel) -> ScaraParameters:
+    """Return the parameters of a model of four joints. Raises KinematicsError that says why not.
 
-    @cached_property
-    def _solver(self) -> Branches:
-        return _Solver(self.model, self.forward)
+    Its joints turn, turn, move and turn.
+    """
+    up = model.chain.axes[:, 2]
+    for name, share in zip(model.joint_names, np.abs(up), strict=True):
+        if abs(share - 1.0) > TOLERANCE:
+            raise _no_scara(model, f'the axis of {name} is not vertical')
+    origins = model.chain.origins
+    places = (origins[0], origins[1], origins[2:].sum(axis=0))
+    base, first, second = (complex(x, y) for x, y, _ in places)
+    if min(abs(first), abs(second)) < TOLERANCE:
+        raise _no_scara(model, 'one of its arms has no length')
+    return ScaraParameters(
+        lengths={
+            'arm_1': abs(first),
+            'arm_2': abs(second),
+            'height': float(origins[:, 2].sum()),
+        },
+        base=base,
+        arms=(first, second),
+        signs=tuple(round(share) for share in up),
+    )
 
 
-class _Solver:
-    def __init__(self, model: RobotModel, forward: Callable[[Array], Array]) -> None:
-        chain = model.chain
-        if model.kind != SCARA or np.any(np.abs(chain.axes[:, 2]) < 1.0 - PLACE_TOLERANCE):
-            raise KinematicsError(f'{model.name}: it is no SCARA with upright axes')
-        if np.any(np.abs(model.tool0.xyz[:2]) > PLACE_TOLERANCE):
-            raise KinematicsError(f'{model.name}: Tool 0 is not on the axis of joint 4')
-        self._forward = forward
-        self._signs = np.sign(chain.axes[:, 2])
-        self._shoulder = chain.origins[0][:2]
-        inner, outer = chain.origins[1][:2], (chain.origins[2] + chain.origins[3])[:2]
-        self._lengths = float(np.linalg.norm(inner)), float(np.linalg.norm(outer))
-        self._angles = _direction(inner), _direction(outer)
-        zero = forward(np.zeros(4))
-        self._height, self._turn = float(zero[2, 3]), _yaw(zero)
+class ScaraSolver:
+    """Solves for the joints of one SCARA model."""
 
-    def branches(self, pose: Array, _near: Array) -> list[Array]:
-        """Return the solutions with the elbow to either side, regardless of the joint limits."""
-        way = pose[:2, 3] - self._shoulder
-        inner, outer = self._lengths
-        cosine = (float(way @ way) - inner**2 - outer**2) / (2.0 * inner * outer)
-        if abs(cosine) > 1.0 + PLACE_TOLERANCE:
+    def __init__(self, model: RobotModel) -> None:
+        self._parameters = scara_parameters(model)
+        self._from_tool0 = np.linalg.inv(model.tool0.matrix)
+
+    def hindrance(self, pose: Array) -> str:
+        """Return why no place of the arm could have the orientation of a pose, or ''."""
+        lean = _lean(pose @ self._from_tool0)
+        if lean < UPRIGHT_RAD:
+            return ''
+        return f'it leans by {np.degrees(lean):.3g} degrees, and the tool of a SCARA stays upright'
+
+    def branches(self, pose: Array, near: Array) -> list[Array]:
+        """Return the solutions with the elbow on each side, regardless of the joint limits.
+
+        Where the arms are folded back onto joint 1's axis, joint 1 is as in `near`.
+        """
+        last = pose @ self._from_tool0
+        if _lean(last) >= UPRIGHT_RAD:
             return []
-        bend = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        found = (self._joints(pose, way, elbow) for elbow in (bend, -bend))
-        return [
-            joints
-            for joints in found
-            if np.max(np.abs(self._forward(joints) - pose)) < POSE_TOLERANCE
-        ]
+        known = self._parameters
+        first, second = known.arms
+        place = complex(last[0, 3], last[1, 3]) - known.base
+        away, longest, shortest = abs(place), abs(first) + abs(second), abs(first) - abs(second)
+        if not abs(shortest) - EDGE_M <= away <= longest + EDGE_M:
+            return []
+        # by half the angle, which keeps all digits where the arms are stretched or folded
+        bend = 2.0 * np.arctan2(
+            np.sqrt(max((longest - away) * (longest + away), 0.0)),
+            np.sqrt(max((away - shortest) * (away + shortest), 0.0)),
+        )
+        facing = np.arctan2(last[1, 0], last[0, 0])
+        straight = np.angle(first / second)  # joint 2's turn that makes one line of both arms
+        solutions = []
+        for side in (1.0, -1.0):
+            elbow = straight + side * bend
+            if away < EDGE_M:
+                shoulder = known.signs[0] * near[0]
+            else:
+                shoulder = np.angle(place / (first + second * np.exp(1j * elbow)))
+            turns = (shoulder, elbow, last[2, 3] - known.lengths['height'])
+            joints = np.array([*turns, facing - shoulder - elbow]) * known.signs
+            solutions.append(joints)
+        return solutions
 
-    def _joints(self, pose: Array, way: Array, elbow: float) -> Array:
-        """Return the joints where the outer link turns by `elbow`, rad, from the inner one."""
-        inner, outer = self._lengths
-        reached = np.arctan2(outer * np.sin(elbow), inner + outer * np.cos(elbow))
-        first = _direction(way) - reached - self._angles[0]
-        second = elbow + self._angles[0] - self._angles[1]
-        last = _yaw(pose) - self._turn - first - second
-        turns = np.array([first, second, pose[2, 3] - self._height, last])
-        return np.asarray(turns * self._signs)
+
+def _lean(frame: Array) -> float:
+    """Return the angle between a frame's z axis and the vertical, rad."""
+    return float(np.arctan2(np.hypot(frame[0, 2], frame[1, 2]), frame[2, 2]))
 
 
-def _direction(vector: Array) -> float:
-    return float(np.arctan2(vector[1], vector[0]))
-
-
-def _yaw(pose: Array) -> float:
-    return float(np.arctan2(pose[1, 0], pose[0, 0]))
+def _no_scara(model: RobotModel, reason: str) -> KinematicsError:
+    return KinematicsError(f'{model.name}: no inverse kinematics, as it is no SCARA: {reason}')

@@ -93,7 +93,8 @@ def test_the_pose_is_that_of_the_measured_joints():
         async with robot_cell(enabled=False) as (robot, _):
             assert np.allclose(robot.pose @ np.linalg.inv(robot.pose), np.eye(4))
             assert robot.pose.shape == (4, 4)
-            assert robot.epson_point[0].shape == (3,)
+            assert np.allclose(robot.frames['base'] @ robot.epson_point.pose, robot.pose)
+            assert np.allclose(robot.ros_pose[:3], robot.pose[:3, 3])
 
     run(scenario())
 

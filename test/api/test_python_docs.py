@@ -16,6 +16,7 @@ SAID = (
     'the arm is not enabled (not enabled since the driver started): call enable()',
     'canceled; the arm stands',
     'out of reach',
+    '[0. 0. 0.]',
     'link disconnected',
     '0.4',
 )

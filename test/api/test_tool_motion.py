@@ -3,7 +3,10 @@
 """Lines and arcs through the API: how far the tool is from the path, by its joint states."""
 
 import asyncio
+import gc
+import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +14,13 @@ from support.api_harness import robot_cell
 from support.api_patience import be_patient
 from support.event_loop import run
 
-from epson_driver import Robot
-from epson_driver.motion.cartesian import arc, distance_from, line
+from epson_driver import EpsonPoint, Robot
+from epson_driver.api.moves import PathPoint, path_runs
+from epson_driver.api.poses import Target
+from epson_driver.motion import JointLimits, go
+from epson_driver.motion.cartesian import arc, distance_from, homogeneous, line
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
-from epson_driver.robots.opw import KinematicsError
 
 pytest.importorskip('py_opw_kinematics')
 
@@ -24,14 +29,36 @@ ACCURACY = 1e-4
 LAG_S = load_controller_profile('rc620').servo.lag
 
 
-@pytest.fixture(scope='module')
-def robot():
+SCARA_READY = [0.3, 1.2, -0.05, 0.0]
+
+
+def simulated(**given):
     """Yield an enabled robot with a simulated controller, which moves smoothly, as a process."""
     with pytest.MonkeyPatch.context() as patch:
         be_patient(patch.setattr)
-        with Robot.simulated(start=READY) as robot:
+        with Robot.simulated(**given) as robot:
             robot.enable()
             yield robot
+
+
+@pytest.fixture(scope='module')
+def robot():
+    yield from simulated(start=READY)
+
+
+@pytest.fixture(scope='module')
+def scara():
+    yield from simulated(model='gx4_c251s', start=SCARA_READY)
+
+
+@pytest.fixture
+def arm(request):
+    """Return a robot by the name of its fixture, and joints from which it can go anywhere."""
+    ready = READY if request.param == 'robot' else SCARA_READY
+    return request.getfixturevalue(request.param), ready
+
+
+BOTH = pytest.mark.parametrize('arm', ['robot', 'scara'], indirect=True)
 
 
 def driven(robot, motion):
@@ -55,17 +82,35 @@ def cut_by_the_servos(start, via, end, speed):
     return (speed * LAG_S) ** 2 / (2.0 * radius)
 
 
+def bound(robot, ends, path, speed):
+    """Return the shortest time, s, from rest to rest that tool and joint limits allow.
+
+    The tool's place and its turn run evenly along the path, so that its share has both limits.
+    """
+    by_joints = go(robot.model.limits, *ends).duration
+    ways = np.array([[path.length], [path.angle]])
+    with np.errstate(divide='ignore'):
+        most = np.min([[speed, 1.0, 10.0], [1.0, 10.0, 100.0]] / ways, axis=0)
+    one = np.ones(1)
+    share = JointLimits(('share',), -one, 2.0 * one, *(each * one for each in most))
+    return max(by_joints, go(share, 0.0 * one, one).duration)
+
+
+@BOTH
 @pytest.mark.parametrize('count', [4, pytest.param(100, marks=pytest.mark.slow)])
-def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos_lag(robot, count):
+def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos_lag(arm, count):
+    robot, ready = arm
     random = np.random.default_rng(count)
+    turning = np.array([0.3, 0.3, 0.3] if len(ready) == 6 else [0.3, 0.0, 0.0])
     worst: dict[str, float] = {'line': 0.0, 'arc': 0.0}
+    longer = []
     number = 0
     while number < count:
-        robot.move_joints(READY)
-        start = robot.pose
+        robot.move_joints(ready)
+        start, first = robot.pose, robot.joints
         end = start.copy()
-        end[:3, 3] += random.uniform(-0.08, 0.08, 3)
-        end[:3, :3] = start[:3, :3] @ rotation_of_uvw(random.uniform(-0.3, 0.3, 3))
+        end[:3, 3] += random.uniform(-0.08, 0.08, 3) * (1.0 if len(ready) == 6 else 0.5)
+        end[:3, :3] = start[:3, :3] @ rotation_of_uvw(random.uniform(-1.0, 1.0, 3) * turning)
         via = (start[:3, 3] + end[:3, 3]) / 2 + random.uniform(-0.03, 0.03, 3)
         speed = random.uniform(0.1, 0.4)
         try:
@@ -79,6 +124,7 @@ def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos
         except ValueError:
             continue
         number += 1
+        planned = motion.duration
         seen = driven(robot, motion)
         places = np.array([path.pose(share)[:3, 3] for share in np.linspace(0.0, 1.0, 2001)])
         away = max(distance_from(place, places) for place in seen)
@@ -86,7 +132,60 @@ def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos
         assert away < ACCURACY + cut
         worst[kind] = max(worst[kind], away)
         assert np.abs(robot.pose - end).max() < 1e-5
+        least = bound(robot, (first, robot.joints), path, speed)
+        assert planned > least * 0.999
+        if kind == 'line':
+            assert planned < least * 1.01
+        longer.append(planned / least)
     print(*(f'{kind}: at most {away * 1e3:.3f} mm away' for kind, away in worst.items()))
+    print(f'duration: {min(longer):.4f} to {max(longer):.4f} of what the limits allow')
+
+
+@BOTH
+@pytest.mark.parametrize('blend', [0.01, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_a_path_is_driven_on_its_lines_and_cuts_its_corners_only_where_blended(arm, blend):
+    robot, ready = arm
+    robot.move_joints(ready)
+    start = robot.pose
+    steps = [[0.0, 0.04, 0.0], [-0.04, 0.04, 0.01], [-0.04, 0.0, 0.01]]
+    poses = [homogeneous(start[:3, :3], start[:3, 3] + step) for step in steps]
+    motion = robot.move_path(poses, blend=blend, speed=0.2, wait=False)
+    planned = motion.duration
+    seen = driven(robot, motion)
+    places = np.array(
+        [
+            run.pose(way)[:3, 3]
+            for run in path_runs([PathPoint(Target(pose), None, blend) for pose in poses], start)
+            for way in np.linspace(0.0, run.seams[-1], 2001).tolist()
+        ]
+    )
+    away = max(distance_from(place, places) for place in seen)
+    # in a blend the radius of its bend is about its own
+    assert away < ACCURACY + (0.1 * LAG_S) ** 2 / (2.0 * 0.005)
+    assert np.abs(robot.pose - poses[-1]).max() < 1e-5
+    print(f'blend {blend}: at most {away * 1e3:.3f} mm away, {planned:.2f} s')
+
+
+def test_a_tool_and_frames_in_which_it_moves(robot):
+    robot.move_joints(READY)
+    tool = [0.0, 0.03, 0.12, 0.0, 0.0, 0.0, 1.0]
+    robot.set_tool(tool, max_speed=0.25)
+    try:
+        begin = robot.tool_pose
+        assert np.allclose(robot.pose @ robot.tool, begin)
+        robot.set_frame('here', begin)
+        robot.move_line([0.0, 0.0, -0.02, 0, 0, 0, 1], frame='here')
+        assert np.allclose(robot.pose_in('here')[:3, 3], [0.0, 0.0, -0.02], atol=1e-5)
+        robot.move_line([0.0, 0.0, 0.02, 0, 0, 0, 1], frame='tool')
+        assert np.allclose(robot.tool_pose, begin, atol=1e-5)
+        # the tool turns about its own tip, which stays where it is
+        robot.move_line([0.0, 0.0, 0.0, *np.sin([0, 0.1, 0]), np.cos(0.1)], frame='tool')
+        assert np.allclose(robot.tool_pose[:3, 3], begin[:3, 3], atol=1e-5)
+        assert np.abs(robot.pose[:3, 3] - (begin @ np.linalg.inv(robot.tool))[:3, 3]).max() > 0.01
+        with pytest.raises(ValueError, match=r'speed = 0\.3 m/s: the tool allows 0\.25 m/s'):
+            robot.move_line(begin, speed=0.3)
+    finally:
+        robot.set_tool(np.eye(4))
 
 
 @pytest.mark.invariant(1, 2)
@@ -104,6 +203,10 @@ def test_what_cannot_be_driven_is_refused_before_anything_moves(robot):
         (lambda: robot.move_line('here'), 'pose: must be numbers'),
         (lambda: robot.move_line(far, speed=0.0), 'speed = 0.0: must be a number from'),
         (lambda: robot.move_line(far, accuracy=0.0), 'accuracy = 0.0'),
+        (lambda: robot.move_line(pose, frame='tabel'), "frame = 'tabel': must be base_link"),
+        (lambda: robot.move_line([400, 0, 500, 0, 0, 0, 1]), 'places are in m'),
+        (lambda: robot.move_path([far, pose], blend=2.0), r'points\[0\]: the way there is 1 m'),
+        (lambda: robot.move_path([pose, far]), r'points\[0\]: the tool is there already'),
         (lambda: robot.move_arc([0.0, 0.0], far), r'via has shape \(2,\): must be \(3,\)'),
         (lambda: robot.move_arc(pose[:3, 3], far), 'no arc leads from'),
     ):
@@ -115,7 +218,7 @@ def test_what_cannot_be_driven_is_refused_before_anything_moves(robot):
 
 def test_a_point_of_the_pendant_is_the_pose_it_shows(robot):
     robot.move_joints(READY)
-    assert np.allclose(robot.pose_of_epson_point(*robot.epson_point), robot.pose)
+    assert np.allclose(robot.frames['base'] @ robot.epson_point.pose, robot.pose)
 
 
 @pytest.mark.invariant(3)
@@ -136,12 +239,78 @@ def test_a_line_that_is_cancelled_stops_on_the_line():
     run(scenario())
 
 
-def test_a_scara_has_no_lines_yet_and_says_so():
-    async def scenario():
-        async with robot_cell(model='gx4_c251s') as (robot, _):
-            end = robot.pose
-            end[2, 3] += 0.01
-            with pytest.raises(KinematicsError):
-                await robot.move_line(end)
+@pytest.mark.invariant(2)
+@pytest.mark.slow
+@BOTH
+def test_two_hundred_near_singular_requests_are_refused_or_driven_inside_all_limits(arm):
+    robot, ready = arm
+    limits = robot.model.limits
+    random = np.random.default_rng(18)
+    reasons = []
+    for number in range(100):
+        joints = np.array(ready)
+        if len(ready) == 6:
+            joint, value = ((4, -0.05), (2, 1.5), (1, 1.1))[number % 3]
+            turn = random.uniform(-0.4, 0.4, 3)
+        else:
+            joint, value = (1, (0.05, 2.4)[number % 2])
+            turn = np.array([random.uniform(-0.4, 0.4), 0.0, 0.0])
+        joints[joint] = value
+        robot.move_joints(joints)
+        pose = robot.pose
+        end = pose.copy()
+        end[:3, 3] += random.uniform(-0.08, 0.08, 3)
+        end[:3, :3] = pose[:3, :3] @ rotation_of_uvw(turn)
+        before = robot.joints
+        try:
+            motion = robot.move_line(end, slow=bool(number % 4 < 2), wait=False)
+        except ValueError as error:
+            reasons.append(str(error))
+            assert np.array_equal(before, robot.joints)
+            continue
+        while not motion.done:
+            speeds = robot.joint_velocities
+            assert np.all(np.abs(speeds) <= limits.velocity * 1.02)
+            now = robot.joints
+            assert np.all(now >= limits.position_min - 1e-6)
+            assert np.all(now <= limits.position_max + 1e-6)
+            time.sleep(0.005)
+        motion.wait()
+    assert 0 < len(reasons) < 100
+    assert all('% of the way' in reason for reason in reasons)
+    print(f'{len(reasons)} of 100 refused, {100 - len(reasons)} driven')
 
-    run(scenario())
+
+@pytest.mark.slow
+def test_a_thousand_short_moves_leave_memory_tasks_and_threads_flat(scara):
+    scara.move_joints(SCARA_READY)
+    home = scara.pose
+    there = home.copy()
+    there[2, 3] += 0.001
+    sizes, tasks, threads = [], [], []
+    for number in range(1000):
+        scara.move_line(home if number % 2 else there, speed=1.0, acceleration=10.0)
+        if number % 100 == 99:
+            gc.collect()
+            sizes.append(int(Path('/proc/self/statm').read_text().split()[1]) * 4)
+            threads.append(threading.active_count())
+            tasks.append(scara._call(lambda: len(asyncio.all_tasks())))
+    print(f'kB: {sizes}, tasks: {tasks}, threads: {threads}')
+    assert max(sizes[3:]) - sizes[2] < 2048
+    assert max(tasks) <= tasks[0]
+    assert max(threads[1:]) <= max(threads[:2])
+
+
+@pytest.mark.invariant(1, 2)
+def test_a_scara_refuses_what_leans_and_goes_where_it_is_upright(scara):
+    scara.move_joints(SCARA_READY)
+    before, pose = scara.joints, scara.pose
+    leaning = pose.copy()
+    leaning[:3, :3] = pose[:3, :3] @ rotation_of_uvw(np.array([0.0, 0.1, 0.0]))
+    with pytest.raises(ValueError, match='the tool of a SCARA stays upright'):
+        scara.move_line(leaning)
+    assert np.array_equal(before, scara.joints)
+    point = scara.epson_point
+    scara.move_line(EpsonPoint(point.x, point.y, point.z + 20.0, point.u + 30.0))
+    assert scara.pose[2, 3] == pytest.approx(pose[2, 3] + 0.02, abs=1e-5)
+    assert scara.epson_point.u == pytest.approx(point.u + 30.0, abs=1e-3)

@@ -90,7 +90,8 @@ def test_a_scara_is_shown_in_mm_and_m() -> None:
     assert joints['position min [rad or m]'][2] == '-0.15'
     assert joints['velocity [degrees/s or mm/s]'][2] == '1152'
     assert joints['reach [m or 1]'] == ['0.25', '0.126', '1', '0']
-    assert 'joint_3 is prismatic' in shown['OPW lengths, m']['none'][0]
+    lengths = {'arm_1': ['0.124'], 'arm_2': ['0.126'], 'height': ['0.124']}
+    assert shown['SCARA lengths, m'] == lengths
 
 
 def test_a_file_of_ones_own_is_shown_too(tmp_path: Path) -> None:

@@ -154,6 +154,7 @@ def test_move_group_gets_every_file_and_rviz_what_its_panel_needs() -> None:
     read = {path.name for path in FOLDER.glob('*.yaml')}
     assert read == {
         'kinematics.yaml',
+        'kinematics_scara.yaml',
         'moveit_controllers.yaml',
         'ompl_planning.yaml',
         'pilz_cartesian_limits.yaml',
@@ -161,3 +162,12 @@ def test_move_group_gets_every_file_and_rviz_what_its_panel_needs() -> None:
         'planning_pipelines.yaml',
         'planning_scene_monitor.yaml',
     }
+
+
+def test_a_scara_has_its_four_joints_and_a_solver_that_asks_for_the_place_alone() -> None:
+    values = move_group_parameters('gx4_c251s')
+    manager = values['moveit_simple_controller_manager']
+    for name in manager['controller_names']:
+        assert manager[name]['joints'] == ['joint_1', 'joint_2', 'joint_3', 'joint_4']
+    assert values['robot_description_kinematics'] == load('kinematics_scara.yaml')
+    assert values['robot_description_kinematics'][GROUP]['position_only_ik'] is True

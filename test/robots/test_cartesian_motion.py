@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lines and arcs of the tool: the path itself, joint limits all the way, and what is refused."""
 
+import itertools
+
 import numpy as np
 import pytest
 
+from epson_driver.motion.blended_path import runs
 from epson_driver.motion.cartesian import arc, distance_from, line
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.robots import load_robot_model
-from epson_driver.robots.cartesian_motion import ToolLimits, cartesian_trajectory
+from epson_driver.robots.cartesian_motion import ToolLimits, cartesian_trajectory, runs_trajectory
 from epson_driver.robots.joint_path import PathError
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 
@@ -168,3 +171,127 @@ def test_no_way_and_no_turn_is_no_motion():
     start = ARM.forward(READY)
     with pytest.raises(PathError, match='there already'):
         cartesian_trajectory(ARM, READY, line(start, start), ToolLimits())
+
+
+SCARA = Kinematics(load_robot_model('gx4_c251s'))
+SCARA_READY = np.array([0.3, 1.2, -0.05, 0.0])
+
+
+def corners(arm, joints, *steps):
+    """Return lines from where the joints are, each by one of the steps, m, in base_link."""
+    poses = [arm.forward(joints)]
+    for step in steps:
+        poses.append(moved(poses[-1], step))
+    return [line(a, b) for a, b in itertools.pairwise(poses)]
+
+
+def along(arm, trajectory):
+    """Return the tool's places between the points too, shape (k, 3), and the time between two."""
+    motion = smoothed(trajectory, arm.model.limits)
+    places = np.array([arm.forward(each)[:3, 3] for each in motion.positions])
+    return places, float(motion.times[1] - motion.times[0])
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize(
+    ('arm', 'joints'), [(ARM, READY), (SCARA, SCARA_READY)], ids=['C3', 'GX4']
+)
+def test_a_blended_path_keeps_the_tools_speed_and_acceleration_around_its_corners(arm, joints):
+    segments = corners(arm, joints, (0.0, 0.05, 0.0), (-0.05, 0.0, 0.02), (0.0, -0.03, -0.01))
+    tool = ToolLimits(speed=0.2, acceleration=1.0)
+    blended = runs_trajectory(arm, joints, runs(segments, [0.02, 0.014]), tool)
+    resting = runs_trajectory(arm, joints, runs(segments, [0.0, 0.0]), tool)
+    assert blended.duration < 0.95 * resting.duration
+    assert np.allclose(arm.forward(blended.positions[-1]), segments[-1].pose(1.0), atol=1e-8)
+    places, period = along(arm, blended)
+    velocities = np.diff(places, axis=0) / period
+    assert np.linalg.norm(velocities, axis=1).max() < tool.speed * 1.02
+    wide = velocities[:: max(round(0.01 / period), 1)]
+    accelerations = np.diff(wide, axis=0) / (max(round(0.01 / period), 1) * period)
+    assert np.linalg.norm(accelerations, axis=1).max() < tool.acceleration * 1.1
+    inner = np.linalg.norm(np.diff(places, axis=0), axis=1)[20:-20]
+    assert inner.min() > 0.0  # nowhere at rest but at the ends
+    for corner, radius in ((segments[0].pose(1.0), 0.02), (segments[1].pose(1.0), 0.014)):
+        nearest = np.linalg.norm(places - corner[:3, 3], axis=1).min()
+        assert 0.1 * radius < nearest < radius
+    stops = np.flatnonzero(np.all(resting.velocities == 0.0, axis=1))
+    assert len(stops) == 6  # begin and end, and of both rests
+
+
+@pytest.mark.invariant(2)
+def test_lines_of_a_scara_keep_its_limits_and_its_elbow_or_are_refused():
+    limits = SCARA.model.limits
+    random = np.random.default_rng(18)
+    driven, reasons = 0, []
+    for _ in range(20):
+        joints = random.uniform(limits.position_min, limits.position_max)
+        start = SCARA.forward(joints)
+        end = moved(start, random.uniform(-0.1, 0.1, 3), (random.uniform(-1.0, 1.0), 0.0, 0.0))
+        try:
+            trajectory = cartesian_trajectory(SCARA, joints, line(start, end), ToolLimits())
+        except PathError as error:
+            reasons.append(str(error))
+            continue
+        driven += 1
+        assert np.all(trajectory.positions >= limits.position_min)
+        assert np.all(trajectory.positions <= limits.position_max)
+        assert np.all(np.abs(trajectory.velocities) <= limits.velocity)
+        assert len(set(np.sign(np.sin(trajectory.positions[:, 1])))) == 1
+        assert np.allclose(SCARA.forward(trajectory.positions[-1]), end, atol=1e-8)
+    assert driven >= 4
+    assert all('% of the way' in reason for reason in reasons)
+
+
+def test_a_tool_that_would_lean_on_a_scara_is_refused_with_that_reason():
+    start = SCARA.forward(SCARA_READY)
+    path = line(start, moved(start, (0.02, 0.0, 0.0), (0.0, 0.1, 0.0)))
+    with pytest.raises(PathError, match=r'2 % of the way, .*: it leans by .* SCARA stays upright'):
+        cartesian_trajectory(SCARA, SCARA_READY, path, ToolLimits())
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('count', [8, pytest.param(200, marks=pytest.mark.slow)])
+def test_near_singular_and_unreachable_requests_are_refused_or_kept_inside_all_limits(count):
+    random = np.random.default_rng(180)
+    reasons = []
+    for number in range(count):
+        arm, limits = (ARM, LIMITS) if number % 2 else (SCARA, SCARA.model.limits)
+        if number % 2:  # near the straight wrist, the stretched arm, or joint 1's axis
+            joints = READY + random.uniform(-0.3, 0.3, 6)
+            joint, value = ((4, 0.0), (2, np.pi / 2), (1, 1.1))[number % 3]
+            joints[joint] = value + random.uniform(-0.05, 0.05)
+            turn = random.uniform(-0.4, 0.4, 3)
+        else:  # near the stretched or the folded arms
+            joints = random.uniform(limits.position_min, limits.position_max)
+            joints[1] = (0.0, 0.0, 2.4)[number % 3] + random.uniform(-0.05, 0.05)
+            turn = np.array([random.uniform(-0.4, 0.4), 0.0, 0.0])
+        joints = np.clip(joints, limits.position_min, limits.position_max)
+        start = arm.forward(joints)
+        path = line(start, moved(start, random.uniform(-0.06, 0.06, 3), turn))
+        tool = ToolLimits(speed=0.1, slow=number % 4 < 2)
+        try:
+            trajectory = cartesian_trajectory(arm, joints, path, tool)
+        except PathError as error:
+            reasons.append(str(error))
+            continue
+        motion = smoothed(trajectory, limits)
+        assert np.all(motion.positions >= limits.position_min - 1e-9)
+        assert np.all(motion.positions <= limits.position_max + 1e-9)
+        assert np.all(np.abs(motion.velocities) <= limits.velocity * (1 + 1e-6))
+        assert np.all(np.abs(motion.accelerations) <= limits.acceleration * (1 + 1e-6))
+        period = motion.times[1] - motion.times[0]
+        assert np.all(np.abs(np.diff(motion.positions, axis=0)) <= limits.velocity * period * 1.01)
+    assert all('% of the way' in reason or 'accuracy' in reason for reason in reasons)
+    assert count / 5 < len(reasons) < count
+    print(f'{len(reasons)} of {count} refused, {count - len(reasons)} inside all limits')
+
+
+def test_a_tool_that_is_far_out_moves_on_its_own_line():
+    tool = np.eye(4)
+    tool[:3, 3] = [0.0, 0.05, 0.15]
+    arm = Kinematics(ARM.model, tool)
+    path = line(arm.forward(READY), moved(arm.forward(READY), (0.0, 0.05, 0.0), (0.0, 0.2, 0.1)))
+    trajectory = cartesian_trajectory(arm, READY, path, ToolLimits())
+    places, _ = along(arm, trajectory)
+    ends = np.array([path.pose(0.0)[:3, 3], path.pose(1.0)[:3, 3]])
+    assert max(distance_from(place, ends) for place in places) < 2e-4

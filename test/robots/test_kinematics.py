@@ -309,7 +309,7 @@ def test_a_tool0_beside_joint_6_is_refused() -> None:
         opw_parameters(dataclasses.replace(C3, tool0=tool0))
 
 
-def test_a_scara_has_forward_kinematics_and_says_why_it_has_no_inverse() -> None:
+def test_a_scara_at_zero_faces_epsons_x() -> None:
     model = load_robot_model('gx4_c251s')
     arm = Kinematics(model)
     place, angles = arm.epson_point(np.zeros(4))
@@ -320,8 +320,16 @@ def test_a_scara_has_forward_kinematics_and_says_why_it_has_no_inverse() -> None
     place, angles = arm.epson_point(joints)
     assert place == pytest.approx([-0.126, 0.124, 0.024], abs=1e-12)
     assert np.degrees(angles) == pytest.approx([150.0, 0.0, 0.0])
-    with pytest.raises(KinematicsError, match=r'^gx4_c251s: .*: joint_3 is prismatic$'):
-        arm.inverse(arm.forward(joints))
+
+
+def test_a_tool_is_where_it_is_on_the_flange() -> None:
+    tool = np.eye(4)
+    tool[:3, :3] = rotation_of_uvw(np.array([0.3, -0.2, 0.1]))
+    tool[:3, 3] = [0.02, 0.0, 0.12]
+    flange, arm = Kinematics(C3), Kinematics(C3, tool)
+    joints = np.radians([20.0, -20.0, 30.0, 25.0, 15.0, 40.0])
+    np.testing.assert_allclose(arm.forward(joints), flange.forward(joints) @ tool, atol=EXACT)
+    np.testing.assert_allclose(arm.inverse(arm.forward(joints), joints)[0], joints, atol=1e-8)
 
 
 def test_u_v_and_w_turn_about_z_then_y_then_x() -> None:

@@ -108,14 +108,19 @@ def test_an_unknown_model_lists_those_that_exist(name: str) -> None:
     assert f'no {name}.yaml in ' in str(error.value)
 
 
-@pytest.mark.parametrize('name', ['C4-A601S', 'C4_A601S', 'c4-a601s', 'C4', 'c4_'])
+@pytest.mark.parametrize('name', ['C4-A601S', 'C4_A601S', 'c4-a601s', 'C4-A6', 'c4_a6'])
 def test_a_name_may_be_written_as_epson_does_and_shortened(name: str) -> None:
     assert load_robot_model(name).name == 'c4_a601s'
 
 
 @pytest.mark.parametrize(
     ('name', 'near'),
-    [('C8', 'c8_c1401s or c8_c901s'), ('C4-A601SR', 'c4_a601s or '), ('c3a601s', 'c3_a601s or ')],
+    [
+        ('C8', 'c8_c1401s or c8_c901s'),
+        ('C4', 'c4_a601s or c4_a901s'),
+        ('C4-A601SR', 'c4_a601s or '),
+        ('c3a601s', 'c3_a601s or '),
+    ],
 )
 def test_a_name_that_could_be_several_models_or_none_is_answered_with_near_ones(
     name: str, near: str

@@ -1,58 +1,102 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The inverse kinematics of SCARAs, for every model that is one."""
+"""The closed-form inverse of SCARAs: against forward kinematics, and at its edges."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 
-from epson_driver.robots import load_robot_model, robot_models
-from epson_driver.robots.chain import rotation_about
-from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots import Chain, load_robot_model, robot_models
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.robots.opw import KinematicsError
-from epson_driver.robots.scara import SCARA, ScaraKinematics, kinematics_of
+from epson_driver.robots.scara import scara_parameters
 
-MODELS = [name for name in robot_models() if load_robot_model(name).kind == SCARA]
+MODELS = [model for model in map(load_robot_model, robot_models()) if model.kind == 'SCARA']
+GX4 = load_robot_model('gx4_c251s')
+RS4 = load_robot_model('rs4_c351s')
 
 
-@pytest.mark.parametrize('name', MODELS)
-def test_inverse_finds_what_forward_came_from_and_only_solutions(name):
-    model = load_robot_model(name)
-    arm = kinematics_of(model)
-    assert isinstance(arm, ScaraKinematics)
-    chance = np.random.default_rng(5)
-    low, high = model.limits.position_min, model.limits.position_max
-    for _ in range(50):
-        joints = chance.uniform(low, high)
+def hanging(model):
+    """Return a model upside down, with a tool beside its last axis and turned axes."""
+    turned = Chain(model.chain.origins * (1.0, 1.0, -1.0), -model.chain.axes)
+    tool0 = dataclasses.replace(model.tool0, xyz=np.array([0.01, -0.02, -0.03]))
+    return dataclasses.replace(model, name='hanging', chain=turned, tool0=tool0)
+
+
+@pytest.mark.parametrize('model', [*MODELS, hanging(GX4)], ids=lambda model: model.name)
+def test_each_pose_has_the_joints_it_came_from_and_all_solutions_give_it(model):
+    arm, limits = Kinematics(model), model.limits
+    random = np.random.default_rng(18)
+    both = 0
+    for joints in random.uniform(limits.position_min, limits.position_max, (60, 4)):
         pose = arm.forward(joints)
         found = arm.inverse(pose, joints)
-        assert np.abs(found[0] - joints).max() < 1e-7
-        assert np.all((found >= low) & (found <= high))
-        for each in found:
-            assert np.abs(arm.forward(each) - pose).max() < 1e-6
+        assert np.abs(found[0] - joints).max() < 1e-6
+        for solution in found:
+            np.testing.assert_allclose(arm.forward(solution), pose, atol=1e-9)
+            assert np.all((solution >= limits.position_min) & (solution <= limits.position_max))
+        sides = {float(np.sign(np.sin(solution[1]))) for solution in found}
+        both += len(sides) == 2
+    assert both > 10  # most poses can be reached with the elbow on either side
 
 
-def test_both_elbows_are_found_and_the_nearest_one_comes_first():
-    arm = kinematics_of(load_robot_model('gx4_c251s'))
-    joints = np.array([0.5, 0.8, -0.05, 0.3])
-    found = arm.inverse(arm.forward(joints), joints)
-    assert {bool(each[1] > 0.0) for each in found} == {True, False}
-    other = next(each for each in found if each[1] < 0.0)
-    assert np.array_equal(arm.inverse(arm.forward(joints), other)[0], other)
+def test_the_lengths_of_the_arms_are_those_of_the_chain():
+    lengths = scara_parameters(GX4).lengths
+    assert lengths == pytest.approx({'arm_1': 0.124, 'arm_2': 0.126, 'height': 0.124})
 
 
-def test_what_is_out_of_reach_or_tilted_has_no_solution():
-    arm = kinematics_of(load_robot_model('gx4_c251s'))
-    pose = arm.forward(np.zeros(4))
-    far, high, tilted = pose.copy(), pose.copy(), pose.copy()
-    far[:2, 3] *= 3.0
-    high[2, 3] += 1.0
-    tilted[:3, :3] = pose[:3, :3] @ rotation_about(np.array([1.0, 0.0, 0.0]), 0.1)
-    for each in (far, high, tilted):
-        assert len(arm.inverse(each)) == 0
+@pytest.mark.parametrize(('model', 'bend'), [(GX4, 0.0), (RS4, np.pi)], ids=['gx4', 'rs4'])
+def test_stretched_arms_have_one_solution_and_beyond_them_is_none(model, bend):
+    arm = Kinematics(model)
+    stretched = np.array([0.7, bend, -0.05, 0.2])
+    pose = arm.forward(stretched)
+    found = arm.inverse(pose, stretched)
+    assert np.abs(found[0] - stretched).max() < 1e-6
+    for beyond, count in ((1e-10, True), (1e-6, False)):
+        further = pose.copy()
+        away = pose[:2, 3] / np.linalg.norm(pose[:2, 3])
+        further[:2, 3] += beyond * away
+        assert bool(len(arm.inverse(further, stretched))) is count
 
 
-def test_other_arms_are_solved_as_ever():
-    six = load_robot_model('c3_a601s')
-    assert type(kinematics_of(six)) is Kinematics
-    with pytest.raises(KinematicsError, match='c3_a601s: it is no SCARA'):
-        ScaraKinematics(six).inverse(np.eye(4))
+def test_arms_of_one_length_fold_onto_the_first_axis_which_then_is_as_it_was():
+    arm = Kinematics(RS4)
+    folded = np.array([0.4, 0.0, -0.05, 0.2])  # at zero one arm is below the other
+    found = arm.inverse(arm.forward(folded), folded)
+    assert np.abs(found[0] - folded).max() < 1e-6
+
+
+def test_the_range_of_the_axis_that_moves_up_and_down_is_kept():
+    arm = Kinematics(GX4)
+    pose = arm.forward(np.array([0.3, 0.8, -0.1, 0.0]))
+    assert len(arm.inverse(pose))
+    for height in (0.11, -0.051):
+        pose[2, 3] += height
+        assert not len(arm.inverse(pose))
+        pose[2, 3] -= height
+
+
+def test_a_tool_that_leans_has_no_solution_and_the_reason_is_said():
+    arm = Kinematics(GX4)
+    pose = arm.forward(np.array([0.3, 0.8, -0.1, 0.0]))
+    assert arm.hindrance(pose) == ''
+    pose[:3, :3] = pose[:3, :3] @ rotation_of_uvw(np.radians([0.0, 0.0, 3.0]))
+    assert not len(arm.inverse(pose))
+    assert arm.hindrance(pose) == ('it leans by 3 degrees, and the tool of a SCARA stays upright')
+    upside_down = arm.forward(np.zeros(4))
+    upside_down[:3, :3] = upside_down[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    assert 'leans by 180 degrees' in arm.hindrance(upside_down)
+
+
+def test_a_chain_that_is_no_scara_is_refused_with_its_reason():
+    axes = GX4.chain.axes.copy()
+    axes[1] = [0.0, 1.0, 0.0]
+    leaning = dataclasses.replace(GX4, chain=Chain(GX4.chain.origins, axes))
+    with pytest.raises(KinematicsError, match=r'^gx4_c251s: .*: the axis of joint_2 is not vert'):
+        Kinematics(leaning).inverse(np.eye(4))
+    origins = GX4.chain.origins.copy()
+    origins[1] = 0.0
+    short = dataclasses.replace(GX4, chain=Chain(origins, GX4.chain.axes))
+    with pytest.raises(KinematicsError, match='one of its arms has no length'):
+        Kinematics(short).inverse(np.eye(4))

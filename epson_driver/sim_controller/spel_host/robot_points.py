@@ -10,9 +10,8 @@ import numpy as np
 from epson_driver.motion import Array
 from epson_driver.motion.cartesian import PosePath, line
 from epson_driver.robots import RobotModel
-from epson_driver.robots.kinematics import rotation_of_uvw
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.robots.opw import KinematicsError
-from epson_driver.robots.scara import kinematics_of
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.spel import ErrorNumber as SpelNumber
@@ -38,7 +37,7 @@ class RobotPoints:
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
-        self._kinematics = kinematics_of(model)
+        self._kinematics = Kinematics(model)
 
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.

@@ -11,7 +11,7 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 from epson_driver.motion.cartesian import PosePath
 from epson_driver.motion.path_motion import Curve, PathMotion, PathSpeed, go_along
-from epson_driver.robots.scara import SCARA
+from epson_driver.robots.model import SCARA
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.spel_host.robot_points import UNREACHABLE
 from epson_driver.sim_controller.spel_host.robot_values import Robot

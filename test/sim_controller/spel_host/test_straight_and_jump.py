@@ -9,7 +9,7 @@ import pytest
 from support.program_bench import STEP_S, ProgramBench
 
 from epson_driver.robots import load_robot_model
-from epson_driver.robots.scara import kinematics_of
+from epson_driver.robots.kinematics import Kinematics
 
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
 SCARA = load_robot_model('gx4_c251s')
@@ -38,7 +38,7 @@ def six_axis(caplog, source, **options):
 
 def tool_places(bench):
     """Return where Tool 0 was in each motion cycle, shape (k, 3), m."""
-    arm = kinematics_of(bench.controller.model)
+    arm = Kinematics(bench.controller.model)
     return np.array([arm.forward(joints)[:3, 3] for joints in bench.positions])
 
 
@@ -52,9 +52,7 @@ def assert_straight(bench):
     """Tool 0 has left the line from P1 to P2 nowhere, and has gone some way."""
     places = tool_places(bench)
     way = np.array([0.12, 0.0, -0.06]) / np.hypot(0.12, 0.06)
-    gone = (places - places[0]) @ kinematics_of(bench.controller.model).from_base(np.eye(4))[
-        :3, :3
-    ]
+    gone = (places - places[0]) @ Kinematics(bench.controller.model).from_base(np.eye(4))[:3, :3]
     assert np.abs(gone - (gone @ way)[:, None] * way).max() < 2e-5
     assert 0.005 < gone[-1] @ way < 0.135
 

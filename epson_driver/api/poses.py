@@ -1,0 +1,288 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The forms in which a user may give a pose, and the frames in which it counts.
+
+ValueErrors name the field, what was given and what is allowed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.inputs import number
+from epson_driver.motion import Array
+from epson_driver.motion.cartesian import homogeneous
+from epson_driver.robots.kinematics import rotation_of_uvw, uvw
+
+BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
+"""The frames that are always there: REP-103's, EPSON's world, and the tool where it is."""
+
+UNIT_TOLERANCE = 1e-3
+"""How far the length of a quaternion may be from 1; it is made 1."""
+
+MAX_TOOL_M = 10.0
+"""How far a tool may be from the flange."""
+
+MM_SUSPICION = 10.0
+"""A place that is farther away than this many times the arm's reach may be in mm."""
+
+
+@dataclass(frozen=True)
+class EpsonPoint:
+    """A point as a teach pendant shows it: X, Y, Z in mm, and U, V, W in degrees.
+
+    Its frame is EPSON's world, unless another one is named where it is used. On a SCARA V and W
+    are 0.
+    """
+
+    x: float
+    y: float
+    z: float
+    u: float = 0.0
+    v: float = 0.0
+    w: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ('x', 'y', 'z'):
+            _LENGTH.checked(_plain(getattr(self, name)), name)
+        for name in ('u', 'v', 'w'):
+            _ANGLE.checked(_plain(getattr(self, name)), name)
+
+    @property
+    def pose(self) -> Array:
+        """The point as a homogeneous matrix, shape (4, 4), m."""
+        angles = np.radians([self.u, self.v, self.w])
+        return homogeneous(rotation_of_uvw(angles), np.array([self.x, self.y, self.z]) / 1e3)
+
+    @classmethod
+    def of(cls, pose: Array) -> 'EpsonPoint':
+        """Return the point of a homogeneous matrix, shape (4, 4), m."""
+        return cls(*(pose[:3, 3] * 1e3).tolist(), *np.degrees(uvw(pose[:3, :3])).tolist())
+
+
+Pose = npt.ArrayLike | EpsonPoint
+"""x y z (m) and a quaternion x y z w, as in ROS; a homogeneous matrix (m); or an EPSON point."""
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoint:
+    """A pose on the way of `move_path`.
+
+    via: a point, x y z in m, through which a circle leads there; without it, the way is straight.
+    blend: how far, m, from this point the tool may leave the way to it for the way to the next; 0:
+    it rests here. frame: the pose's and via's. None: as `move_path` says for all.
+    """
+
+    pose: Pose
+    via: npt.ArrayLike | None = None
+    blend: float | None = None
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A pose, shape (4, 4), m, in base_link; or in the tool where it is when the motion begins."""
+
+    pose: Array
+    in_tool: bool = False
+
+    def seen_from(self, tool: Array) -> Array:
+        """Return the pose in base_link for a tool that is at this pose, shape (4, 4), there."""
+        return np.asarray(tool @ self.pose) if self.in_tool else self.pose
+
+
+@dataclass(frozen=True, eq=False)
+class Tool:
+    """A tool: its pose in tool0, shape (4, 4), m, and how fast lines and arcs may move it.
+
+    max_speed: m/s, max_acceleration: m/s²; None: as fast as a motion asks for.
+    """
+
+    pose: Array
+    max_speed: float | None = None
+    max_acceleration: float | None = None
+
+    def check(self, speed: float, acceleration: float) -> None:
+        """Raise ValueError if a motion asks for more than the tool allows."""
+        for name, value, most, unit in (
+            ('speed', speed, self.max_speed, 'm/s'),
+            ('acceleration', acceleration, self.max_acceleration, 'm/s²'),
+        ):
+            if most is not None and value > most:
+                raise ValueError(f'{name} = {value:g} {unit}: the tool allows {most:g} {unit}')
+
+
+def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:
+    """Return a tool from a user's arguments. Raises ValueError."""
+    checked = checked_pose('pose', pose)
+    away = float(np.linalg.norm(checked[:3, 3]))
+    if away > MAX_TOOL_M:
+        raise ValueError(
+            f'pose: the tool is {away:g} m from the flange: at most {MAX_TOOL_M:g} m, and lengths '
+            'are in m'
+        )
+    limits = {'max_speed': max_speed, 'max_acceleration': max_acceleration}
+    for name, value in limits.items():
+        if value is not None:
+            limits[name] = _LIMITS[name].checked(_plain(value), name)
+    return Tool(checked, **limits)
+
+
+class Frames:
+    """Frames by name, each as its pose in base_link, shape (4, 4), m."""
+
+    def __init__(self, base: Array, reach: float) -> None:
+        """Take EPSON's world in base_link, shape (4, 4), and how far the arm reaches, m."""
+        self._poses = {BASE_LINK: np.eye(4), BASE: base}
+        self._reach = reach
+
+    @property
+    def poses(self) -> dict[str, Array]:
+        """All frames but the tool, as copies."""
+        return {name: pose.copy() for name, pose in self._poses.items()}
+
+    def set(self, name: str, pose: Pose, parent: str | None) -> None:
+        """Set a frame by its pose in another one. Raises ValueError."""
+        if not isinstance(name, str) or not name:
+            raise ValueError(f'name = {name!r}: must be a word')
+        if name in (BASE_LINK, BASE, TOOL):
+            raise ValueError(f'name = {name!r}: that frame is always there; take another name')
+        checked = checked_pose('pose', pose)
+        self._poses[name] = self._pose_of(_usual(parent, pose), 'parent', []) @ checked
+
+    def target(self, field: str, pose: Pose, frame: str | None) -> Target:
+        """Return what a pose in a frame means. Raises ValueError.
+
+        frame: None for base_link, or for EPSON's world if it is an EPSON point.
+        """
+        return self._placed(checked_pose(field, pose), _usual(frame, pose), field)
+
+    def point(self, field: str, xyz: npt.ArrayLike, frame: str | None, pose: Pose) -> Target:
+        """Return what a point, x y z in m, means in the frame that `target` takes for a pose.
+
+        It is turned anyhow. Raises ValueError.
+        """
+        place = homogeneous(np.eye(3), checked_point(field, xyz))
+        return self._placed(place, _usual(frame, pose), field)
+
+    def pose_in(self, pose: Array, frame: str) -> Array:
+        """Return a pose in base_link as one in a frame. Raises ValueError."""
+        return np.asarray(np.linalg.inv(self._pose_of(frame, 'frame', [])) @ pose)
+
+    def _placed(self, pose: Array, frame: str, field: str) -> Target:
+        in_tool = frame == TOOL
+        placed = pose if in_tool else self._pose_of(frame, 'frame', [TOOL]) @ pose
+        self._check_near(field, placed)
+        return Target(placed, in_tool)
+
+    def _pose_of(self, frame: str, where: str, more: list[str]) -> Array:
+        """Return a frame's pose. Raises ValueError that names all there are, and `more`."""
+        if not isinstance(frame, str) or frame not in self._poses:
+            *names, last = [*self._poses, *more]
+            raise ValueError(f'{where} = {frame!r}: must be {", ".join(names)} or {last}')
+        return self._poses[frame]
+
+    def _check_near(self, field: str, pose: Array) -> None:
+        away = float(np.linalg.norm(pose[:3, 3]))
+        if away > MM_SUSPICION * self._reach:
+            raise ValueError(
+                f'{field}: {away:.4g} m away, and the arm reaches {self._reach:.4g} m: places are '
+                'in m (in mm only those of an EpsonPoint)'
+            )
+
+
+def checked_point(field: str, values: npt.ArrayLike) -> Array:
+    """Return three finite numbers, shape (3,). Raises ValueError."""
+    array = _finite(field, values)
+    if array.shape != (3,):
+        raise ValueError(f'{field} has shape {array.shape}: must be (3,), x y z in m')
+    return array
+
+
+def checked_pose(field: str, values: Pose) -> Array:
+    """Return a homogeneous matrix, shape (4, 4), whose place is in m. Raises ValueError."""
+    if isinstance(values, EpsonPoint):
+        return values.pose
+    array = _finite(field, values)
+    if array.shape == (7,):
+        return _of_quaternion(field, array)
+    if array.shape != (4, 4):
+        raise ValueError(
+            f'{field} has shape {array.shape}: must be (4, 4), a homogeneous matrix, or (7,), x y '
+            'z and a quaternion x y z w; for X Y Z U V W take an EpsonPoint'
+        )
+    turn = array[:3, :3]
+    if (
+        np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6
+        or np.linalg.det(turn) < 0.0
+        or np.abs(array[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9
+    ):
+        raise ValueError(f'{field}: must be a rotation and a place, with 0 0 0 1 in its last row')
+    return array
+
+
+def quaternion_pose(pose: Array) -> Array:
+    """Return x y z and the quaternion x y z w, w ≥ 0, of a homogeneous matrix: shape (7,), m."""
+    turn = pose[:3, :3]
+    # the eigenvector of the largest eigenvalue: no case has small divisors; the lower half counts
+    xx, yy, zz = np.diag(turn)
+    x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
+    products = np.array(
+        [
+            [xx - yy - zz, 0.0, 0.0, 0.0],
+            [turn[0, 1] + turn[1, 0], yy - xx - zz, 0.0, 0.0],
+            [turn[0, 2] + turn[2, 0], turn[1, 2] + turn[2, 1], zz - xx - yy, 0.0],
+            [x, y, z, xx + yy + zz],
+        ]
+    )
+    quaternion = np.linalg.eigh(products)[1][:, -1]
+    return np.concatenate([pose[:3, 3], -quaternion if quaternion[3] < 0.0 else quaternion])
+
+
+_LENGTH = number(-1e6, 1e6, 'mm')
+_ANGLE = number(-36000.0, 36000.0, 'degrees')
+_LIMITS = {
+    'max_speed': number(1e-5, 100.0, 'm/s'),
+    'max_acceleration': number(1e-4, 1000.0, 'm/s²'),
+}
+
+
+def _usual(frame: str | None, pose: Pose) -> str:
+    """Return the frame of a pose: without a word, EPSON's world for what its pendant shows."""
+    if frame is not None:
+        return frame
+    return BASE if isinstance(pose, EpsonPoint) else BASE_LINK
+
+
+def _of_quaternion(field: str, values: Array) -> Array:
+    size = float(np.linalg.norm(values[3:]))
+    if abs(size - 1.0) > UNIT_TOLERANCE:
+        raise ValueError(
+            f'{field}: the quaternion x y z w = {values[3:].tolist()} has length {size:.4g}: must '
+            'be 1'
+        )
+    x, y, z, w = values[3:] / size
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return homogeneous(turn, values[:3])
+
+
+def _finite(field: str, values: npt.ArrayLike) -> Array:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{field}: must be numbers ({error})') from error
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f'{field} = {array.tolist()}: must be finite numbers')
+    return array
+
+
+def _plain(value: object) -> object:
+    """Return a number of numpy's as Python's own."""
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,149 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How fast to go along a path whose parts have limits of their own: from rest to rest.
+
+Within each part the way grows with a limited speed, acceleration and jerk; from one part to the
+next the speed goes over without acceleration. The speeds at the seams are the highest from which
+every part ahead can be driven.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from epson_driver.motion.limits import Array
+
+HALVINGS = 60
+"""To all digits."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartLimits:
+    """A part of a path: its length, and the limits of the way along it: /s, /s², /s³ of its unit.
+
+    Whatever the unit is, it is the same for parts that follow each other.
+    """
+
+    length: float
+    speed: float
+    acceleration: float
+    jerk: float
+
+
+@dataclass(frozen=True, eq=False)
+class PathMotion:
+    """The way along a path as pieces of constant jerk.
+
+    times: when each begins, and the end, s, shape (k + 1,); ways, speeds, accelerations then;
+    jerks: of each piece, shape (k,).
+    """
+
+    times: Array
+    ways: Array
+    speeds: Array
+    accelerations: Array
+    jerks: Array
+
+    @property
+    def duration(self) -> float:
+        """How long it takes, s."""
+        return float(self.times[-1])
+
+    def at(self, times: Array) -> tuple[Array, Array, Array, Array]:
+        """Return way, speed, acceleration and jerk at times from 0 to the end, shape (m,)."""
+        piece = np.clip(np.searchsorted(self.times, times, 'right') - 1, 0, len(self.jerks) - 1)
+        since = times - self.times[piece]
+        way, speed = self.ways[piece], self.speeds[piece]
+        acceleration, jerk = self.accelerations[piece], self.jerks[piece]
+        return (
+            way + since * (speed + since * (acceleration / 2.0 + since * jerk / 6.0)),
+            speed + since * (acceleration + since * jerk / 2.0),
+            acceleration + since * jerk,
+            jerk,
+        )
+
+
+def fastest(parts: Sequence[PartLimits]) -> PathMotion:
+    """Return the motion along all parts, from rest to rest."""
+    speeds = _seam_speeds(parts)
+    columns: list[tuple[float, float, float, float, float]] = []
+    time = way = 0.0
+    for part, (first, last) in zip(parts, pairwise(speeds), strict=True):
+        end = way + part.length
+        speed, acceleration = first, 0.0
+        for duration, jerk in _through(part, first, last):
+            columns.append((time, way, speed, acceleration, jerk))
+            way += duration * (speed + duration * (acceleration / 2.0 + duration * jerk / 6.0))
+            speed += duration * (acceleration + duration * jerk / 2.0)
+            acceleration += duration * jerk
+            time += duration
+        way = end  # without the rounding of the pieces
+    columns.append((time, way, 0.0, 0.0, 0.0))
+    times, ways, rates, accelerations, jerks = np.array(columns).T
+    return PathMotion(times, ways, rates, accelerations, jerks[:-1])
+
+
+def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
+    """Return the speed at both ends and between parts: what can be reached from either side."""
+    speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(parts)), 0.0]
+    for index, part in enumerate(parts):
+        speeds[index + 1] = min(speeds[index + 1], _reached(part, speeds[index]))
+    for index, part in reversed(list(enumerate(parts))):
+        speeds[index] = min(speeds[index], _reached(part, speeds[index + 1]))
+    return speeds
+
+
+def _reached(part: PartLimits, first: float) -> float:
+    """Return the highest speed at the end of a part that begins with a speed, not above it."""
+    if first >= part.speed or _ramp_length(part, first, part.speed) <= part.length:
+        return part.speed
+    low, high = first, part.speed
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        if _ramp_length(part, first, middle) <= part.length:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _through(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
+    """Yield the pieces of a part, as duration and jerk: to a top speed, along, and down again."""
+
+    def ramps(top: float) -> float:
+        return _ramp_length(part, first, top) + _ramp_length(part, top, last)
+
+    low, high = max(first, last), part.speed
+    if ramps(high) <= part.length:
+        low = high
+    for _ in range(HALVINGS if low < high else 0):
+        middle = (low + high) / 2.0
+        if ramps(middle) <= part.length:
+            low = middle
+        else:
+            high = middle
+    yield from _ramp(part, first, low)
+    rest = part.length - ramps(low)
+    if rest > 0.0:
+        yield rest / low, 0.0
+    yield from _ramp(part, low, last)
+
+
+def _ramp(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
+    """Yield the pieces between two speeds, without acceleration at both ends."""
+    change = abs(last - first)
+    if change == 0.0:
+        return
+    jerk = part.jerk if last > first else -part.jerk
+    full = part.acceleration**2 / part.jerk  # changes of speed beyond it reach the acceleration
+    rise = part.acceleration / part.jerk if change >= full else float(np.sqrt(change / part.jerk))
+    yield rise, jerk
+    if change > full:
+        yield change / part.acceleration - rise, 0.0
+    yield rise, -jerk
+
+
+def _ramp_length(part: PartLimits, first: float, last: float) -> float:
+    return (first + last) / 2.0 * sum(duration for duration, _ in _ramp(part, first, last))

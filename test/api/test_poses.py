@@ -1,0 +1,190 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The forms of a pose, frames, tools and way points: what they mean, and what is refused."""
+
+import inspect
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from epson_driver import aio, robot
+from epson_driver.api.moves import path_points, path_runs
+from epson_driver.api.poses import (
+    EpsonPoint,
+    Frames,
+    Tool,
+    Waypoint,
+    checked_pose,
+    checked_tool,
+    quaternion_pose,
+)
+from epson_driver.motion.cartesian import homogeneous
+from epson_driver.robots import load_robot_model
+
+MODEL = load_robot_model('c3_a601s')
+HERE = homogeneous(np.eye(3), np.array([0.4, 0.0, 0.5]))
+
+
+def frames():
+    return Frames(MODEL.base.matrix, float(MODEL.reach[0]))
+
+
+def random_poses(count):
+    random = np.random.default_rng(18)
+    for turn in Rotation.random(count, random_state=18).as_matrix():
+        yield homogeneous(turn, random.uniform(-0.5, 0.5, 3))
+
+
+def test_a_quaternion_is_that_of_ros_x_y_z_w():
+    for pose in random_poses(200):
+        given = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]
+        np.testing.assert_allclose(checked_pose('pose', given), pose, atol=1e-12)
+        back = quaternion_pose(pose)
+        assert back[6] >= 0.0
+        np.testing.assert_allclose(checked_pose('pose', back), pose, atol=1e-12)
+    for turn in (np.diag([1, -1, -1]), np.diag([-1, 1, -1]), np.diag([-1, -1, 1]), np.eye(3)):
+        pose = homogeneous(turn, np.zeros(3))
+        np.testing.assert_allclose(checked_pose('pose', quaternion_pose(pose)), pose, atol=1e-12)
+
+
+def test_an_epson_point_is_in_mm_and_degrees_in_epsons_world():
+    pose = frames().target('pose', EpsonPoint(-207.5, 359.401, 570.0, 0.0, -90.0, -60.0), None)
+    x, y, z = pose.pose[:3, 3]
+    assert (x, y, z) == pytest.approx((0.359401, 0.2075, 0.57))  # base_link: x forward, y left
+    for each in random_poses(50):
+        np.testing.assert_allclose(EpsonPoint.of(each).pose, each, atol=1e-12)
+
+
+def test_frames_by_name_in_each_other_and_in_the_tool():
+    known = frames()
+    table = homogeneous(Rotation.from_euler('z', 90, degrees=True).as_matrix(), [0.5, 0.1, 0.0])
+    known.set('table', table, None)
+    known.set('tray', homogeneous(np.eye(3), np.array([0.1, 0.0, 0.02])), 'table')
+    on_tray = [0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0]
+    target = known.target('pose', on_tray, 'tray')
+    assert target.seen_from(HERE)[:3, 3] == pytest.approx([0.5, 0.2, 0.12])
+    assert known.pose_in(target.pose, 'tray')[:3, 3] == pytest.approx([0.0, 0.0, 0.1])
+    in_tool = known.target('pose', on_tray, 'tool')
+    assert in_tool.seen_from(HERE)[:3, 3] == pytest.approx([0.4, 0.0, 0.6])
+    assert set(known.poses) == {'base_link', 'base', 'table', 'tray'}
+    # an EPSON point in a named frame, as in one of EPSON's Locals
+    assert known.target('pose', EpsonPoint(100, 0, 20), 'table').pose[:3, 3] == pytest.approx(
+        [0.5, 0.2, 0.02]
+    )
+
+
+UNKNOWN = r"frame = 'tabel': must be base_link, base or tool"
+
+
+@pytest.mark.invariant(1)
+@pytest.mark.parametrize(
+    ('request_', 'expected'),
+    [
+        (lambda: frames().target('pose', HERE, 'tabel'), UNKNOWN),
+        (lambda: frames().target('pose', HERE, 7), 'frame = 7: must be base_link'),
+        (lambda: frames().pose_in(HERE, 'tool'), "frame = 'tool': must be base_link or base"),
+        (lambda: frames().set('a', HERE, 'tool'), "parent = 'tool': must be base_link or base"),
+        (lambda: frames().set('base', HERE, None), "name = 'base': that frame is always there"),
+        (lambda: frames().set('', HERE, None), "name = '': must be a word"),
+        (lambda: checked_pose('pose', [1.0] * 6), r'has shape \(6,\): .*take an EpsonPoint'),
+        (lambda: checked_pose('pose', [0.4, 0, 0.5, 0, 0, 0, 2]), 'has length 2: must be 1'),
+        (lambda: checked_pose('pose', [0.4, 0, np.nan, 0, 0, 0, 1]), 'must be finite numbers'),
+        (lambda: checked_pose('pose', 'here'), 'pose: must be numbers'),
+        (lambda: EpsonPoint(400.0, float('nan'), 0.0), 'y = nan: must be a number from'),
+        (lambda: EpsonPoint(400.0, 0.0, 0.0, '90'), "u = '90': must be a number from"),
+        (
+            lambda: frames().target('pose', [400, 0, 500, 0, 0, 0, 1], None),
+            r'pose: 640\.3 m away, and the arm reaches .* m: places are in m \(in mm only',
+        ),
+        (lambda: checked_tool([0, 0, 120, 0, 0, 0, 1], None, None), 'tool is 120 m from the'),
+        (lambda: checked_tool(np.eye(4), 0.0, None), r'max_speed = 0\.0: must be a number'),
+        (
+            lambda: Tool(np.eye(4), max_speed=0.2).check(0.25, 1.0),
+            r'speed = 0\.25 m/s: the tool allows 0\.2 m/s',
+        ),
+        (
+            lambda: Tool(np.eye(4), max_acceleration=0.5).check(0.1, 1.0),
+            r'acceleration = 1 m/s²: the tool allows 0\.5 m/s²',
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_with_field_value_and_what_may_be(request_, expected):
+    with pytest.raises(ValueError, match=expected) as caught:
+        request_()
+    assert '\n' not in str(caught.value)
+
+
+def beside(x, y, z=0.5):
+    return homogeneous(np.eye(3), np.array([x, y, z]))
+
+
+def test_way_points_are_poses_or_have_a_circle_a_blend_and_a_frame_of_their_own():
+    points = [
+        beside(0.4, 0.1),
+        Waypoint(beside(0.3, 0.1), via=[0.35, 0.15, 0.5], blend=0.0),
+        Waypoint([0.0, -0.1, 0.0, 0, 0, 0, 1], frame='tool'),
+    ]
+    found = path_points(points, 0.01, None, frames())
+    assert [point.blend for point in found] == [0.01, 0.0, 0.0]
+    first, second = path_runs(found, HERE)
+    assert [part.length for part in first.parts[:2]] == pytest.approx([0.09, 0.02])
+    assert second.pose(second.seams[-1])[:3, 3] == pytest.approx([0.4, -0.1, 0.5])
+
+
+@pytest.mark.invariant(1)
+@pytest.mark.parametrize(
+    ('points', 'blend', 'expected'),
+    [
+        ([], 0.0, 'points: must have at least one'),
+        ('here', 0.0, "points = 'here': must be a list"),
+        ([HERE[:3]], 0.0, r'points\[0\] has shape \(3, 4\)'),
+        ([beside(0.4, 0.1)], -0.01, r'blend = -0\.01: must be a number from 0'),
+        ([beside(0.4, 0.1)], float('nan'), 'blend = nan: must be a number from 0'),
+        ([Waypoint(HERE, blend='1'), HERE], 0.0, r"points\[0\]\.blend = '1': must be a number"),
+        ([Waypoint(HERE, blend=0.1)], 0.0, r'points\[0\]\.blend = 0\.1 m: nothing follows'),
+        ([Waypoint(HERE, frame='b')], 0.0, "frame = 'b': must be base_link"),
+        ([Waypoint(HERE, via=[1, 2])], 0.0, r'points\[0\]\.via has shape \(2,\)'),
+        ([HERE], 0.0, r'points\[0\]: the tool is there already'),
+        (
+            [beside(0.4, 0.1), beside(0.4, 0.1)],
+            0.0,
+            r'points\[1\]: the tool is there already',
+        ),
+        (
+            [beside(0.4, 0.1), beside(0.4, 0.2)],
+            0.15,
+            r'points\[0\]: the way there is 0\.1 m: a blend of 0\.15 m is longer',
+        ),
+        (
+            [Waypoint(beside(0.4, 0.2), via=[0.4, 0.1, 0.5])],
+            0.0,
+            r'points\[0\]: no arc leads from',
+        ),
+        (
+            [beside(0.4, 0.1), homogeneous(np.diag([-1.0, -1.0, 1.0]), np.array([0.4, 0.2, 0.5]))],
+            0.0,
+            r'points\[1\]: the orientation turns by half a turn',
+        ),
+    ],
+)
+def test_a_path_that_cannot_be_is_refused_with_the_point_and_the_reason(points, blend, expected):
+    with pytest.raises(ValueError, match=expected) as caught:
+        path_runs(path_points(points, blend, None, frames()), HERE)
+    assert '\n' not in str(caught.value)
+
+
+MOVES = ('move_joints', 'move_waypoints', 'move_trajectory', 'move_line', 'move_arc', 'move_path')
+PLACES = ('pose', 'tool_pose', 'ros_pose', 'epson_point', 'pose_in', 'tool', 'set_tool')
+
+
+@pytest.mark.parametrize('name', [*MOVES, *PLACES, 'frames', 'set_frame'])
+def test_both_doors_take_the_same_arguments_and_say_the_same(name):
+    with_asyncio, without = getattr(aio.Robot, name), getattr(robot.Robot, name)
+    if isinstance(with_asyncio, property):
+        assert isinstance(without, property)
+    else:
+        parameters = [inspect.signature(each).parameters for each in (with_asyncio, without)]
+        assert str(parameters[0]) == str(parameters[1])
+    if name not in MOVES[:3]:  # their words differ where Ctrl-C does
+        assert inspect.getdoc(with_asyncio) == inspect.getdoc(without)
