@@ -59,6 +59,9 @@ def arm(request):
 
 
 BOTH = pytest.mark.parametrize('arm', ['robot', 'scara'], indirect=True)
+WITH_SCARA_IF_SLOW = pytest.mark.parametrize(
+    'arm', ['robot', pytest.param('scara', marks=pytest.mark.slow)], indirect=True
+)
 
 
 def driven(robot, motion):
@@ -96,8 +99,15 @@ def bound(robot, ends, path, speed):
     return max(by_joints, go(share, 0.0 * one, one).duration)
 
 
-@BOTH
-@pytest.mark.parametrize('count', [4, pytest.param(100, marks=pytest.mark.slow)])
+@WITH_SCARA_IF_SLOW
+@pytest.mark.parametrize(
+    'count',
+    [
+        3,
+        pytest.param(15, marks=pytest.mark.slow),
+        pytest.param(100, marks=pytest.mark.soak),
+    ],
+)
 def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos_lag(arm, count):
     robot, ready = arm
     random = np.random.default_rng(count)
@@ -141,7 +151,7 @@ def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos
     print(f'duration: {min(longer):.4f} to {max(longer):.4f} of what the limits allow')
 
 
-@BOTH
+@WITH_SCARA_IF_SLOW
 @pytest.mark.parametrize('blend', [0.01, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_a_path_is_driven_on_its_lines_and_cuts_its_corners_only_where_blended(arm, blend):
     robot, ready = arm
@@ -240,14 +250,17 @@ def test_a_line_that_is_cancelled_stops_on_the_line():
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.slow
 @BOTH
-def test_two_hundred_near_singular_requests_are_refused_or_driven_inside_all_limits(arm):
+@pytest.mark.parametrize(
+    'count',
+    [pytest.param(15, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.soak)],
+)
+def test_near_singular_requests_are_refused_or_driven_inside_all_limits(arm, count):
     robot, ready = arm
     limits = robot.model.limits
     random = np.random.default_rng(18)
     reasons = []
-    for number in range(100):
+    for number in range(count):
         joints = np.array(ready)
         if len(ready) == 6:
             joint, value = ((4, -0.05), (2, 1.5), (1, 1.1))[number % 3]
@@ -276,12 +289,12 @@ def test_two_hundred_near_singular_requests_are_refused_or_driven_inside_all_lim
             assert np.all(now <= limits.position_max + 1e-6)
             time.sleep(0.005)
         motion.wait()
-    assert 0 < len(reasons) < 100
+    assert 0 < len(reasons) < count
     assert all('% of the way' in reason for reason in reasons)
-    print(f'{len(reasons)} of 100 refused, {100 - len(reasons)} driven')
+    print(f'{len(reasons)} of {count} refused, {count - len(reasons)} driven')
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_thousand_short_moves_leave_memory_tasks_and_threads_flat(scara):
     scara.move_joints(SCARA_READY)
     home = scara.pose
