@@ -60,6 +60,7 @@ NOT_FOUND: Mapping[str, str] = {
     'state.in_motion': 'too few STATUS came',
     'state.motion_possible': 'too few STATUS came',
     'state.errors': _EDGE,
+    'server.full': 'it takes one client more than are served',
     'server.reconnect': 'not asked, see --ask',
     'server.byte_by_byte': 'too few messages came',
     'server.aborted': _EDGE,

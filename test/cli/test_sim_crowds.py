@@ -108,7 +108,7 @@ def pressed(port):
 
 def has_pressed(port):
     """Return what `pressed` returns when it has worked."""
-    return 0, f'E-stop pressed (127.0.0.1:{port})\n'
+    return 0, f'E-stop pressed [rc620 (simulated), c3_a601s, 127.0.0.1:{port}]\n'
 
 
 @pytest.mark.invariant(7)

@@ -7,7 +7,7 @@ import pytest
 
 from epson_driver.motion.trajectory import problems
 from epson_driver.robots import load_robot_model
-from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.robots.motion_sequence import Kind, Primitive, SequenceError, plan_sequence
 
 ARM = Kinematics(load_robot_model('c3_a601s'))
@@ -128,15 +128,18 @@ def test_one_motion_that_cannot_be_refuses_the_whole_sequence_and_is_named(name)
         raise AssertionError(str(caught.value))
 
 
-def test_a_scara_has_motions_in_joint_space_only():
+def test_a_scara_goes_straight_too_and_does_not_lean():
     scara = Kinematics(load_robot_model('gx4_c251s'))
     start = np.zeros(4)
     target = np.array([0.2, 0.3, -0.05, 0.1])
     assert len(plan_sequence(scara, start, [to_joints(target)]).ends) == 1
-    pose = scara.forward(start)
-    pose[0, 3] -= 0.05
-    with pytest.raises(SequenceError, match='joint_3 is prismatic'):
-        plan_sequence(scara, start, [Primitive(Kind.LINEAR_CARTESIAN, pose)])
+    pose = scara.forward(target)
+    pose[0, 3] -= 0.02
+    (end,) = plan_sequence(scara, target, [Primitive(Kind.LINEAR_CARTESIAN, pose)]).ends
+    assert end > 0.0
+    pose[:3, :3] = pose[:3, :3] @ rotation_of_uvw(np.array([0.0, 0.2, 0.0]))
+    with pytest.raises(SequenceError, match='stays upright'):
+        plan_sequence(scara, target, [Primitive(Kind.LINEAR_CARTESIAN, pose)])
 
 
 def test_it_is_given_up_between_two_motions():

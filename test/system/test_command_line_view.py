@@ -55,6 +55,7 @@ from epson_driver.node.parameters import TABLE, joint_rows
 
 NODE = 'epson_driver'
 ACTION = '/epson_driver/follow_joint_trajectory'
+PRIMITIVES = '/epson_driver/execute_motion_primitive_sequence'
 LATCHED = {'/epson_driver/link_state', '/epson_driver/speed_scaling', '/epson_driver/io_states'}
 SERVICES = ('stop', 'enable', 'disable', 'reset_error', 'set_speed_scaling', 'read_io', 'write_io')
 WANTED = {
@@ -228,22 +229,26 @@ def test_a_late_echo_of_a_latched_topic_gets_its_value_at_once(tool: Tool) -> No
 # --- ros2 action ------------------------------------------------------------------------------
 
 
-def test_action_list_and_info_show_one_server_of_the_type_that_moveit_calls(tool: Tool) -> None:
+def test_action_list_and_info_show_the_server_that_moveit_calls_and_that_of_primitives(tool: Tool) -> None:
     there = dict(get_action_names_and_types(tool.node))
-    assert there == {ACTION: ['control_msgs/action/FollowJointTrajectory']}
+    assert there == {
+        ACTION: ['control_msgs/action/FollowJointTrajectory'],
+        PRIMITIVES: ['control_msgs/action/ExecuteMotionPrimitiveSequence'],
+    }
     assert dict(get_action_server_names_and_types_by_node(tool.node, NODE, '/')) == there
 
 
 def test_the_hidden_names_of_the_action_are_those_of_every_ros_2_action(tool: Tool) -> None:
     kind = 'control_msgs/action/FollowJointTrajectory'
     services = dict(tool.node.get_service_names_and_types_by_node(NODE, '/'))
-    hidden = {name: types for name, types in services.items() if '/_action/' in name}
+    hidden = {name: types for name, types in services.items() if f'{ACTION}/_action/' in name}
     assert hidden == {
         f'{ACTION}/_action/send_goal': [f'{kind}_SendGoal'],
         f'{ACTION}/_action/get_result': [f'{kind}_GetResult'],
         f'{ACTION}/_action/cancel_goal': ['action_msgs/srv/CancelGoal'],
     }
-    topics = {name: kind for name, kind in published(tool).items() if '/_action/' in name}
+    there = published(tool).items()
+    topics = {name: kind for name, kind in there if f'{ACTION}/_action/' in name}
     assert topics == {
         f'{ACTION}/_action/feedback': f'{kind}_FeedbackMessage',
         f'{ACTION}/_action/status': 'action_msgs/msg/GoalStatusArray',

@@ -98,7 +98,7 @@ def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
         text=True,
     )
     assert run.stdout is not None
-    assert 'sim_controller on' in run.stdout.readline()
+    assert 'sim_controller: rc620 (simulated)' in run.stdout.readline()
     children = Path(f'/proc/{run.pid}/task/{run.pid}/children').read_text().split()
     run.send_signal(signal.SIGINT)
     run.stdout.read()

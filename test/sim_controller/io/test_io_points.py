@@ -298,6 +298,7 @@ def test_a_profile_that_says_nothing_is_an_rc620() -> None:
 def test_a_profile_says_everything() -> None:
     profile = read_io_profile(
         {
+            'access': 'motoman',
             'digital_inputs': 8,
             'digital_outputs': 4,
             'analog_inputs': 0,
@@ -313,6 +314,7 @@ def test_a_profile_says_everything() -> None:
         'cell.yaml',
     )
     assert profile == IoProfile(
+        'motoman',
         8,
         4,
         0,
