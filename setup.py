@@ -16,7 +16,17 @@ from setuptools import find_packages, setup  # before distutils, which it provid
 from distutils.command.build_scripts import build_scripts  # isort: skip
 
 NAME = 'epson_driver'
-NAMES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth', 'spel')
+NAMES = (
+    'client',
+    'demo',
+    'jog',
+    'pendant',
+    'replay',
+    'robots',
+    'sim_controller',
+    'smooth',
+    'spel',
+)
 EXECUTABLES = [f'scripts/{name}' for name in NAMES]
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)

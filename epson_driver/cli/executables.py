@@ -6,6 +6,7 @@ EXECUTABLES = {
     'client': 'the ROS 2 node: joint states, robot status, FollowJointTrajectory',
     'sim_controller': 'a simulated EPSON controller',
     'demo': 'both of them, and a planned trajectory executed, with a report',
+    'jog': 'move single joints by keys',
     'smooth': 'make a planned trajectory smooth: a file, a report and a picture',
     'replay': "play the controller's side of a recorded run, for bug reports",
     'robots': 'list the robot models, with their numbers and where those come from',

@@ -32,7 +32,17 @@ UNDECLARED = (
 another thing."""
 
 OF_A_DESKTOP = re.compile('rviz|rqt|gui|visualization|desktop|gazebo')
-EXECUTABLES = ('client', 'demo', 'pendant', 'replay', 'robots', 'sim_controller', 'smooth', 'spel')
+EXECUTABLES = (
+    'client',
+    'demo',
+    'jog',
+    'pendant',
+    'replay',
+    'robots',
+    'sim_controller',
+    'smooth',
+    'spel',
+)
 
 BIN = Path(sys.executable).parent
 
