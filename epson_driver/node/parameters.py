@@ -257,7 +257,7 @@ TABLE = (
     ),
     Row(
         'servo.start_tolerance',
-        0.05,
+        0.1,
         'How far from the arm the first position of a stream of setpoints may be, each joint '
         '[rad, m].',
         0.0,

@@ -28,7 +28,7 @@ class ServoSettings:
 
     share: float = 0.25
     timeout: float = 0.1
-    start_tolerance: float = 0.05
+    start_tolerance: float = 0.1
     reply_timeout: float = 5.0
 
 
