@@ -28,6 +28,9 @@ from epson_driver.motion.smoother.joint_motion import (
 RANGE_MARGIN = 1e-9
 """Nothing is aimed nearer than this to the end of a joint's range, rad or m: for rounding."""
 
+ROUNDING = 1e-10
+"""Where it rests it does not go so little further, rad or m."""
+
 HORIZON_S = 1.0
 """A velocity is a motion to where it would lead in so much time beyond a stop, at that speed, s.
 It is asked for again long before."""
@@ -127,6 +130,8 @@ class SetpointTracker:
                 self.limits, np.clip(velocities, -fastest, fastest)
             )
         aim = np.clip(positions + ahead, self._low, self._high)
+        if self.at_rest and float(np.abs(aim - self.motion.end).max()) < ROUNDING:
+            return True
         return self._replaced(
             lambda joint, _stop: (float(aim[joint]), float(self.limits.velocity[joint]) * speed)
         )

@@ -67,6 +67,9 @@ SILENCE_S = 1.0
 MIN_STEP = 1e-6
 """A smaller change of all joints, rad or m, is not sent before the tracker rests."""
 
+REST_STEP = 1e-8
+"""Nor is a smaller one when it rests: that is rounding."""
+
 NEAR = 0.01
 """An arm that stands so near to the last point, rad or m, has done all that was sent."""
 
@@ -120,7 +123,7 @@ class _Session:
         """Whether the controller has all that the tracker went, and has answered it."""
         if self.waiting or not self.sequence or not self.tracker.at_rest:
             return False
-        return bool(np.array_equal(self.sent, self.tracker.state[0]))
+        return float(np.abs(self.sent - self.tracker.state[0]).max()) < MIN_STEP
 
 
 @dataclass(slots=True)
@@ -408,8 +411,8 @@ class Servo:
         position, velocity, _ = tracker.step(dt)
         session.span += dt
         moved = float(np.abs(position - session.sent).max())
-        if moved < MIN_STEP and not (tracker.at_rest and moved > 0.0):
-            if moved == 0.0:
+        if moved < (REST_STEP if tracker.at_rest else MIN_STEP):
+            if tracker.at_rest:
                 session.span = 0.0
             return
         try:
