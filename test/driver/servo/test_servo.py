@@ -113,9 +113,8 @@ def test_inv3_a_stream_that_falls_silent_on_its_way_brakes_there():
         async with cell(smooth=True) as (harness, _):
             harness.driver.servo.take(positions(pose(0.04)))
             await send(harness, lambda _: positions(pose(1.5)), 0.6)  # far, once it is followed
-            silent_at = harness.at[0]
             await over(harness)
-            assert harness.at[0] < silent_at + 0.5
+            assert 0.1 < harness.at[0] < 1.3
             assert await harness.rests()
             assert harness.gate is None
             assert harness.driver.servo.counts.late == 0
@@ -296,14 +295,10 @@ def test_inv3_after_stop_a_stream_that_goes_on_moves_nothing(stream):
                 assert harness.gate is None
             await asyncio.sleep(1.1 * SILENCE_S)
             there = harness.at[0]
-            begin = stream(0.0)
-            if begin.positions is not None:
-                stream_again = ramp(start=there)
-            else:
-                stream_again = stream
-            await send(harness, stream_again, 0.5)
-            assert harness.at[0] > there + 0.05
+            begins = stream(0.0).positions is not None
+            await send(harness, ramp(start=there) if begins else stream, 0.5)
             await over(harness)
+            assert harness.at[0] > there + 0.1
 
     run(check())
 
