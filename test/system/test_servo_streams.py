@@ -39,6 +39,20 @@ def servo_cell(tmp_path_factory: pytest.TempPathFactory) -> Any:
         cell.close()
 
 
+def rest(cell: Cell) -> np.ndarray:
+    """Wait until the stream is over, and return where the arm stands then."""
+    peer = cell.peer
+    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
+    while values(cell)['stream followed'] != 'none':
+        pass  # once a second
+    return peer.assert_still()
+
+
+def go_home(cell: Cell) -> None:
+    result = cell.peer.goal(trajectory((2.0, START))).result()
+    assert result[0] == 'succeeded', result
+
+
 class MoveItServo:
     """Makes the messages of MoveIt Servo of Jazzy: a window of commanded states.
 
@@ -81,13 +95,6 @@ def reference(begin: np.ndarray, elapsed: float, way: float = WAY) -> tuple[list
     return [begin[0] + sign * done, *begin[1:].tolist()], velocity
 
 
-def wait_until_at(cell: Cell, position: float) -> None:
-    cell.peer.wait_for(
-        lambda: abs(cell.peer.joint_states[-1].position[0] - position) < 2e-3,
-        f'joint 1 at {position}',
-    )
-
-
 def values(cell: Cell) -> dict[str, str]:
     """Return the newest diagnostics of the arm."""
     seen = len(cell.peer.diagnostics)
@@ -103,23 +110,21 @@ def test_windows_of_moveit_servo_are_followed(servo_cell: Cell, rate: float) -> 
     peer = servo_cell.peer
     publisher = peer.node.create_publisher(JointTrajectory, 'epson_driver/servo', 10)
     peer.wait_for(publisher.get_subscription_count, '~/servo')
-    begin = peer.position()
-    way = WAY if begin[0] < 0.2 else -WAY
     servo = MoveItServo()
     jitter = np.random.default_rng(1)
+    before = int(values(servo_cell)['setpoints received'])
+    begin = peer.position()
+    way = WAY if begin[0] < 0.2 else -WAY
     started = time.time()
-    sources = set()
     while (elapsed := time.time() - started) < abs(way) / SPEED + 0.4:
         at, velocity = reference(begin, elapsed, way)
         message = servo.cycle(time.time(), at, [velocity] + [0.0] * 5)
         if message is not None:
             publisher.publish(message)
         time.sleep((0.8 + 0.4 * jitter.random()) / rate)
-        if elapsed > 0.7 and not sources:
-            sources.add(values(servo_cell)['stream source'])
-    wait_until_at(servo_cell, begin[0] + way)
-    peer.assert_still()
-    assert peer.goal(trajectory((1.0, START))).result()[0] == 'succeeded'
+    np.testing.assert_allclose(rest(servo_cell)[0], begin[0] + way, atol=1e-3)
+    assert int(values(servo_cell)['setpoints received']) > before
+    go_home(servo_cell)
 
 
 @pytest.mark.slow
@@ -146,9 +151,8 @@ def test_ros2_control_sends_while_the_arm_is_away_from_its_command(servo_cell: C
         publisher.publish(JointState(name=JOINTS, position=at))
         target = np.array(at)
         time.sleep(0.01)
-    wait_until_at(servo_cell, target[0])
-    peer.assert_still()
-    assert peer.goal(trajectory((1.0, START))).result()[0] == 'succeeded'
+    np.testing.assert_allclose(rest(servo_cell)[0], target[0], atol=1e-3)
+    go_home(servo_cell)
 
 
 @pytest.mark.slow
@@ -165,10 +169,8 @@ def test_every_topic_moves_the_arm_and_silence_stops_it(servo_cell: Cell, topic:
         if peer.joint_states[-1].position[0] > begin[0] + 0.2:
             break
         time.sleep(0.02)
-    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
-    position = peer.assert_still()
-    assert begin[0] + 0.2 < position[0]
-    assert peer.goal(trajectory((1.0, START))).result()[0] == 'succeeded'
+    assert begin[0] + 0.2 < rest(servo_cell)[0]
+    go_home(servo_cell)
 
 
 def _point(state: tuple[list[float], float]) -> JointTrajectory:
@@ -195,25 +197,26 @@ def test_keys_move_a_joint_and_released_they_stop_it(servo_cell: Cell) -> None:
     begin = peer.position()
     terminal, end = pty.openpty()
     command = [*processes.EXECUTABLE, 'jog', '--speed', '0.3']
-    with subprocess.Popen(
-        command, stdin=end, stdout=end, env=processes.ros_environment(servo_cell.domain)
-    ) as jog:
+    environment = processes.ros_environment(servo_cell.domain)
+    with subprocess.Popen(command, stdin=end, stdout=end, env=environment) as jog:
         os.close(end)
-        said = b''
-        while b'x ends' not in said:
-            said += os.read(terminal, 1024)
-        until = time.time() + PATIENCE
-        while peer.joint_states[-1].position[0] < begin[0] + 0.1 and time.time() < until:
-            os.write(terminal, b'1')
-            time.sleep(0.03)
-        peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
-        position = peer.assert_still()
-        assert position[0] > begin[0] + 0.1
-        np.testing.assert_allclose(position[1:], begin[1:], atol=1e-3)
-        os.write(terminal, b'x')
-        assert jog.wait(PATIENCE) == 0
-    os.close(terminal)
-    assert peer.goal(trajectory((1.0, START))).result()[0] == 'succeeded'
+        try:
+            said = b''
+            while b'x ends' not in said:
+                said += os.read(terminal, 1024)
+            until = time.time() + PATIENCE
+            while peer.joint_states[-1].position[0] < begin[0] + 0.1 and time.time() < until:
+                os.write(terminal, b'1')
+                time.sleep(0.03)
+            position = rest(servo_cell)
+            assert position[0] > begin[0] + 0.1
+            np.testing.assert_allclose(position[1:], begin[1:], atol=1e-3)
+            os.write(terminal, b'x')
+            assert jog.wait(PATIENCE) == 0
+        finally:
+            jog.kill()
+            os.close(terminal)
+    go_home(servo_cell)
 
 
 def test_jog_needs_a_terminal() -> None:
