@@ -181,11 +181,11 @@ MESSAGES: dict[str, tuple[Any, Any]] = {
     'position_commands': (Float64MultiArray, lambda state: Float64MultiArray(data=state[0])),
     'velocity_commands': (
         Float64MultiArray,
-        lambda state: Float64MultiArray(data=[state[1]] + [0.0] * 5),
+        lambda _state: Float64MultiArray(data=[SPEED] + [0.0] * 5),
     ),
     'joint_jog': (
         JointJog,
-        lambda state: JointJog(joint_names=JOINTS[:1], velocities=[state[1]]),
+        lambda _state: JointJog(joint_names=JOINTS[:1], velocities=[SPEED]),
     ),
     'servo': (JointTrajectory, _point),
 }
