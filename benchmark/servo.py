@@ -86,9 +86,7 @@ def positions_only(user: 'User', wave: Wave, t: float, _begin: float) -> Any:
 def with_velocities(user: 'User', wave: Wave, t: float, _begin: float) -> Any:
     """Return positions and velocities."""
     way, velocity = wave(t)
-    return JointState(
-        name=user.names, position=user.pose(way), velocity=user.only_first(velocity)
-    )
+    return JointState(name=user.names, position=user.pose(way), velocity=user.only_first(velocity))
 
 
 def window(user: 'User', wave: Wave, t: float, begin: float) -> Any:

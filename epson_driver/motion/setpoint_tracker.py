@@ -39,8 +39,8 @@ MIN_SPEED_SHARE = 1e-4
 """A smaller share of a joint's velocity limit is standing still."""
 
 FEED_FORWARD = 1.0
-"""How much of the way that a stop needs a setpoint's velocity leads the aim ahead of it. With 1 the
-joints pass a setpoint with its velocity when it holds; with 0 they could rest there."""
+"""How much of the way of a stop a setpoint's velocity puts the aim ahead of it. With 1 the joints
+pass a setpoint when it holds; with 0 they could rest there."""
 
 NEARLY_THERE_SHARE = 1.25
 """A motion that ends within so many times the duration of a stop is as good as one."""
@@ -117,7 +117,9 @@ class SetpointTracker:
         self.time += dt
         return self.state
 
-    def follow(self, positions: Array, velocities: Array | None = None, speed: float = 1.0) -> bool:
+    def follow(
+        self, positions: Array, velocities: Array | None = None, speed: float = 1.0
+    ) -> bool:
         """Go to finite positions, shape (n,), which move on with `velocities` if there are any.
 
         Beyond the range, its end is meant. `speed`: the share (0, 1] of the velocity limits that

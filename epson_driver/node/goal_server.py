@@ -160,9 +160,7 @@ class GoalServer:
             self._bridge.to_loop(self._begin_stop)
             return
         duration = duration_in_s(message.points[-1].time_from_start)
-        if what := self._point_streams.noticed(
-            len(message.points), duration, self._loop.time()
-        ):
+        if what := self._point_streams.noticed(len(message.points), duration, self._loop.time()):
             self._logger.warning(what)
         goal = self.requests.checked_goal(FollowJointTrajectory.Goal(trajectory=message))
         handle = GoalHandle(goal, self._log_outcome, partial(self._on_feedback, None))

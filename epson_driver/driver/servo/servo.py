@@ -387,9 +387,9 @@ class Servo:
                 self._break_off(session, f'the arm has not followed setpoints for {waited:.3g} s')
         else:
             self._step(session, now)
-        if session is self._session and now - session.heard > SILENCE_S:
-            if self._done(session, now):
-                self._end(session)
+        silent = now - session.heard > SILENCE_S
+        if silent and session is self._session and self._done(session, now):
+            self._end(session)
 
     def _why_not_on(self) -> str | None:
         """Return what forbids every further point, or None."""
@@ -438,7 +438,9 @@ class Servo:
             found = tracker.move(setpoint.velocities * factor)
         return found or tracker.brake()
 
-    def _message(self, session: _Session, position: Array, velocity: Array, span: float) -> Message:
+    def _message(
+        self, session: _Session, position: Array, velocity: Array, span: float
+    ) -> Message:
         """Return the message of the next point, `span` s of the tracker after the last one.
 
         Raises GoalRejectedError if it breaks a limit, or the controller takes no streams.

@@ -19,7 +19,6 @@ from support.driver_harness import (
 from support.event_loop import now, run, stand_still, until
 from support.streams import JOG, PERIOD, SERVO, going_on, positions, send, velocities
 
-from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import End
 from epson_driver.driver.servo.servo import SILENCE_S
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings
@@ -461,14 +460,13 @@ def test_an_arm_that_does_not_follow_is_given_up():
     """Its controller takes every point, and moves nothing."""
 
     async def check():
-        async with ScriptedController() as scripted:
-            async with Harness(scripted.ports, settings=GoalSettings()) as harness:
-                harness.driver.servo.settings = ServoSettings(reply_timeout=1.0)
-                await harness.ready()
-                await harness.commands.enable()
-                async with going_on(harness, ramp()):
-                    await until(lambda: harness.gate is not None)
-                assert 'the arm has not followed setpoints for' in harness.gate
-                assert len(scripted.received) < 1.0 / PERIOD
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+            harness.driver.servo.settings = ServoSettings(reply_timeout=1.0)
+            await harness.ready()
+            await harness.commands.enable()
+            async with going_on(harness, ramp()):
+                await until(lambda: harness.gate is not None)
+            assert 'the arm has not followed setpoints for' in harness.gate
+            assert len(scripted.received) < 1.0 / PERIOD
 
     run(check())
