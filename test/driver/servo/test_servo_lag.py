@@ -92,11 +92,12 @@ STREAMS = {
     'windows': windows,
 }
 BARS = {  # s: positions, with velocities, windows
-    ('rc620', True): (0.6, 0.6, 0.6),
-    ('rc620', False): (1.5, 1.5, 1.5),
-    ('generic', False): (1.5, 1.5, 1.5),
-    ('fanuc', False): (1.5, 1.5, 1.5),
+    ('rc620', True): (0.4, 0.35, 0.3),
+    ('rc620', False): (0.45, 0.4, 0.35),
+    ('generic', False): (0.45, 0.4, 0.35),
+    ('fanuc', False): (0.45, 0.4, 0.35),
 }
+"""By profile, and whether the arm moves smoothly; some more than was measured."""
 
 
 @pytest.mark.slow
@@ -115,9 +116,7 @@ def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave, reco
             await harness.commands.enable()
             times, ways = await followed(harness, STREAMS[stream], wave)
             lag, rms = lag_of(times, ways, wave)
-            text = f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad'
-            record_property('figures', text)
-            print(f'{name} smooth={smooth}, {stream}, {wave.__name__}: {text}')
+            record_property('figures', f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad')
             assert lag <= BARS[controller][list(STREAMS).index(stream)]
             assert harness.gate is None
 
