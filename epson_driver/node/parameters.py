@@ -242,7 +242,7 @@ TABLE = (
         'servo.scale',
         0.25,
         "Share of the joints' limits of velocity, acceleration and jerk that streams of setpoints "
-        'may use; it holds for the next stream.',
+        'may use; it holds for the next stream [1].',
         0.01,
         1.0,
         now=True,
