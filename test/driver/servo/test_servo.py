@@ -24,6 +24,8 @@ from epson_driver.driver.servo.servo import SILENCE_S
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings
 from epson_driver.sim_controller.condition.states import Event
 
+EITHER = [False, pytest.param(True, marks=pytest.mark.slow)]
+
 SPEED = 0.4
 """rad/s, of the streams here."""
 
@@ -70,7 +72,7 @@ async def over(harness):
 # --- following --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('smooth', [False, True], ids=['point to point', 'smooth'])
+@pytest.mark.parametrize('smooth', EITHER, ids=['point to point', 'smooth'])
 def test_a_stream_of_positions_is_followed_to_its_last_one_and_then_a_goal_runs(smooth, said):
     async def check():
         async with cell(smooth=smooth) as (harness, _):
@@ -121,6 +123,7 @@ def test_inv3_a_stream_that_falls_silent_on_its_way_brakes_there():
     run(check())
 
 
+@pytest.mark.slow
 def test_a_gap_in_a_stream_is_counted_and_the_stream_goes_on():
     async def check():
         async with cell(smooth=True) as (harness, _):
@@ -134,6 +137,7 @@ def test_a_gap_in_a_stream_is_counted_and_the_stream_goes_on():
     run(check())
 
 
+@pytest.mark.slow
 def test_a_position_outside_the_range_is_followed_to_its_end(said):
     async def check():
         far = LIMITS.position_max[0]
@@ -164,6 +168,7 @@ def test_speed_scaling_holds_for_streams():
     run(check())
 
 
+@pytest.mark.slow
 def test_a_loop_that_was_held_up_does_not_make_the_arm_jump():
     async def check():
         async with cell(smooth=True) as (harness, _):
@@ -217,7 +222,7 @@ def test_inv4_a_position_far_from_the_arm_is_not_followed_until_it_is_near(said)
 
 
 @pytest.mark.invariant(4)
-@pytest.mark.parametrize('smooth', [False, True], ids=['point to point', 'smooth'])
+@pytest.mark.parametrize('smooth', EITHER, ids=['point to point', 'smooth'])
 def test_inv4_after_an_estop_a_stream_that_goes_on_moves_nothing(smooth, said):
     """Not before it is enabled, and not then, until its position is near the arm again."""
 
@@ -283,7 +288,11 @@ def test_inv4_a_stick_that_was_let_go_counts_as_silent_and_occupies_nothing():
 
 
 @pytest.mark.invariant(3)
-@pytest.mark.parametrize('stream', [ramp(), jog()], ids=['positions', 'velocities'])
+@pytest.mark.parametrize(
+    'stream',
+    [pytest.param(ramp(), marks=pytest.mark.slow), jog()],
+    ids=['positions', 'velocities'],
+)
 def test_inv3_after_stop_a_stream_that_goes_on_moves_nothing(stream):
     async def check():
         async with cell(smooth=True) as (harness, _):

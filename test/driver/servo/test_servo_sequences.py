@@ -101,6 +101,7 @@ async def act(harness, controller, sender, random):
 
 async def repaired(harness, controller):
     """Do what people do after an E-stop or a lost link."""
+    await asyncio.sleep(1.0)  # the arm stands, or the controller refuses what follows
     for event in (Event.ESTOP_RELEASE, Event.RESET, Event.MOTORS_ON):
         controller.apply(event)
     await asyncio.sleep(0.3)
@@ -114,7 +115,7 @@ async def repaired(harness, controller):
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize(
-    'seed', [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 40))]
+    'seed', [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 16))]
 )
 def test_inv4_any_order_of_events_sends_nothing_that_is_forbidden_and_ends_at_rest(seed):
     async def check():
@@ -126,10 +127,9 @@ def test_inv4_any_order_of_events_sends_nothing_that_is_forbidden_and_ends_at_re
                 for _ in range(ACTIONS):
                     await act(harness, controller, sender, random)
                 assert harness.running
+            harness.driver.goal_queue.scaling.set(1.0, asyncio.get_running_loop().time())
             await until(lambda: not harness.driver.busy)
             assert await harness.rests()
-            harness.driver.goal_queue.scaling.set(1.0, asyncio.get_running_loop().time())
-            await asyncio.sleep(1.0)
             await repaired(harness, controller)
             goal = harness.submit(harness.at + 0.01 * np.sign(-harness.at))
             assert (await goal.end()).end is End.SUCCEEDED
