@@ -126,7 +126,7 @@ STEPS = st.one_of(st.just(PERIOD), st.floats(0.001, 0.2), st.floats(0.5, 2.0))
 
 @pytest.mark.invariant(2)
 @given(st.lists(st.tuples(EVENTS, STEPS), min_size=1, max_size=40))
-@settings(max_examples=examples(500))
+@settings(max_examples=examples(200))
 def test_inv2_any_stream_keeps_every_limit_at_every_instant_and_rests(events):
     """docs/invariants.md, 2 and 3: exact extrema between the steps, whatever comes when."""
     run = Run()
