@@ -21,6 +21,7 @@ NAMES = (
     'demo',
     'doctor',
     'exercise',
+    'jog',
     'panel',
     'pendant',
     'replay',

@@ -176,6 +176,7 @@ SUBPACKAGES: dict[str, dict[str, frozenset[str]]] = {
         'delivery': frozenset({'outcome', 'state'}),
         'stopping': frozenset({'delivery', 'state', 'tasks'}),
         'goal': frozenset({'delivery', 'outcome', 'smoothing', 'state', 'stopping', 'tasks'}),
+        'servo': frozenset({'delivery', 'goal', 'outcome', 'state', 'stopping'}),
         'configuration': frozenset({'delivery', 'smoothing', 'state', 'stopping'}),
         'driver': ANY_SIBLING,
         'arm_commands': ANY_SIBLING,

@@ -7,6 +7,7 @@ EXECUTABLES = {
     'sim_controller': 'a simulated EPSON controller',
     'demo': 'both of them, and a planned trajectory executed, with a report',
     'panel': 'the robots in a browser: 3D, lamps, curves, log and buttons',
+    'jog': 'move single joints by keys',
     'smooth': 'make a planned trajectory smooth: a file, a report and a picture',
     'exercise': 'your own program against the simulated controller, once per fault',
     'doctor': 'what is wrong from this machine to the controller, and what to do',

@@ -36,10 +36,14 @@ class ArmCommands:
         goals.end_waiting('stopped by ~/stop before it could start')
         ends = _now() + ANSWER_TIMEOUT_S
         said = 'no goal was running; the controller acknowledged STOP'
+        source = self._driver.servo.source
         if goals.busy:
+            self._driver.servo.stop('stopped by ~/stop')  # one that waits for its turn
             outcome = await goals.stop('stopped by ~/stop', ANSWER_TIMEOUT_S)
             if outcome is not None:
                 said = f'the running goal ended: {outcome.text}'
+        elif self._driver.servo.stop('stopped by ~/stop'):
+            said = f'the stream of setpoints on {source} was stopped'
         else:
             stopper.stop()
         if stopper.unsent or not await stopper.wait(ends - _now()):
@@ -64,7 +68,7 @@ class ArmCommands:
         if self._disabling:
             raise CommandError('~/disable is under way: call ~/enable when it has answered')
         gate = self._driver.gate
-        with gate.enabling(motors_on=self._driver.goal_queue.busy) as enabling:
+        with gate.enabling(motors_on=self._driver.busy) as enabling:
             work = asyncio.create_task(self._enable(enabling))
             enabling.on_cancel = work.cancel
             try:
@@ -86,7 +90,7 @@ class ArmCommands:
     async def _enable(self, enabling: Enabling) -> str:
         driver = self._driver
         async with self._one_enables:
-            enabling.motors_on = driver.goal_queue.busy
+            enabling.motors_on = driver.busy
             asked = _now()
             status = await self._wait_for_status(
                 lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'
@@ -125,6 +129,7 @@ class ArmCommands:
                     driver.gate.open(enabling)
                 except GateError as error:
                     raise CommandError(str(error)) from error
+                driver.servo.enabled()
             return 'the arm is enabled'
 
     async def _wait_for_first_stop(self) -> None:
@@ -139,7 +144,7 @@ class ArmCommands:
         """Have the controller drop what it may still have of ours, and see the arm stand."""
         driver = self._driver
         stopper = driver.stopper
-        if driver.goal_queue.busy or (stopper.over and not stopper.ours and not stopper.kept):
+        if driver.busy or (stopper.over and not stopper.ours and not stopper.kept):
             return
         stopper.stop()
         if not await stopper.wait(ANSWER_TIMEOUT_S) or not stopper.answered or stopper.kept:

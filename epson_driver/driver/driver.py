@@ -18,6 +18,7 @@ from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.pace import Pace
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.outcome import Outcome
+from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.driver.state.robot_state import JointSample, RobotState, StateRules
@@ -156,6 +157,15 @@ class Driver:
             _smoother(configuration),
             Pace(configuration.delivery, configuration.limits),
         )
+        self.servo = Servo(
+            configuration.limits,
+            self.robot,
+            self.gate,
+            self.stopper,
+            self.goal_queue,
+            self._on_broken_off,
+        )
+        self.goal_queue.occupied = self.servo.occupation
         self._feedback_leads = False
         self._positions_since_feedback = 0
         self._joints_missing = Silence(max(STATUS_TIMEOUT_S, configuration.state_timeout))
@@ -180,6 +190,7 @@ class Driver:
                     'the state link': self.state_link.run,
                     'the motion link': self.motion_link.run,
                     'the I/O': self.io.run,
+                    'following setpoints': self.servo.run,
                     'watching the status': self._watch_status,
                     'watching the joints': self._watch_joints,
                 },
@@ -220,6 +231,11 @@ class Driver:
         self.disable(why, motors_off=motors_off)
         self.goal_queue.fault(why)
 
+    @property
+    def busy(self) -> bool:
+        """True while a goal runs or a stream of setpoints is followed."""
+        return self.goal_queue.busy or self.servo.active
+
     async def why_not_ready(self, patience: float) -> str | None:
         """Return why nobody knows where the arm is now; None as soon as it is known.
 
@@ -247,10 +263,11 @@ class Driver:
     def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
         """Close the arm gate; a goal that runs is left alone. `motors_off` as in `fault`.
 
-        `unexplained`: the controller has not said why so far.
+        A stream of setpoints ends. `unexplained`: the controller has not said why so far.
         """
         if self.gate.close(why, motors_off=motors_off, unexplained=unexplained):
             _log.warning('arm disabled: %s', why)
+        self.servo.stop(why)
 
     def _on_state_packet(self, packet: Packet) -> None:
         if packet.comm_type is not CommType.TOPIC:  # nothing was asked (REP-I0006)
@@ -305,6 +322,7 @@ class Driver:
         self._events.on_joints(sample)
         self.stopper.see(now)
         self.goal_queue.on_joints(sample, now)
+        self.servo.on_joints(sample, now)
 
     def _take_status(self, status: Status, came: float) -> None:
         now = self._now()
@@ -324,6 +342,7 @@ class Driver:
         """Take a topic, or a reply that nobody waits for: a late no is still a no."""
         if packet.reply_code is ReplyCode.FAILURE:
             self.goal_queue.withdraw()
+            self.servo.withdraw()
 
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:

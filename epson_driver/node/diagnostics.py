@@ -131,6 +131,14 @@ class Diagnostics:
         if driver.stopper.alarm is not None:
             yield 'STOP did not work', driver.stopper.alarm
         yield 'goal running', driver.goal_queue.busy
+        servo = driver.servo
+        yield 'stream followed', servo.mode or 'none'
+        yield 'stream source', servo.source
+        yield 'stream lag [ms]', f'{servo.lag * 1e3:.0f}'
+        yield 'setpoints received', servo.counts.received
+        yield 'setpoints late', servo.counts.late
+        yield 'setpoints clipped', servo.counts.clipped
+        yield 'setpoints refused', servo.counts.refused
         yield 'goals without a smooth motion', driver.goal_queue.unsmoothed
         yield 'goals at another speed than planned', driver.goal_queue.other_speed
         if (timing := driver.goal_queue.last_timing) is not None:

@@ -9,6 +9,7 @@ from typing import Any
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.driver.state.plausibility import Margins
@@ -72,4 +73,14 @@ def goal_settings(parameters: Mapping[str, Any], profile: ControllerProfile) -> 
         reply_timeout=parameters['reply_timeout'],
         cause_timeout=cause_timeout(profile.state),
         require_planned_speed=parameters['require_planned_speed'],
+    )
+
+
+def servo_settings(parameters: Mapping[str, Any]) -> ServoSettings:
+    """Return how streams of setpoints are followed."""
+    return ServoSettings(
+        share=parameters['servo.scale'],
+        timeout=parameters['servo.timeout'],
+        start_tolerance=parameters['servo.start_tolerance'],
+        reply_timeout=parameters['reply_timeout'],
     )

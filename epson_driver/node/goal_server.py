@@ -33,6 +33,7 @@ from epson_driver.node.goal_requests import GoalRequests
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.point_streams import PointStreams
 from epson_driver.node.throttle import Throttle
+from epson_driver.node.trajectory_messages import duration_in_s
 
 RESULT_TIMEOUT_S = 60
 """How long a goal and its result are kept for whoever asks late, s: rclpy's own 15 minutes would
@@ -115,7 +116,8 @@ class GoalServer:
         if not message.points:
             self._bridge.to_loop(self._begin_stop)
             return
-        if what := self._point_streams.noticed(len(message.points), self._loop.time()):
+        duration = duration_in_s(message.points[-1].time_from_start)
+        if what := self._point_streams.noticed(len(message.points), duration, self._loop.time()):
             self._logger.warning(what)
         goal = self.requests.checked_goal(FollowJointTrajectory.Goal(trajectory=message))
         handle = GoalHandle(goal, self._log_outcome, partial(self._on_feedback, None))

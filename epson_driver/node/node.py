@@ -28,7 +28,11 @@ from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks.task_group import run_task_group
 from epson_driver.node import messages, parameters
 from epson_driver.node.diagnostics import Diagnostics
-from epson_driver.node.driver_configuration import driver_configuration, goal_settings
+from epson_driver.node.driver_configuration import (
+    driver_configuration,
+    goal_settings,
+    servo_settings,
+)
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.gripper_server import GripperServer, gripper_wiring
 from epson_driver.node.io_interface import IoInterface
@@ -36,6 +40,7 @@ from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.ros_log import context_of
 from epson_driver.node.ros_time import RosTimeStamps
+from epson_driver.node.servo_interface import ServoInterface
 from epson_driver.node.speed_scaling import SpeedScalingInterface
 from epson_driver.node.tracing import Tracing
 from epson_driver.profiles import load_controller_profile
@@ -101,6 +106,14 @@ class ClientNode:
         self._primitives = MotionPrimitives(
             node, self.driver, self.goal_server, self._bridge, self._parameters, group
         )
+        self._servo = ServoInterface(
+            node,
+            self.driver.servo,
+            self.driver.configuration.limits.names,
+            self._bridge,
+            self.goal_server.take_trajectory,
+            group,
+        )
         node.add_on_set_parameters_callback(self._on_set_parameters)
         self.on_link_state(self.driver.state_link.state.value, 'starting')
 
@@ -141,6 +154,7 @@ class ClientNode:
     def _apply_settings(self) -> None:
         self.driver.goal_queue.settings = goal_settings(self._parameters, self._profile)
         self.driver.goal_queue.start_tolerance = self._parameters['start_tolerance']
+        self.driver.servo.settings = servo_settings(self._parameters)
         self.driver.io.timeout = self._parameters['io_timeout']
 
     def _make_publishers(self) -> None:

@@ -263,6 +263,32 @@ TABLE = (
         now=True,
     ),
     Row(
+        'servo.scale',
+        0.25,
+        "Share of the joints' limits of velocity, acceleration and jerk that streams of setpoints "
+        'may use; it holds for the next stream [1].',
+        0.01,
+        1.0,
+        now=True,
+    ),
+    Row(
+        'servo.timeout',
+        0.1,
+        'Silence of a stream of setpoints after which the arm brakes where it is [s].',
+        0.02,
+        1.0,
+        now=True,
+    ),
+    Row(
+        'servo.start_tolerance',
+        0.1,
+        'How far from the arm the first position of a stream of setpoints may be, each joint '
+        '[rad, m].',
+        0.0,
+        1.0,
+        now=True,
+    ),
+    Row(
         'trace_folder',
         '~/.ros/epson_driver',
         'Folder for `trace_file`, made when it is needed. Empty: there are no traces.',

@@ -86,6 +86,10 @@ def test_the_arm_that_is_enabled_is_fine(harness, diagnostics):
     assert values(arm) == {
         'arm gate': 'open',
         'goal running': 'False',
+        'stream followed': 'none',
+        'stream source': '',
+        'stream lag [ms]': '0',
+        **{f'setpoints {each}': '0' for each in ('received', 'late', 'clipped', 'refused')},
         'goals without a smooth motion': '0',
         'goals at another speed than planned': '0',
         'age of joint state [ms]': '250.0',

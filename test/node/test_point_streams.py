@@ -18,18 +18,25 @@ PERIOD = 0.02
 
 def test_a_stream_of_single_points_is_noticed_once():
     streams = PointStreams()
-    said = [streams.noticed(1, PERIOD * count) for count in range(100)]
+    said = [streams.noticed(1, 0.0, PERIOD * count) for count in range(100)]
     assert [count for count, text in enumerate(said) if text] == [2]
     assert said[2] == WARNING
-    again = [streams.noticed(1, 60.0 + PERIOD * count) for count in range(100)]
+    again = [streams.noticed(1, 5.0, 60.0 + PERIOD * count) for count in range(100)]
     assert [count for count, text in enumerate(again) if text] == [2]
+
+
+def test_a_stream_of_windows_is_noticed_once():
+    """What MoveIt Servo sends if it is told to send to ~/joint_trajectory."""
+    streams = PointStreams()
+    said = [streams.noticed(20, 0.2, 0.01 * count) for count in range(100)]
+    assert [count for count, text in enumerate(said) if text] == [2]
 
 
 def test_single_points_now_and_then_are_no_stream():
     streams = PointStreams()
-    assert not any(streams.noticed(1, 1.5 * MAX_GAP_S * count) for count in range(50))
-    assert not any(streams.noticed(10, PERIOD * count) for count in range(50))
-    assert not any(streams.noticed(1 + count % 2, PERIOD * count) for count in range(50))
+    assert not any(streams.noticed(1, 0.0, 1.5 * MAX_GAP_S * count) for count in range(50))
+    assert not any(streams.noticed(10, 2.0, PERIOD * count) for count in range(50))
+    assert not any(streams.noticed(1 + count % 2, 2.0, PERIOD * count) for count in range(50))
 
 
 def test_a_stream_of_single_points_ends_every_goal_and_leaves_the_arm_at_rest():

@@ -175,6 +175,9 @@ def may_end_moving(made):
 EFFECTS = {
     'reply_timeout': (7.5, lambda made: made.driver.goal_queue.settings.reply_timeout),
     'start_tolerance': (0.4, lambda made: made.driver.goal_queue.start_tolerance),
+    'servo.scale': (0.5, lambda made: made.driver.servo.settings.share),
+    'servo.timeout': (0.3, lambda made: made.driver.servo.settings.timeout),
+    'servo.start_tolerance': (0.2, lambda made: made.driver.servo.settings.start_tolerance),
     'constraints.stopped_velocity_tolerance': (
         0.5,
         lambda made: made.driver.goal_queue.settings.stopped_velocity,

@@ -17,6 +17,7 @@ from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.smoothing import smoothing_process
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
 from epson_driver.motion import Trajectory
+from epson_driver.motion.smoother import plan
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
@@ -29,6 +30,15 @@ MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits
 JOINTS = len(LIMITS.names)
 HOME = np.zeros(JOINTS)
+
+
+class PlannerOnTheSpot:
+    """Plans in the call that asks."""
+
+    ready = True
+
+    def ask(self, request, limits, answer):
+        answer(plan(request, limits))
 
 
 class Recorder:
@@ -180,11 +190,11 @@ def pose(*values):
 
 
 @contextlib.asynccontextmanager
-async def simulated(dialect=None, profile='rc620', model=None):
+async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False):
     """Run the simulated controller in this process; yield it and its ports.
 
     `profile` is the name of one, or one, with its SPEL+ program if it has any; `model` the name of
-    a robot.
+    a robot. `smooth`: it moves smoothly; plans take no time.
     """
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
@@ -193,7 +203,8 @@ async def simulated(dialect=None, profile='rc620', model=None):
     if profile.spel.project:
         program = build(profile_project(profile.spel, arm))
         spel = SpelSource(program, program_network(profile))
-    controller = new_controller(arm, profile, dialect=dialect, spel=spel)
+    planner = PlannerOnTheSpot() if smooth else None
+    controller = new_controller(arm, profile, dialect=dialect, planner=planner, spel=spel)
     servers = ControllerServers(controller, spel=spel and spel.network)
     ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
     task = asyncio.create_task(servers.run())
@@ -207,9 +218,12 @@ async def simulated(dialect=None, profile='rc620', model=None):
 
 
 @contextlib.asynccontextmanager
-async def cell(*, enabled=True, **options):
+async def cell(*, enabled=True, smooth=False, **options):
     """Run a driver with the simulated controller; yield both."""
-    async with simulated() as (controller, ports), Harness(ports, **options) as harness:
+    async with (
+        simulated(smooth=smooth) as (controller, ports),
+        Harness(ports, **options) as harness,
+    ):
         await harness.ready()
         if enabled:
             await harness.commands.enable()

@@ -58,9 +58,11 @@ ACTION = '/epson_driver/follow_joint_trajectory'
 PRIMITIVES = '/epson_driver/execute_motion_primitive_sequence'
 LATCHED = {'/epson_driver/link_state', '/epson_driver/speed_scaling', '/epson_driver/io_states'}
 SERVICES = ('stop', 'enable', 'disable', 'reset_error', 'set_speed_scaling', 'read_io', 'write_io')
+STREAMS = ('servo', 'joint_commands', 'position_commands', 'velocity_commands', 'joint_jog')
 WANTED = {
     *('/joint_states', '/robot_status', '/diagnostics', *LATCHED),
     *(f'/{NODE}/controller_state', f'/{NODE}/joint_trajectory', '/joint_path_command'),
+    *(f'/{NODE}/{name}' for name in STREAMS),
     *('/rosout', '/parameter_events'),
     *(f'{ACTION}/_action/{name}' for name in ('feedback', 'status', 'send_goal', 'get_result')),
     f'{ACTION}/_action/cancel_goal',
@@ -229,7 +231,9 @@ def test_a_late_echo_of_a_latched_topic_gets_its_value_at_once(tool: Tool) -> No
 # --- ros2 action ------------------------------------------------------------------------------
 
 
-def test_action_list_and_info_show_the_server_that_moveit_calls_and_that_of_primitives(tool: Tool) -> None:
+def test_action_list_and_info_show_the_server_that_moveit_calls_and_that_of_primitives(
+    tool: Tool,
+) -> None:
     there = dict(get_action_names_and_types(tool.node))
     assert there == {
         ACTION: ['control_msgs/action/FollowJointTrajectory'],
@@ -291,7 +295,16 @@ def test_node_list_and_info_show_one_node_and_what_it_listens_to(tool: Tool) -> 
         if '/_action/' not in name
     }
     kind = ['trajectory_msgs/msg/JointTrajectory']
-    assert listens == {f'/{NODE}/joint_trajectory': kind, '/joint_path_command': kind}
+    array = ['std_msgs/msg/Float64MultiArray']
+    assert listens == {
+        f'/{NODE}/joint_trajectory': kind,
+        '/joint_path_command': kind,
+        f'/{NODE}/servo': kind,
+        f'/{NODE}/joint_commands': ['sensor_msgs/msg/JointState'],
+        f'/{NODE}/position_commands': array,
+        f'/{NODE}/velocity_commands': array,
+        f'/{NODE}/joint_jog': ['control_msgs/msg/JointJog'],
+    }
     assert tool.node.get_client_names_and_types_by_node(NODE, '/') == []
 
 

@@ -45,6 +45,7 @@ EXECUTABLES = (
     'demo',
     'doctor',
     'exercise',
+    'jog',
     'panel',
     'pendant',
     'replay',

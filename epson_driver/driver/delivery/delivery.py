@@ -70,5 +70,12 @@ class Delivery(Protocol):
         Raises GoalRejectedError if the controller cannot take it.
         """
 
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+        """Return the message for one setpoint of a stream, with the number `sequence`.
+
+        `way` has two points: the setpoint before, and this one; with the same time they are the
+        first, where the arm stands. Raises GoalRejectedError if the controller takes no streams.
+        """
+
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Send one of them, or STOP. Raises ConnectionError if there is no link."""

@@ -84,6 +84,14 @@ class Download:
             trajectory, list(numbered), len(numbered) * self._rules.dead_time + MAX_START_DELAY_S
         )
 
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+        """Raise GoalRejectedError: the controller moves when it has all of a download."""
+        raise GoalRejectedError(
+            ErrorCode.INVALID_GOAL,
+            'with interface: download the arm follows no streams of setpoints: it moves when all '
+            'of a trajectory is there; send trajectories',
+        )
+
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Send a point, which counts as answered soon; or STOP, which the controller answers."""
         if message == STOP:

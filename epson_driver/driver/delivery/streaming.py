@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streaming interface: each point is a request, and its reply lets the next one go."""
 
+from dataclasses import replace
+
 from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
 from epson_driver.driver.delivery.trajectory_points import (
     from_standing,
@@ -9,6 +11,7 @@ from epson_driver.driver.delivery.trajectory_points import (
     trajectory_points,
     with_velocities,
 )
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
@@ -45,6 +48,22 @@ class Streaming:
         )
         return PreparedTrajectory(trajectory, list(points))
 
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+        """Return it as a point of one long trajectory."""
+        velocities = None if way.velocities is None else way.velocities[1:]
+        one = Trajectory(
+            way.joint_names, way.times[1:] - way.times[0], way.positions[1:], velocities
+        )
+        (point,) = trajectory_points(
+            one,
+            way.positions[0],
+            self._limits,
+            self._mapping,
+            self._rules.velocity_unit,
+            self._rules.uses,
+        )
+        return replace(point, sequence=sequence)
+
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Send a request."""
         self._link.post(message, on_reply)
@@ -58,3 +77,11 @@ class FullStreaming(Streaming):
         executed = with_velocities(from_standing(trajectory, start, self._limits))
         points = full_points(executed, self._limits, self._mapping)
         return PreparedTrajectory(executed, list(points))
+
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+        """Raise GoalRejectedError: what interpolates by times stops dead if one comes late."""
+        raise GoalRejectedError(
+            ErrorCode.INVALID_GOAL,
+            'with point_message: joint_traj_pt_full the arm follows no streams of setpoints: the '
+            'controller would stop abruptly whenever one comes late; send trajectories',
+        )

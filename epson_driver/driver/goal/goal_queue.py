@@ -82,6 +82,8 @@ class GoalQueue:
         """How long the last goal that succeeded was planned to take, and took."""
         self.other_speed = 0
         """Goals that were executed at another speed than planned."""
+        self.occupied: Callable[[], str | None] = lambda: None
+        """Returns why no goal may begin, as something else moves the arm; None: nothing does."""
         self._limits = limits
         self._pace = pace
         self._robot = robot
@@ -186,7 +188,7 @@ class GoalQueue:
             return
         if self._running is None:
             try:
-                self._standing_sample(now)
+                self.standing_sample(now)
             except GoalRejectedError as rejection:
                 handle.on_end(rejection.outcome)
                 return
@@ -278,6 +280,8 @@ class GoalQueue:
                 ErrorCode.INVALID_GOAL,
                 f'the arm is not enabled ({self._gate.reason}): call ~/enable',
             )
+        if (why := self.occupied()) is not None:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
         if (why := self._robot.why_not_ready(now)) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
         if self._robot.paused and not self._stopper.resumes:
@@ -289,7 +293,7 @@ class GoalQueue:
         assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
         return sample
 
-    def _standing_sample(self, now: float) -> JointSample:
+    def standing_sample(self, now: float) -> JointSample:
         """Return where the arm stands. Raises GoalRejectedError if it may not move or moves now.
 
         Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
@@ -328,7 +332,7 @@ class GoalQueue:
 
     def _sample_at_start(self, trajectory: Trajectory, now: float) -> JointSample:
         """Return where the arm stands. Raises GoalRejectedError unless it can begin there now."""
-        sample = self._standing_sample(now)
+        sample = self.standing_sample(now)
         check_start(trajectory, sample.positions, self._limits, self.start_tolerance)
         return sample
 

@@ -115,6 +115,10 @@ class Stopper:
         """See Delivery."""
         return self._delivery.prepare(trajectory, start)
 
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+        """See Delivery."""
+        return self._delivery.setpoint(way, sequence)
+
     def post(self, message: Message, on_reply: OnReply) -> None:
         """As in Delivery; a STOP is seen through. Raises ConnectionError."""
         if message == STOP:

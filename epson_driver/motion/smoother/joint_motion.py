@@ -131,7 +131,7 @@ def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
         motion = _solved(inp, state)
         if motion is not None:
             yield motion
-    yield _motion(state, stop_joints(limits, *state).trajectories)
+    yield motion_of(state, stop_joints(limits, *state).trajectories)
 
 
 def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotion | None:
@@ -169,10 +169,10 @@ def _solved(inp: InputParameter, state: State) -> JointMotion | None:
         return None
     if result not in (Result.Working, Result.Finished):
         return None
-    return _motion(state, [trajectory])
+    return motion_of(state, [trajectory])
 
 
-def _motion(state: State, trajectories: list[RuckigTrajectory]) -> JointMotion:
+def motion_of(state: State, trajectories: list[RuckigTrajectory]) -> JointMotion:
     """Return the motion of all joints of Ruckig's trajectories."""
     profiles = [profile for trajectory in trajectories for profile in trajectory.profiles[0]]
     durations = [[*profile.brake.t, *profile.t] for profile in profiles]

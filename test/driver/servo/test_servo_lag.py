@@ -1,0 +1,123 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How far the arm is behind a stream: the figures of docs/servo.md, in virtual time.
+
+Streams of 50 Hz with 4 ms of jitter, 2 % lost. What ROS, networks and planning add is not in it.
+"""
+
+import asyncio
+
+import numpy as np
+import pytest
+from support.driver_harness import Harness, pose, simulated
+from support.event_loop import now, run
+from support.streams import PERIOD, positions
+
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.node.parameters import profile_defaults
+from epson_driver.profiles import load_controller_profile
+
+DURATION = 7.0
+SETTLED = 2.0
+LONGEST = 1.5
+JITTER = 0.004
+LOST = 0.02
+WINDOW = 0.1
+
+
+def sine(t):
+    """0.5 Hz, 0.63 rad/s at most."""
+    return 0.2 * (1.0 - np.cos(np.pi * t)), 0.2 * np.pi * np.sin(np.pi * t)
+
+
+def triangle(t):
+    """To and fro at 0.5 rad/s."""
+    phase = t % 4.0
+    return (0.5 * phase, 0.5) if phase < 2.0 else (0.5 * (4.0 - phase), -0.5)
+
+
+def only_positions(wave, t):
+    return positions(pose(wave(t)[0]))
+
+
+def with_velocities(wave, t):
+    way, velocity = wave(t)
+    return positions(pose(way), pose(velocity))
+
+
+def windows(wave, t):
+    """Return what the node takes of a window that ends 0.1 s ahead."""
+    return positions(pose(wave(t + WINDOW)[0]))
+
+
+async def followed(harness, stream, wave):
+    """Send a stream; return times, s, and ways of joint 1 as they were measured."""
+    random = np.random.default_rng(0)
+    begin = now()
+    first = len(harness.events.samples)
+    count = 0
+    while (t := now() - begin) < DURATION:
+        if random.random() >= LOST:
+            harness.driver.servo.take(stream(wave, t))
+        count += 1
+        due = begin + count * PERIOD + random.uniform(-JITTER, JITTER)
+        await asyncio.sleep(max(due - now(), 0.0))
+    samples = [sample for _, sample in harness.events.samples[first:]]
+    times = np.array([sample.measured for sample in samples]) - begin
+    return times, np.array([sample.positions[0] for sample in samples])
+
+
+def lag_of(times, ways, wave):
+    """Return the delay with which the wave is nearest to what was measured, s, and the rms."""
+    chosen = times > SETTLED
+    found = (np.inf, 0.0)
+    for lag in np.arange(-0.1, LONGEST, 0.004):
+        wanted = np.array([wave(t - lag)[0] for t in times[chosen]])
+        rms = float(np.sqrt(np.mean((ways[chosen] - wanted) ** 2)))
+        found = min(found, (rms, float(lag)))
+    return found[1], found[0]
+
+
+def options(name):
+    """Return what a profile sets of a driver's configuration."""
+    profile = load_controller_profile(name)
+    defaults = profile_defaults(profile)
+    rules = delivery_rules(profile, 'streaming', defaults['point_message'])
+    return {'delivery': rules, 'usual_byte_order': profile.byte_order}
+
+
+STREAMS = {
+    'positions': only_positions,
+    'positions with velocities': with_velocities,
+    'windows': windows,
+}
+BARS = {  # s: positions, with velocities, windows
+    ('rc620', True): (0.4, 0.35, 0.3),
+    ('rc620', False): (0.45, 0.4, 0.35),
+    ('generic', False): (0.45, 0.4, 0.35),
+    ('fanuc', False): (0.45, 0.4, 0.35),
+}
+"""By profile, and whether the arm moves smoothly; some more than was measured."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('wave', [sine, triangle], ids=['sine', 'triangle'])
+@pytest.mark.parametrize('stream', STREAMS)
+@pytest.mark.parametrize('controller', BARS, ids=lambda row: f'{row[0]} {"smooth" * row[1]}')
+def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave, record_property):
+    name, smooth = controller
+
+    async def check():
+        async with (
+            simulated(profile=name, smooth=smooth) as (_, ports),
+            Harness(ports, **options(name)) as harness,
+        ):
+            await harness.ready()
+            await harness.commands.enable()
+            times, ways = await followed(harness, STREAMS[stream], wave)
+            lag, rms = lag_of(times, ways, wave)
+            record_property('figures', f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad')
+            assert lag <= BARS[controller][list(STREAMS).index(stream)]
+            assert harness.gate is None
+
+    run(check())

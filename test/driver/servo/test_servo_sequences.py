@@ -1,0 +1,145 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Streams, goals, stops, E-stops and silences in any order: what is sent, and how it ends."""
+
+import asyncio
+import contextlib
+
+import numpy as np
+import pytest
+from support.driver_harness import JOINTS, LIMITS, cell, pose
+from support.event_loop import run, stand_still, until
+from support.streams import JOG, SERVO, going_on, positions, velocities
+
+from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.driver.outcome import End
+from epson_driver.sim_controller.condition.states import Event
+
+ACTIONS = 12
+"""How many things happen in one run."""
+
+
+class Spy:
+    """Judges every message for the motion port in the moment in which it is sent."""
+
+    def __init__(self, harness):
+        self._driver = harness.driver
+        self._post = harness.driver.motion_link.post
+        self.points = 0
+        harness.driver.motion_link.post = self.post
+
+    def post(self, message, on_reply):
+        driver = self._driver
+        if message != STOP:
+            self.points += 1
+            assert driver.gate.reason is None
+            assert driver.stopper.over
+            assert not (driver.servo.active and driver.goal_queue.busy)
+            inside = np.array(message.joints[:JOINTS])
+            assert np.all(inside >= LIMITS.position_min - 1e-6)
+            assert np.all(inside <= LIMITS.position_max + 1e-6)
+        return self._post(message, on_reply)
+
+
+class Sender:
+    """Two streams, of which either may be on: positions near the arm or far, and velocities."""
+
+    def __init__(self, harness, random):
+        self._harness = harness
+        self._random = random
+        self.on = False
+        self._target = np.zeros(JOINTS)
+        self._velocity = np.zeros(JOINTS)
+
+    def change(self):
+        self.on = True
+        sample = self._harness.driver.robot.sample
+        at = np.zeros(JOINTS) if sample is None else sample.positions
+        self._target = at + self._random.uniform(-1.0, 1.0, JOINTS) * self._random.choice(
+            [0.03, 0.5, 4.0]
+        )
+        self._velocity = self._random.uniform(-3.0, 3.0, JOINTS) * self._random.integers(0, 2)
+
+    def positions(self, time):
+        if self.on and time % 1.0 < 0.7:  # with gaps
+            return positions(self._target, source=SERVO)
+        return positions([0.0], source=SERVO)  # dropped
+
+    def velocities(self, _time):
+        return velocities(self._velocity if self.on else np.full(JOINTS, np.nan), source=JOG)
+
+
+async def act(harness, controller, sender, random):
+    """Let something happen."""
+    action = random.integers(0, 10)
+    if action < 3:
+        sender.change()
+    elif action == 3:
+        sender.on = False
+    elif action == 4:
+        harness.submit(pose(random.uniform(-0.5, 0.5)), start=None)
+    elif action == 5:
+        with contextlib.suppress(CommandError):
+            await harness.commands.stop()
+    elif action == 6:
+        controller.apply(Event.ESTOP_PRESS)
+        await asyncio.sleep(random.uniform(0.0, 0.3))
+        await repaired(harness, controller)
+    elif action == 7:
+        harness.driver.motion_link.reconnect('for the test')
+        await asyncio.sleep(0.3)
+        await repaired(harness, controller)
+    elif action == 8:
+        stand_still(random.uniform(0.0, 0.6))
+    else:
+        harness.driver.goal_queue.scaling.set(
+            float(random.choice([0.0, 0.3, 1.0])), asyncio.get_running_loop().time()
+        )
+    await asyncio.sleep(random.uniform(0.0, 0.6))
+
+
+async def repaired(harness, controller):
+    """Do what people do after an E-stop or a lost link."""
+    await asyncio.sleep(1.0)  # the arm stands, or the controller refuses what follows
+    for event in (Event.ESTOP_RELEASE, Event.RESET, Event.MOTORS_ON):
+        controller.apply(event)
+    await asyncio.sleep(0.3)
+    await harness.ready()
+    for _ in range(5):
+        with contextlib.suppress(CommandError):
+            await harness.commands.enable()
+            return
+        await asyncio.sleep(0.5)
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize(
+    'seed', [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 16))]
+)
+def test_inv4_any_order_of_events_sends_nothing_that_is_forbidden_and_ends_at_rest(seed):
+    async def check():
+        random = np.random.default_rng(seed)
+        async with cell(smooth=bool(seed % 2)) as (harness, controller):
+            spy = Spy(harness)
+            sender = Sender(harness, random)
+            async with going_on(harness, sender.positions), going_on(harness, sender.velocities):
+                for _ in range(ACTIONS):
+                    await act(harness, controller, sender, random)
+                assert harness.running
+            harness.driver.goal_queue.scaling.set(1.0, asyncio.get_running_loop().time())
+            await until(lambda: not harness.driver.busy)
+            assert await harness.rests()
+            await repaired(harness, controller)
+            goal = harness.submit(harness.at + 0.01 * np.sign(-harness.at))
+            assert (await goal.end()).end is End.SUCCEEDED
+            assert spy.points > 0
+            assert all(abs(v).max() < 1.3 for v in shares(harness))
+
+    run(check(), patience=240.0)
+
+
+def shares(harness):
+    """Yield the velocities that were measured, as shares of the limits."""
+    for _, sample in harness.events.samples:
+        yield sample.velocities / LIMITS.velocity

@@ -1,0 +1,240 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The tracker of setpoints: limits by exact extrema, rest at the end, braking, lag."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.examples import examples
+
+from epson_driver.motion.setpoint_tracker import SetpointTracker, servo_limits, stopping_way
+from epson_driver.robots import load_robot_model
+
+WHOLE = load_robot_model('c3_a601s').limits
+LIMITS = servo_limits(WHOLE, 0.25, 0.3)
+N = len(LIMITS.names)
+HOME = np.zeros(N)
+PERIOD = 0.02
+SLACK = 1.0 + 1e-6
+
+
+def pose(*values):
+    return np.array([*values, *[0.0] * (N - len(values))])
+
+
+class Usage:
+    """The greatest share of each limit between two moments of a motion, by exact extrema."""
+
+    def __init__(self, limits):
+        self.limits = limits
+        self.velocity = self.acceleration = self.jerk = 0.0
+        self.low = np.full(N, np.inf)
+        self.high = np.full(N, -np.inf)
+        self.before = None
+
+    def see(self, motion, begin, end):
+        """Take a motion from `begin` to `end`, s."""
+        for joint in range(N):
+            times = motion.times[joint]
+            for piece, jerk in enumerate(motion.jerks[joint]):
+                first = max(begin, times[piece]) - times[piece]
+                last = min(end, times[piece + 1]) - times[piece]
+                if last > first:
+                    state = [float(each[joint, piece]) for each in motion.states]
+                    self._piece(joint, state, float(jerk), first, last)
+
+    def _piece(self, joint, state, jerk, first, last):
+        p, v, a = state
+
+        def speed(t):
+            return v + t * (a + t * jerk / 2)
+
+        def place(t):
+            return p + t * (v + t * (a / 2 + t * jerk / 6))
+
+        limits = self.limits
+        self.jerk = max(self.jerk, abs(jerk) / limits.jerk[joint])
+        moments = [first, last]
+        if jerk:
+            moments.append(-a / jerk)
+            root = a * a - 2 * jerk * v
+            if root >= 0:
+                moments += [(-a + sign * math.sqrt(root)) / jerk for sign in (1, -1)]
+        elif a:
+            moments.append(-v / a)
+        inside = [t for t in moments if first <= t <= last]
+        for t in inside:
+            self.velocity = max(self.velocity, abs(speed(t)) / limits.velocity[joint])
+            self.acceleration = max(
+                self.acceleration, abs(a + jerk * t) / limits.acceleration[joint]
+            )
+            self.low[joint] = min(self.low[joint], place(t))
+            self.high[joint] = max(self.high[joint], place(t))
+
+    def assert_kept(self):
+        assert self.velocity <= SLACK
+        assert self.acceleration <= SLACK
+        assert self.jerk <= SLACK
+        assert np.all(self.low >= self.limits.position_min - 1e-9)
+        assert np.all(self.high <= self.limits.position_max + 1e-9)
+
+
+class Run:
+    """A tracker whose every step is measured."""
+
+    def __init__(self, start=HOME, limits=LIMITS):
+        self.tracker = SetpointTracker(limits, start)
+        self.usage = Usage(limits)
+        self.last = self.tracker.state
+
+    def step(self, dt=PERIOD):
+        """Step; what is executed goes on from where it was, without a jump."""
+        tracker = self.tracker
+        for before, now in zip(self.last, tracker.state, strict=True):
+            np.testing.assert_allclose(now, before, rtol=0.0, atol=1e-9)
+        begin = tracker.time
+        self.last = tracker.step(dt)
+        self.usage.see(tracker.motion, begin, tracker.time)
+        return self.last
+
+    def rest(self):
+        """Go on until it rests; return where."""
+        while not self.tracker.at_rest:
+            self.step()
+        position, velocity, acceleration = self.last
+        assert not velocity.any()
+        assert not acceleration.any()
+        return position
+
+
+POSITIONS = st.lists(st.floats(-4.0, 4.0), min_size=N, max_size=N).map(np.array)
+SMALL = st.lists(st.floats(-0.05, 0.05), min_size=N, max_size=N).map(np.array)
+VELOCITIES = st.lists(st.floats(-10.0, 10.0), min_size=N, max_size=N).map(np.array)
+EVENTS = st.one_of(
+    st.tuples(st.just('far'), POSITIONS),
+    st.tuples(st.just('near'), SMALL),
+    st.tuples(st.just('fed forward'), st.tuples(SMALL, VELOCITIES)),
+    st.tuples(st.just('move'), VELOCITIES),
+    st.tuples(st.just('release'), st.just(None)),
+    st.tuples(st.just('brake'), st.just(None)),
+)
+STEPS = st.one_of(st.just(PERIOD), st.floats(0.001, 0.2), st.floats(0.5, 2.0))
+
+
+@pytest.mark.invariant(2)
+@given(st.lists(st.tuples(EVENTS, STEPS), min_size=1, max_size=40))
+@settings(max_examples=examples(200))
+def test_inv2_any_stream_keeps_every_limit_at_every_instant_and_rests(events):
+    """docs/invariants.md, 2 and 3: exact extrema between the steps, whatever comes when."""
+    run = Run()
+    for (kind, value), dt in events:
+        tracker = run.tracker
+        if kind == 'far':
+            tracker.follow(value)
+        elif kind == 'near':
+            tracker.follow(run.last[0] + value)
+        elif kind == 'fed forward':
+            tracker.follow(run.last[0] + value[0], value[1])
+        elif kind == 'move':
+            tracker.move(value)
+        elif kind == 'release':
+            assert tracker.move(np.zeros(N))
+        else:
+            assert tracker.brake()
+            assert tracker.remaining <= 1.25 * stop_time(run)
+        run.step(dt)
+    assert run.tracker.brake()
+    run.rest()
+    run.usage.assert_kept()
+
+
+def stop_time(run):
+    """Return how long any stop takes at most from here, s: the longest there is."""
+    limits = run.tracker.limits
+    longest = limits.velocity / limits.acceleration + 2.0 * limits.acceleration / limits.jerk
+    return float(longest.max()) * 3.0  # with a way back, at the end of the range
+
+
+def test_it_rests_exactly_at_the_last_setpoint():
+    run = Run()
+    for count in range(1, 40):
+        run.tracker.follow(pose(0.01 * count, -0.004 * count))
+        run.step()
+    np.testing.assert_allclose(run.rest(), pose(0.39, -0.156), rtol=0.0, atol=1e-9)
+    run.usage.assert_kept()
+    assert run.usage.high[0] <= 0.39 + 1e-9  # never beyond it
+
+
+def test_braking_far_from_the_setpoint_is_sooner_and_shorter_than_going_there():
+    run = Run()
+    for _ in range(20):
+        run.tracker.follow(pose(2.0))
+        run.step()
+    there = run.tracker.remaining
+    assert run.tracker.brake()
+    assert run.tracker.remaining < there / 2
+    assert run.rest()[0] < 1.0
+
+
+def test_braking_just_before_the_setpoint_rests_at_it():
+    run = Run()
+    run.tracker.follow(pose(0.3))
+    while run.tracker.remaining > 0.03:
+        run.step(0.005)
+    assert run.tracker.brake()
+    np.testing.assert_allclose(run.rest(), pose(0.3), rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.invariant(2)
+def test_inv2_a_velocity_that_goes_on_rests_at_the_end_of_the_range():
+    run = Run()
+    for _ in range(400):
+        run.tracker.move(pose(1.5, -1.5))
+        run.step()
+    position = run.rest()
+    assert position[0] == pytest.approx(LIMITS.position_max[0], abs=1e-6)
+    assert position[1] == pytest.approx(LIMITS.position_min[1], abs=1e-6)
+    run.usage.assert_kept()
+
+
+def test_a_velocity_is_reached_and_a_smaller_one_too():
+    run = Run()
+    for speed in (1.0, 0.2, -0.5):
+        for _ in range(30):
+            run.tracker.move(pose(speed))
+            run.step()
+        assert run.last[1][0] == pytest.approx(speed, rel=1e-6)
+    run.usage.assert_kept()
+
+
+def lag(speed, feed):
+    """Return how far behind a ramp the tracker is in the end, s."""
+    run = Run()
+    velocities = pose(speed) if feed else None
+    for count in range(1, 60):
+        run.tracker.follow(pose(speed * PERIOD * count), velocities)
+        run.step()
+    return (speed * PERIOD * 59 - run.last[0][0]) / speed
+
+
+def test_the_velocity_of_a_setpoint_takes_the_lag_away():
+    assert 0.03 < lag(0.5, feed=False) < 0.12
+    assert abs(lag(0.5, feed=True)) < 0.03
+
+
+def test_limits_are_a_share_and_never_too_fast_to_stop():
+    limits = servo_limits(WHOLE, 0.25, 10.0)
+    np.testing.assert_allclose(limits.velocity, 0.25 * WHOLE.velocity)
+    np.testing.assert_allclose(limits.jerk, 0.25 * WHOLE.jerk)
+    short = servo_limits(WHOLE, 1.0, 0.1)
+    way = stopping_way(WHOLE, short.velocity)
+    np.testing.assert_allclose(2.0 * way / short.velocity, 0.1, rtol=1e-6)
+
+
+@pytest.mark.parametrize('start', [[9.0] * N, [math.nan] * N, [0.0] * (N - 1)])
+def test_a_start_outside_the_range_is_refused(start):
+    with pytest.raises(ValueError, match='start ='):
+        SetpointTracker(LIMITS, np.array(start))

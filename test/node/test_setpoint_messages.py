@@ -1,0 +1,138 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of streams as MoveIt Servo, ros2_control and others send them, and broken ones."""
+
+import math
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.msg import JointJog
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from epson_driver.driver.servo.setpoint import Mode, Setpoint
+from epson_driver.node.setpoint_messages import (
+    SetpointError,
+    from_jog,
+    from_joint_state,
+    from_positions,
+    from_trajectory,
+    from_velocities,
+)
+from epson_driver.robots import load_robot_model
+
+NAMES = tuple('abcdef')
+NOW = 1000.0
+VALUES = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+
+
+def time_of(kind, seconds):
+    whole = math.floor(seconds)
+    return kind(sec=whole, nanosec=round((seconds - whole) * 1e9))
+
+
+def window(ends=0.1, points=20, names=NAMES, velocities=True, begin=NOW - 0.1):
+    """Return what MoveIt Servo sends: the time of the first point, and points from there on."""
+    message = JointTrajectory(joint_names=list(names))
+    message.header.stamp = time_of(Time, begin) if begin else Time()
+    length = NOW + ends - begin if begin else ends
+    for share in np.linspace(0.0, 1.0, points) if points > 1 else [1.0]:
+        message.points.append(
+            JointTrajectoryPoint(
+                positions=[float(share) * value for value in VALUES],
+                velocities=VALUES if velocities else [],
+                time_from_start=time_of(Duration, share * length),
+            )
+        )
+    return message
+
+
+def test_of_a_window_the_last_point_counts_without_its_velocities():
+    setpoint = from_trajectory(window(), NAMES, 'x', NOW)
+    assert setpoint.mode is Mode.POSITION
+    np.testing.assert_array_equal(setpoint.positions, VALUES)
+    assert setpoint.velocities is None
+
+
+@pytest.mark.parametrize('begin', [NOW - 0.02, 0.0], ids=['stamped', 'stamp 0'])
+def test_of_a_single_point_the_velocities_count(begin):
+    setpoint = from_trajectory(window(0.02, points=1, begin=begin), NAMES, 'x', NOW)
+    np.testing.assert_array_equal(setpoint.positions, VALUES)
+    np.testing.assert_array_equal(setpoint.velocities, VALUES)
+
+
+def test_velocities_alone_are_followed_as_such():
+    message = window(points=1)
+    message.points[-1].positions = []
+    setpoint = from_trajectory(message, NAMES, 'x', NOW)
+    assert setpoint.mode is Mode.VELOCITY
+
+
+def test_joints_come_in_any_order():
+    message = window(names=NAMES[::-1])
+    np.testing.assert_array_equal(
+        from_trajectory(message, NAMES, 'x', NOW).positions, VALUES[::-1]
+    )
+
+
+def test_joint_states_of_ros2_control():
+    state = JointState(name=list(NAMES), position=VALUES)
+    assert from_joint_state(state, NAMES, 'x').velocities is None
+    state.velocity = VALUES
+    np.testing.assert_array_equal(from_joint_state(state, NAMES, 'x').velocities, VALUES)
+    state.position = []
+    assert from_joint_state(state, NAMES, 'x').mode is Mode.VELOCITY
+
+
+def test_arrays_of_forward_command_controllers():
+    message = Float64MultiArray(data=VALUES)
+    np.testing.assert_array_equal(from_positions(message, NAMES, 'x').positions, VALUES)
+    np.testing.assert_array_equal(from_velocities(message, NAMES, 'x').velocities, VALUES)
+
+
+def test_a_jog_names_the_joints_that_move():
+    setpoint = from_jog(JointJog(joint_names=['c', 'a'], velocities=[0.3, -0.1]), NAMES, 'x')
+    np.testing.assert_array_equal(setpoint.velocities, [-0.1, 0.0, 0.3, 0.0, 0.0, 0.0])
+    assert not setpoint.at_rest
+    assert from_jog(JointJog(joint_names=['a'], velocities=[0.0]), NAMES, 'x').at_rest
+
+
+def short(message):
+    message.points[-1].positions = VALUES[:3]
+    return message
+
+
+@pytest.mark.parametrize(
+    ('read', 'text'),
+    [
+        (lambda: from_trajectory(window(3.0), NAMES, 'x', NOW), 'that is a trajectory'),
+        (lambda: from_trajectory(window(), NAMES, 'x', NOW + 60.0), 'ended 59.9 s ago'),
+        (lambda: from_trajectory(window(), NAMES, 'x', NOW - 60.0), 'the clocks differ'),
+        (lambda: from_trajectory(short(window()), NAMES, 'x', NOW), '3 values in positions'),
+        (lambda: from_trajectory(window(names='abcdex'), NAMES, 'x', NOW), "unknown joint 'x'"),
+        (lambda: from_trajectory(window(names='abcdea'), NAMES, 'x', NOW), 'twice'),
+        (lambda: from_joint_state(JointState(name=['a']), NAMES, 'x'), 'lacks b, c, d, e, f'),
+        (lambda: from_joint_state(JointState(name=list(NAMES)), NAMES, 'x'), 'neither'),
+        (lambda: from_positions(Float64MultiArray(data=[0.0]), NAMES, 'x'), '1 values in data'),
+        (lambda: from_velocities(Float64MultiArray(), NAMES, 'x'), 'neither'),
+        (lambda: from_jog(JointJog(joint_names=['a'], displacements=[1.0]), NAMES, 'x'), 'displ'),
+        (lambda: from_jog(JointJog(joint_names=['a']), NAMES, 'x'), '0 velocities for 1'),
+        (lambda: from_jog(JointJog(joint_names=['z'], velocities=[1.0]), NAMES, 'x'), "'z'"),
+    ],
+)
+def test_what_is_no_setpoint_says_why(read, text):
+    with pytest.raises(SetpointError, match=text):
+        read()
+
+
+def test_a_number_that_is_none_is_found_by_the_driver():
+    message = JointJog(joint_names=['a'], velocities=[math.nan])
+    problem = from_jog(message, NAMES, 'x').problem(load_robot_model('c3_a601s').limits)
+    assert problem == 'joint_1: velocities = nan is not finite'
+
+
+def test_a_setpoint_without_anything_is_none():
+    limits = load_robot_model('c3_a601s').limits
+    assert Setpoint('x').problem(limits) == 'it has neither positions nor velocities'

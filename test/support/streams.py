@@ -1,0 +1,41 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Streams of setpoints for a driver in the test's event loop."""
+
+import asyncio
+import contextlib
+
+import numpy as np
+
+from epson_driver.driver.servo.setpoint import Setpoint
+
+PERIOD = 0.02
+SERVO = '~/servo'
+JOG = '~/joint_jog'
+
+
+def positions(values, velocities=None, source=SERVO):
+    return Setpoint(source, np.array(values, dtype=float), velocities)
+
+
+def velocities(values, source=JOG):
+    return Setpoint(source, None, np.array(values, dtype=float))
+
+
+async def send(harness, setpoint_at, duration, period=PERIOD):
+    """Send the setpoint of each moment, from 0 s on, for so long."""
+    for count in range(round(duration / period)):
+        harness.driver.servo.take(setpoint_at(count * period))
+        await asyncio.sleep(period)
+
+
+@contextlib.asynccontextmanager
+async def going_on(harness, setpoint_at, period=PERIOD):
+    """Send all the time, until the block ends."""
+    task = asyncio.create_task(send(harness, setpoint_at, 1e6, period))
+    try:
+        yield task
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task

@@ -1,0 +1,231 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Streams through ROS and real processes: MoveIt Servo's, ros2_control's, single points, keys."""
+
+import os
+import pty
+import subprocess
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.msg import JointJog
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from support.cell import START, Cell
+from support.ros_peer import JOINTS, PATIENCE, trajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from epson_driver.cli import processes
+
+LENIENT = {'servo__timeout': 1.0, 'servo__start_tolerance': 0.5}
+"""A process that is not scheduled for a while is not silent."""
+
+WAY = 0.4
+SPEED = 0.5
+"""rad of joint 1, and rad/s on the way."""
+
+
+@pytest.fixture(scope='module')
+def servo_cell(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    cell = Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth', **LENIENT)
+    try:
+        cell.ready().peer.enable()
+        yield cell
+    finally:
+        cell.close()
+
+
+def rest(cell: Cell) -> np.ndarray:
+    """Wait until the stream is over, and return where the arm stands then."""
+    peer = cell.peer
+    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
+    while values(cell)['stream followed'] != 'none':
+        pass  # once a second
+    return peer.assert_still()
+
+
+def go_home(cell: Cell) -> None:
+    result = cell.peer.goal(trajectory((2.0, START))).result()
+    assert result[0] == 'succeeded', result
+
+
+class MoveItServo:
+    """Makes the messages of MoveIt Servo of Jazzy: a window of commanded states.
+
+    Each cycle adds the state for 0.1 s ahead, drops what is older than 0.1 s, and sends all but
+    the newest, if there are three at least. Nothing more comes when the input ends.
+    """
+
+    LATENCY = 0.1
+
+    def __init__(self, names: list[str] = JOINTS) -> None:
+        self.names = names
+        self.window: deque[tuple[float, list[float], list[float]]] = deque()
+
+    def cycle(self, now: float, at: list[float], velocity: list[float]) -> JointTrajectory | None:
+        self.window.append((now + self.LATENCY, at, velocity))
+        while self.window[0][0] < now - self.LATENCY:
+            self.window.popleft()
+        if len(self.window) < 4:
+            return None
+        begin = self.window[0][0]
+        message = JointTrajectory(joint_names=self.names)
+        message.header.stamp = Time(sec=int(begin), nanosec=int(begin % 1.0 * 1e9))
+        for moment, positions, velocities in list(self.window)[:-1]:
+            nanoseconds = round((moment - begin) * 1e9)
+            message.points.append(
+                JointTrajectoryPoint(
+                    positions=positions,
+                    velocities=velocities,
+                    time_from_start=Duration(nanosec=nanoseconds),
+                )
+            )
+        return message
+
+
+def reference(begin: np.ndarray, elapsed: float, way: float = WAY) -> tuple[list[float], float]:
+    """Return positions after a time of a way of joint 1, and its velocity."""
+    done = min(SPEED * elapsed, abs(way))
+    sign = 1.0 if way > 0.0 else -1.0
+    velocity = sign * SPEED if done < abs(way) else 0.0
+    return [begin[0] + sign * done, *begin[1:].tolist()], velocity
+
+
+def values(cell: Cell) -> dict[str, str]:
+    """Return the newest diagnostics of the arm."""
+    seen = len(cell.peer.diagnostics)
+    cell.peer.wait_for(lambda: len(cell.peer.diagnostics) > seen, 'diagnostics')
+    (arm,) = [s for s in cell.peer.diagnostics[-1].status if s.name.endswith(': arm')]
+    return {value.key: value.value for value in arm.values}
+
+
+@pytest.mark.parametrize(
+    'rate', [pytest.param(30.0, marks=pytest.mark.slow), 100.0], ids=['30 Hz', '100 Hz']
+)
+def test_windows_of_moveit_servo_are_followed(servo_cell: Cell, rate: float) -> None:
+    peer = servo_cell.peer
+    publisher = peer.node.create_publisher(JointTrajectory, 'epson_driver/servo', 10)
+    peer.wait_for(publisher.get_subscription_count, '~/servo')
+    servo = MoveItServo()
+    jitter = np.random.default_rng(1)
+    before = int(values(servo_cell)['setpoints received'])
+    begin = peer.position()
+    way = WAY if begin[0] < 0.2 else -WAY
+    started = time.time()
+    while (elapsed := time.time() - started) < abs(way) / SPEED + 0.4:
+        at, velocity = reference(begin, elapsed, way)
+        message = servo.cycle(time.time(), at, [velocity] + [0.0] * 5)
+        if message is not None:
+            publisher.publish(message)
+        time.sleep((0.8 + 0.4 * jitter.random()) / rate)
+    np.testing.assert_allclose(rest(servo_cell)[0], begin[0] + way, atol=1e-3)
+    assert int(values(servo_cell)['setpoints received']) > before
+    go_home(servo_cell)
+
+
+@pytest.mark.slow
+def test_ros2_control_sends_while_the_arm_is_away_from_its_command(servo_cell: Cell) -> None:
+    """Its first command is an initial value, 0: far away, and not followed."""
+    peer = servo_cell.peer
+    publisher = peer.node.create_publisher(JointState, 'epson_driver/joint_commands', 10)
+    peer.wait_for(publisher.get_subscription_count, '~/joint_commands')
+    begin = peer.position()
+    for _ in range(50):
+        publisher.publish(JointState(name=JOINTS, position=[3.0] + [0.0] * 5))
+        time.sleep(0.01)
+    np.testing.assert_array_equal(peer.position(), begin)
+    refused = int(values(servo_cell)['setpoints refused'])
+    assert refused > 0
+    started = time.time()
+    target = begin
+    while True:
+        at, _ = reference(begin, time.time() - started)
+        away = np.abs(np.array(peer.joint_states[-1].position) - at).sum()
+        if at[0] >= begin[0] + WAY and away < 1e-3:
+            break  # silent, as the arm is there
+        assert time.time() < started + PATIENCE
+        publisher.publish(JointState(name=JOINTS, position=at))
+        target = np.array(at)
+        time.sleep(0.01)
+    np.testing.assert_allclose(rest(servo_cell)[0], target[0], atol=1e-3)
+    go_home(servo_cell)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('topic', ['position_commands', 'velocity_commands', 'joint_jog', 'servo'])
+def test_every_topic_moves_the_arm_and_silence_stops_it(servo_cell: Cell, topic: str) -> None:
+    peer = servo_cell.peer
+    kind, message_at = MESSAGES[topic]
+    publisher = peer.node.create_publisher(kind, f'epson_driver/{topic}', 10)
+    peer.wait_for(publisher.get_subscription_count, topic)
+    begin = peer.position()
+    started = time.time()
+    while time.time() < started + PATIENCE:
+        publisher.publish(message_at(reference(begin, time.time() - started)))
+        if peer.joint_states[-1].position[0] > begin[0] + 0.2:
+            break
+        time.sleep(0.02)
+    assert begin[0] + 0.2 < rest(servo_cell)[0]
+    go_home(servo_cell)
+
+
+def _point(state: tuple[list[float], float]) -> JointTrajectory:
+    return trajectory((0.02, state[0]))
+
+
+MESSAGES: dict[str, tuple[Any, Any]] = {
+    'position_commands': (Float64MultiArray, lambda state: Float64MultiArray(data=state[0])),
+    'velocity_commands': (
+        Float64MultiArray,
+        lambda _state: Float64MultiArray(data=[SPEED] + [0.0] * 5),
+    ),
+    'joint_jog': (
+        JointJog,
+        lambda _state: JointJog(joint_names=JOINTS[:1], velocities=[SPEED]),
+    ),
+    'servo': (JointTrajectory, _point),
+}
+
+
+@pytest.mark.slow
+def test_keys_move_a_joint_and_released_they_stop_it(servo_cell: Cell) -> None:
+    peer = servo_cell.peer
+    begin = peer.position()
+    terminal, end = pty.openpty()
+    command = [*processes.EXECUTABLE, 'jog', '--speed', '0.3']
+    environment = processes.ros_environment(servo_cell.domain)
+    with subprocess.Popen(command, stdin=end, stdout=end, env=environment) as jog:
+        os.close(end)
+        try:
+            said = b''
+            while b'x ends' not in said:
+                said += os.read(terminal, 1024)
+            until = time.time() + PATIENCE
+            while peer.joint_states[-1].position[0] < begin[0] + 0.1 and time.time() < until:
+                os.write(terminal, b'1')
+                time.sleep(0.03)
+            position = rest(servo_cell)
+            assert position[0] > begin[0] + 0.1
+            np.testing.assert_allclose(position[1:], begin[1:], atol=1e-3)
+            os.write(terminal, b'x')
+            assert jog.wait(PATIENCE) == 0
+        finally:
+            jog.kill()
+            os.close(terminal)
+    go_home(servo_cell)
+
+
+def test_jog_needs_a_terminal() -> None:
+    run = subprocess.run(
+        [*processes.EXECUTABLE, 'jog'],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 1
+    assert 'needs a terminal' in run.stderr
