@@ -40,10 +40,11 @@ def shared(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pan
 
 
 @pytest.fixture
-def panel(shared: PanelProcess, cell: Cell) -> PanelProcess:
+def panel(shared: PanelProcess, cell: Cell) -> Iterator[PanelProcess]:
     """The panel, with the arm disabled, at rest where it began."""
     cell.peer.call('disable')
-    return shared
+    yield shared
+    shared.close_windows()
 
 
 def moving(cell: Cell, panel: PanelProcess) -> PanelClient:
@@ -88,6 +89,7 @@ def test_an_estop_turns_the_lamp_and_says_what_to_do(cell: Cell, panel: PanelPro
         client.wait(lambda: 'release the E-stop' in client.html('advice'), 'advice')
         client.wait_for_log('pendant: E-stop press')
         client.set('E-stop', 'release')
+        client.wait_for_log('pendant: E-stop release')
         cell.pendant('reset')
         client.wait_for_lamp('E-stop', 'good')
         client.set('Door', 'open')

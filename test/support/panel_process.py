@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A panel as a process of its own, for the robots of one ROS domain."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from epson_driver.motion import Trajectory
 from support import patient
 from support.cell import LASTS, START
 from support.panel_client import PanelClient
-from support.ros_peer import JOINTS
+from support.ros_peer import JOINTS, PATIENCE
 
 SWING = 'swing'
 
@@ -35,11 +36,13 @@ class PanelProcess:
             run=patient.COMMAND if patience else processes.EXECUTABLE,
         )
         self.address = self.process.address()
+        self._windows: list[PanelClient] = []
         self.port = int(self.address.split(':')[2].partition('/')[0])
 
     def window(self) -> PanelClient:
         """Open a window and wait until it shows a robot that is connected."""
         client = PanelClient(self.port)
+        self._windows.append(client)
         client.wait_for_lamp('Link', 'good')
         client.wait(lambda: client.buttons('Arm'), 'its controls')
         return client
@@ -53,10 +56,17 @@ class PanelProcess:
 
     def arm(self, client: PanelClient) -> None:
         """Arm a window; a controller that has just come, or come back, is not known at once."""
+        until = time.monotonic() + PATIENCE
         while client.disabled('Enable'):
+            assert time.monotonic() < until, f'not armed: {client.notifications}'
             client.notifications.clear()
             client.click('Arm')
             client.wait(lambda: client.notifications or not client.disabled('Enable'), 'an answer')
+
+    def close_windows(self) -> None:
+        """Close what a test has opened; one that failed may have left an armed window."""
+        while self._windows:
+            self._windows.pop().close()
 
     def end(self) -> int:
         return self.process.end()
