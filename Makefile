@@ -30,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Otherwise Fast DDS would multicast on every network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo browser docs test test-all soak-tests coverage lint bench bench-motion soak generate pictures clean help
+.PHONY: demo browser docs test test-all test-rest soak-tests coverage lint bench bench-motion soak generate pictures clean help
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
@@ -39,6 +39,7 @@ help:
 	@echo "make test          run the tests (some of them: make test ARGS=test/driver)"
 	@echo "make browser       install what drives Debian's chromium in tests of the panel, which are skipped without"
 	@echo "make test-all      run the slow tests as well (half an hour)"
+	@echo "make test-rest     run what test-all adds to test: the slow tests, and more examples (twenty minutes)"
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff and mypy"
 	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
@@ -57,7 +58,7 @@ DEMO_EXTRAS := $(if $(filter --plan,$(ARGS)),planning) $(if $(filter --panel,$(A
 # ALSO: the steps after the driver, so that all sizes are announced before the first download
 demo: ALSO := $(DEMO_EXTRAS)
 test soak-tests coverage lint generate pictures: ALSO := dev
-test-all: ALSO := dev docs
+test-all test-rest: ALSO := dev docs
 bench bench-motion: ALSO := bench
 docs: ALSO := docs
 
@@ -72,6 +73,9 @@ test: $(VENV)/.dev
 
 test-all: $(VENV)/.dev $(VENV)/.docs
 	$(PYTEST) -m 'not soak' $(or $(ARGS),$(ALL_TESTS))
+
+test-rest: $(VENV)/.dev $(VENV)/.docs
+	$(PYTEST) -m '(slow or hypothesis) and not soak' $(or $(ARGS),$(ALL_TESTS))
 
 soak-tests: $(VENV)/.dev
 	$(PYTEST) -m 'soak or hypothesis' $(or $(ARGS),$(ALL_TESTS))

@@ -31,6 +31,8 @@ def test_each_goal_has_its_marks_and_its_examples() -> None:
     default = marks(SETTINGS['tool']['pytest']['ini_options']['addopts'])
     chosen = [default, marks(goal('test-all')), marks(goal('soak-tests'))]
     assert chosen == ['not slow and not soak', 'not soak', 'soak or hypothesis']
+    assert marks(goal('test-rest')) == '(slow or hypothesis) and not soak'
+    assert profile_for(marks(goal('test-rest'))) == profile_for(marks(goal('test-all')))
     assert [profile_for(each) for each in chosen] == list(PROFILES)
     assert '-m' not in goal('test').replace('-m pytest', '')
 
@@ -38,7 +40,7 @@ def test_each_goal_has_its_marks_and_its_examples() -> None:
 def test_ci_runs_what_a_newcomer_would() -> None:
     lines = (ROOT / '.ci' / 'run').read_text(encoding='utf-8').splitlines()
     made = [line for line in lines if line.startswith('make')]
-    assert made == ['make browser', 'make test', 'make test-all']
+    assert made == ['make browser', 'make test', 'make test-rest']
 
 
 def test_no_profile_judges_by_time_and_only_soak_is_not_the_same_each_time() -> None:

@@ -9,6 +9,7 @@ import argparse
 import asyncio
 import sys
 from collections.abc import Sequence
+from math import ceil
 
 from epson_driver.cli.arguments import PORT, argument, host
 from epson_driver.cli.pendant_status import ask_flags, status
@@ -20,7 +21,13 @@ from epson_driver.cli.pendant_words import (
     request,
 )
 from epson_driver.inputs import number
-from epson_driver.remote_ethernet.client import MAX_LOGINS, Ask, RemoteError, logged_in
+from epson_driver.remote_ethernet.client import (
+    LOGIN_RETRY_PERIOD_S,
+    MAX_LOGINS,
+    Ask,
+    RemoteError,
+    logged_in,
+)
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.remote_ethernet.identity import identity
 from epson_driver.sim_controller.faults.fault_text import describe
@@ -69,7 +76,7 @@ def main() -> int:
 async def _do(asked: Request | None, args: argparse.Namespace) -> str:
     """Return what was done or found out, and by whom. None asks for the state."""
     host, port = args.host, args.port
-    logins = max(MAX_LOGINS, round(args.timeout))
+    logins = max(MAX_LOGINS, ceil(args.timeout / LOGIN_RETRY_PERIOD_S))  # as long as there is time
     async with logged_in(host, port, args.timeout, args.password, logins) as ask:
         who = await identity(ask, f'{host}:{port}')
         try:

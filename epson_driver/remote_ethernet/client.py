@@ -110,6 +110,8 @@ class _HungUpError(ConnectionError):
 async def _connected(host: str, port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     try:
         return await asyncio.open_connection(host, port, limit=_MAX_LINE_BYTES)
+    except ConnectionResetError as error:
+        raise _HungUpError(f'{host}:{port}: {reason(error)}') from error
     except (OSError, OverflowError, ValueError) as error:
         raise ConnectionError(f'{host}:{port}: {reason(error)}') from error
 

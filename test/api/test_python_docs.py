@@ -28,7 +28,11 @@ def test_every_example_is_here() -> None:
 
 
 @pytest.mark.parametrize(
-    ('code', 'said'), list(zip(EXAMPLES, SAID, strict=True)), ids=range(len(SAID))
+    ('code', 'said'),
+    [
+        pytest.param(*each, marks=[pytest.mark.slow] if number else [], id=str(number))
+        for number, each in enumerate(zip(EXAMPLES, SAID, strict=True))
+    ],
 )
 def test_the_example_runs_without_ros(code: str, said: str) -> None:
     assert said in output(program(code))

@@ -9,7 +9,7 @@ import pytest
 from benchmark import soak as long_run
 from benchmark.soak import growth, soak
 
-pytestmark = pytest.mark.invariant(7, 9)
+pytestmark = [pytest.mark.invariant(7, 9), pytest.mark.slow]
 
 CALLS = 1_600
 WARM_UP = 300

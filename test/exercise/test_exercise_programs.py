@@ -38,6 +38,7 @@ def verdicts(junit):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize(
     ('name', 'expected', 'code'),

@@ -10,7 +10,7 @@ from support.smoother_harness import assert_within_all_limits
 
 pytestmark = pytest.mark.invariant(2)
 
-QUICK = 6
+QUICK = 3
 """Plans of `make test`, every tenth sampled at 10 kHz, the others at 1 kHz."""
 
 MORE = 12

@@ -21,6 +21,7 @@ from support.ros_peer import PATIENCE
 CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
 
 pytestmark = [
+    pytest.mark.slow,  # seconds, in a browser without a graphics card
     pytest.mark.skipif(
         CHROMIUM is None,
         reason='there is no browser: apt install --no-install-recommends chromium',
@@ -113,7 +114,6 @@ def page(panel: PanelProcess) -> Iterator[Page]:
         browser.close()
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(1)
 def test_nothing_can_be_pressed_before_it_is_armed(page: Page, cell: Cell) -> None:
     cell.peer.enable()
@@ -125,7 +125,6 @@ def test_nothing_can_be_pressed_before_it_is_armed(page: Page, cell: Cell) -> No
     cell.peer.assert_still()
 
 
-@pytest.mark.slow
 def test_the_view_is_not_empty_and_follows_the_arm_until_stop(page: Page, cell: Cell) -> None:
     import numpy as np
 
@@ -161,7 +160,6 @@ def test_an_estop_is_seen_with_its_reason_and_what_to_do(page: Page) -> None:
     page.lamp('E-stop', 'good')
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(6)
 def test_a_page_whose_panel_is_silent_turns_grey_and_says_so(
     page: Page, panel: PanelProcess

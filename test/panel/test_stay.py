@@ -24,6 +24,7 @@ from epson_driver.cli.panel import PORT
 DEMO = (sys.executable, '-m', 'epson_driver.cli', 'demo')
 
 
+@pytest.mark.slow
 def test_demo_stays_with_a_panel_until_it_is_interrupted(tmp_path: Path) -> None:
     run = subprocess.Popen(
         [*DEMO, '--stay', '--motion=ptp', f'--picture={tmp_path / "x.png"}'],
