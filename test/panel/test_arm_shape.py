@@ -7,6 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
+pytest.importorskip('viser')
+
 from support.panel_client import PanelClient
 
 from epson_driver.panel.arm_shape import _smoothed, arm_shape, quaternion
