@@ -220,6 +220,7 @@ def test_inv4_an_estop_ends_a_sequence_and_the_gate_stays_closed(cell: Cell) -> 
     ended, code, text = sequence.result()
     assert (ended, code) == ('aborted', INVALID_GOAL)
     assert 'E-stop' in text
+    cell.peer.wait_for(lambda: cell.peer.robot_status[-1].in_motion.val == 0, 'rest')
     cell.pendant('estop', 'release')
     cell.pendant('reset')
     stood = cell.peer.assert_still()
