@@ -70,7 +70,7 @@ STEPS = {
             'ROS messages, built with CMake',
             ('interfaces/requirements-build.txt',),
             30,
-            15,
+            26,
             'scikit-build-core',
         ),
         Step('driver', 'epson_driver', (), 0, 0),

@@ -76,20 +76,28 @@ def main() -> int:
 async def _do(asked: Request | None, args: argparse.Namespace) -> str:
     """Return what was done or found out, and by whom. None asks for the state."""
     host, port = args.host, args.port
+    address = f'{host}:{port}'
     logins = max(MAX_LOGINS, ceil(args.timeout / LOGIN_RETRY_PERIOD_S))  # as long as there is time
     async with logged_in(host, port, args.timeout, args.password, logins) as ask:
-        who = await identity(ask, f'{host}:{port}')
         try:
             if asked is None:
-                return await status(ask, who)
+                return await status(ask, await identity(ask, address))
             value = await _first_known(ask, asked.commands)
             done = asked.done if isinstance(asked.done, str) else asked.done(value)
         except (RemoteError, _RejectedError) as error:
-            raise _RejectedError(f'{error} [{who}]') from error
+            raise _RejectedError(f'{error} [{await _who(ask, address)}]') from error
         except (ValueError, KeyError) as error:
-            raise ConnectionError(f'{who}: an answer makes no sense: {error}') from error
+            raise ConnectionError(f'{address}: an answer makes no sense: {error}') from error
         between = '\n' if '\n' in done else ' '
-        return f'{done}{between}[{who}]'
+        return f'{done}{between}[{await _who(ask, address)}]'
+
+
+async def _who(ask: Ask, address: str) -> str:
+    """Return who answered; only its address if it has hung up: what was asked has been done."""
+    try:
+        return await identity(ask, address)
+    except ConnectionError:
+        return address
 
 
 async def _first_known(ask: Ask, commands: Sequence[str]) -> str:
