@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.interrupt import ignore_interrupts
+from epson_driver.cli.interrupt import end_of_signals, ignore_interrupts
 from epson_driver.inputs import printable
 from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_log import RosLogHandler
@@ -150,6 +150,7 @@ def _run(nodes: Sequence[Node]) -> int:
             except BaseException as error:  # noqa: BLE001 - it is reported
                 # asyncio lets the SystemExit of a callback or a task out at once
                 failures.tell('the event loop was left', error)
+        end_of_signals()
     ignore_interrupts()  # the arms are at rest, and the rest takes a moment
     for client in clients:
         client.end()

@@ -34,5 +34,14 @@ def ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+def end_of_signals() -> None:
+    """Have signals do nothing while an event loop closes, which has stopped all that it ran.
+
+    It closes the socket that wakes it up before it takes its handlers back: a signal between the
+    two would be reported as an exception.
+    """
+    signal.set_wakeup_fd(-1)
+
+
 def _leave(_number: int, _frame: object) -> NoReturn:
     os._exit(INTERRUPTED)

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from epson_driver.cli.arguments import FREE_PORT, PORT, argument, define, host, if_in_use
+from epson_driver.cli.interrupt import end_of_signals
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
@@ -175,6 +176,7 @@ async def _run(
                 beside.terminate()
             await beside.wait()
         await servers.close()
+        end_of_signals()
     return 0
 
 
