@@ -111,6 +111,7 @@ def cell(tmp_path: Path) -> Iterator[Onlooker]:
             onlooker.close()
 
 
+@pytest.mark.slow
 def test_each_of_several_robots_moves_by_itself(cell: Onlooker) -> None:
     cell.wait(lambda: len(cell.states) == len(ROBOTS), 'joint states of both')
     for robot in ROBOTS:

@@ -19,7 +19,7 @@ from epson_driver.planning.task import HOME_RAD, draw_task, gripping, quarter_tu
 from epson_driver.planning.verdict import apart, judge
 
 
-@pytest.fixture(scope='module', params=[1, 2])
+@pytest.fixture(scope='module', params=[1, pytest.param(2, marks=pytest.mark.slow)])
 def plan(request):
     return plan_task(draw_task(request.param), MODEL)
 

@@ -295,5 +295,5 @@ class SmoothSequences(Sequences):
     PLANNER = InlinePlanner
 
 
-TestSmoothSequences = SmoothSequences.TestCase
+TestSmoothSequences = pytest.mark.slow(SmoothSequences.TestCase)
 TestSmoothSequences.settings = settings(TestSequences.settings, max_examples=examples(40))

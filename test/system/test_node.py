@@ -155,6 +155,7 @@ def test_a_folder_is_no_robot_model(tmp_path: Path) -> None:
     assert 'Traceback' not in run.stderr
 
 
+@pytest.mark.slow
 def test_namespace_gives_each_robot_its_own_names(tmp_path: Path) -> None:
     domain = processes.free_ros_domain()
     running: list[processes.Process] = []

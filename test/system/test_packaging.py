@@ -209,6 +209,7 @@ def test_tests_are_collected_where_only_the_declared_libraries_are() -> None:
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr
 
 
+@pytest.mark.slow
 def test_a_plain_colcon_build_says_how_to_build_the_messages_as_well(tmp_path: Path) -> None:
     workspace = copied(tmp_path)
     run = colcon(workspace, 'build', prefix='')

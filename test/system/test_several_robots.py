@@ -273,6 +273,7 @@ def test_one_signal_stops_all_arms_and_ends_each_goal_once(
         assert log.count(f'[{name}.epson_driver]: goal aborted') == 1
 
 
+@pytest.mark.slow
 def test_a_controller_that_floods_its_driver_delays_nobody_for_long(tmp_path: Path) -> None:
     """Bad frames without a pause: the other robot in the process goes on, and gets to its goal."""
     bad = encode(topic(Opaque(10, b'too short')), Dialect()) * 500

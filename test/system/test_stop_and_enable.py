@@ -17,7 +17,11 @@ RACES = 20
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize(
     ('program', 'remote'),
-    [('built-in', True), ('built-in', False), pytest.param('spel', True, marks=pytest.mark.slow)],
+    [
+        ('built-in', True),
+        pytest.param('built-in', False, marks=pytest.mark.slow),
+        pytest.param('spel', True, marks=pytest.mark.slow),
+    ],
 )
 def test_invariant_4_no_enable_on_its_way_arms_after_disable(
     make_cell: Any, program: str, remote: bool

@@ -43,6 +43,10 @@ def late_by_900_ms_once(now, _chance):
 
 
 LATE = [on_time, late_by_1_ms, late_by_30_ms, late_by_900_ms_once]
+BURSTS = ['coalesce 0.05 port=state', 'coalesce 0.2 port=state']
+
+QUICK = {(on_time, BURSTS[0]), (late_by_30_ms, None), (late_by_900_ms_once, BURSTS[1])}
+"""Those that are tested in `make test` as well."""
 
 
 class Paced:
@@ -117,8 +121,14 @@ def test_a_process_that_stood_still_for_long_makes_up_for_the_newest_slots_only(
 
 
 @pytest.mark.invariant(8)
-@pytest.mark.parametrize('late', LATE)
-@pytest.mark.parametrize('fault', [None, 'coalesce 0.05 port=state', 'coalesce 0.2 port=state'])
+@pytest.mark.parametrize(
+    ('late', 'fault'),
+    [
+        pytest.param(late, fault, marks=[] if (late, fault) in QUICK else pytest.mark.slow)
+        for late in LATE
+        for fault in (None, *BURSTS)
+    ],
+)
 def test_inv8_velocities_of_a_simulation_that_is_late_are_those_of_its_motion(late, fault):
     """docs/invariants.md, 8: the driver's own estimate is within 2 % of the motion's fastest.
 
