@@ -295,5 +295,6 @@ class SmoothSequences(Sequences):
     PLANNER = InlinePlanner
 
 
-TestSmoothSequences = pytest.mark.slow(SmoothSequences.TestCase)
+TestSmoothSequences = SmoothSequences.TestCase
+TestSmoothSequences.pytestmark = [pytest.mark.slow]
 TestSmoothSequences.settings = settings(TestSequences.settings, max_examples=examples(40))
