@@ -25,6 +25,7 @@ from epson_driver.remote_ethernet.client import (
     LOGIN_RETRY_PERIOD_S,
     MAX_LOGINS,
     Ask,
+    HungUpError,
     RemoteError,
     logged_in,
 )
@@ -74,7 +75,21 @@ def main() -> int:
 
 
 async def _do(asked: Request | None, args: argparse.Namespace) -> str:
-    """Return what was done or found out, and by whom. None asks for the state."""
+    """Return what was done or found out, and by whom. None asks for the state.
+
+    Looking and stopping are tried on another connection when a controller hangs up.
+    """
+    async with asyncio.timeout(args.timeout):
+        while True:
+            try:
+                return await _once(asked, args)
+            except HungUpError:
+                if asked is not None and not asked.repeatable:
+                    raise
+                await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
+
+
+async def _once(asked: Request | None, args: argparse.Namespace) -> str:
     host, port = args.host, args.port
     address = f'{host}:{port}'
     logins = max(MAX_LOGINS, ceil(args.timeout / LOGIN_RETRY_PERIOD_S))  # as long as there is time

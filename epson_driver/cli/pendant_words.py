@@ -21,10 +21,13 @@ class Request(NamedTuple):
     """Equivalent remote commands; the first one that the controller knows is used.
 
     `done` is the text to print afterwards, or a function that makes it from the answer's value.
+    `repeatable`: it only stops, so it is given again where a controller that hung up may have done
+    it or not.
     """
 
     commands: tuple[str, ...]
     done: str | Callable[[str], str]
+    repeatable: bool = False
 
 
 class Form(NamedTuple):
@@ -36,24 +39,24 @@ class Form(NamedTuple):
 
 ACTIONS: dict[str, Request] = {
     'motors on': Request(('SetMotorsOn,1',), 'motors on'),
-    'motors off': Request(('SetMotorsOff,1',), 'motors off'),
+    'motors off': Request(('SetMotorsOff,1',), 'motors off', repeatable=True),
     'power high': Request(('Sim,power,high', 'Execute,"Power High"'), 'power high'),
     'power low': Request(
         ('Sim,power,low', 'Execute,"Power Low"'), 'power low, until it is said to be high'
     ),
-    'estop press': Request(('Sim,estop,press',), 'E-stop pressed'),
+    'estop press': Request(('Sim,estop,press',), 'E-stop pressed', repeatable=True),
     'estop release': Request(
         ('Sim,estop,release',), 'E-stop released; it stays latched until the reset'
     ),
-    'door open': Request(('Sim,door,open',), 'door open'),
+    'door open': Request(('Sim,door,open',), 'door open', repeatable=True),
     'door close': Request(
         ('Sim,door,close',), 'door closed; what it interrupted waits for continue'
     ),
     'mode auto': Request(('Sim,mode,auto',), 'key switch at AUTO'),
     'mode manual': Request(('Sim,mode,manual',), 'key switch at MANUAL; the motors go off'),
-    'pause': Request(('Pause',), 'paused; continue goes on'),
+    'pause': Request(('Pause',), 'paused; continue goes on', repeatable=True),
     'continue': Request(('Continue',), 'the tasks go on'),
-    'stop': Request(('Stop',), 'the tasks are stopped; start runs them again'),
+    'stop': Request(('Stop',), 'the tasks are stopped; start runs them again', repeatable=True),
     'start': Request(('Start,0',), 'the tasks run'),
     'reset': Request(('Reset',), 'reset; the motors are switched on separately'),
 }

@@ -77,8 +77,8 @@ async def logged_in(
     logout has answered everything.
 
     Raises RemoteError for a command that is refused, TimeoutError if all together took longer
-    than `timeout`, and ConnectionError if the controller cannot be reached, hangs up or answers
-    something else.
+    than `timeout`, HungUpError if the controller hangs up, and ConnectionError if it cannot be
+    reached or answers something else.
     """
     async with asyncio.timeout(timeout):
         for left in reversed(range(max_logins)):
@@ -89,13 +89,13 @@ async def logged_in(
                         reader, writer = await _connected(host, port)
                         ask = partial(_ask_at, f'{host}:{port}', reader, writer)
                         await ask(f'Login,{password}')
-                except (_HungUpError, TimeoutError):
+                except (HungUpError, TimeoutError):
                     if not left:
                         raise
                     await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
                     continue
                 yield ask
-                with suppress(_HungUpError):
+                with suppress(HungUpError):
                     await ask('Logout')
                 return
             finally:
@@ -103,15 +103,15 @@ async def logged_in(
                     writer.close()
 
 
-class _HungUpError(ConnectionError):
-    """The controller has closed the connection."""
+class HungUpError(ConnectionError):
+    """The controller has closed the connection; what was asked last may have been done or not."""
 
 
 async def _connected(host: str, port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     try:
         return await asyncio.open_connection(host, port, limit=_MAX_LINE_BYTES)
     except ConnectionResetError as error:
-        raise _HungUpError(f'{host}:{port}: {reason(error)}') from error
+        raise HungUpError(f'{host}:{port}: {reason(error)}') from error
     except (OSError, OverflowError, ValueError) as error:
         raise ConnectionError(f'{host}:{port}: {reason(error)}') from error
 
@@ -121,8 +121,8 @@ async def _ask_at(
 ) -> str:
     try:
         return await _ask(reader, writer, command)
-    except (_HungUpError, ConnectionResetError, BrokenPipeError) as error:
-        raise _HungUpError(f'{where}: {error}') from error
+    except (HungUpError, ConnectionResetError, BrokenPipeError) as error:
+        raise HungUpError(f'{where}: {error}') from error
     except ConnectionError as error:
         raise ConnectionError(f'{where}: {error}') from error
 
@@ -140,7 +140,7 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
     answer = printable(line.decode(errors='replace').strip())
     if not line.endswith(b'\n'):
         shown = _without_password(command)
-        raise _HungUpError(f'closed by the controller before it answered {shown}')
+        raise HungUpError(f'closed by the controller before it answered {shown}')
     name, _, value = answer[1:].partition(',')
     if name.lower() == command.partition(',')[0].lower():
         if answer.startswith('#'):

@@ -340,13 +340,17 @@ def test_nobody_listens():
 
 
 class Answers:
-    """A remote port that gives the same answers in one session; others are told they are wrong."""
+    """A remote port that gives the same answers in one session; others are told they are wrong.
 
-    def __init__(self, answers=(), raw=b''):
+    At the commands in `hangs_up` it ends the session instead, and takes another one.
+    """
+
+    def __init__(self, answers=(), raw=b'', hangs_up=()):
         self._answers = {
             f'${name}'.encode(): line.encode() for name, line in dict(answers).items()
         }
         self._raw = raw
+        self._hangs_up = list(hangs_up)
         self.lines = []
 
     def __enter__(self):
@@ -361,6 +365,11 @@ class Answers:
         self._server.close()
 
     def _serve(self):
+        while self._serve_one():
+            pass
+
+    def _serve_one(self):
+        """Serve one client; return whether there will be another."""
         sock, _ = self._server.accept()
         hangs_up = suppress(ConnectionError)  # as it may do at any time
         with hangs_up, sock, sock.makefile('rb') as lines:
@@ -368,10 +377,14 @@ class Answers:
             for line in lines:
                 command = line.strip()
                 self.lines.append(command[1:].decode())
+                if self.lines[-1] in self._hangs_up:
+                    self._hangs_up.remove(self.lines[-1])
+                    return True
                 name = command[1:].split(b',')[0]
                 known = name in (b'Login', b'Logout')
                 otherwise = b'#' + name + b',0' if known else b'!' + name + b',11'
                 sock.sendall(self._answers.get(command, otherwise) + b'\r\n')
+        return False
 
 
 def test_somebody_else_listens(said):
@@ -445,6 +458,28 @@ def test_why_a_real_controller_refuses(said, flags, sentence):
     assert text.startswith('refused: ')
     assert sentence in text
     assert '(error 20)' in text
+
+
+@pytest.mark.parametrize(
+    ('words', 'command'), [('motors off', 'SetMotorsOff,1'), ('pause', 'Pause'), ('stop', 'Stop')]
+)
+def test_what_stops_is_said_again_to_a_controller_that_hung_up(said, words, command):
+    """docs/invariants.md, 7: it is crowded, and nobody knows whether it was done."""
+    answer = f'#{command.split(",")[0]},0'
+    with Answers({command: answer}, hangs_up=[command, command]) as real:
+        code, text = said(real.port, *words.split())
+    assert code == 0, text
+    assert real.lines.count(command) == 3
+
+
+def test_what_starts_is_said_once(said):
+    with Answers(hangs_up=['SetMotorsOn,1']) as real:
+        code, text = said(real.port, 'motors', 'on')
+        with socket.create_connection(('127.0.0.1', real.port)):
+            pass  # the session that it would have been given
+    assert code == 1
+    assert text.startswith('no controller: ')
+    assert real.lines.count('SetMotorsOn,1') == 1
 
 
 @pytest.mark.parametrize('words', ['estop press', 'door open', 'mode auto', 'io in 3 on', 'fault'])
