@@ -66,6 +66,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 ROBOT = 'c3_a601s'
 TRAJECTORY = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
+TRAJECTORY_OF_SCARAS = share_file('config', 'trajectories', 'scara_pick_and_place.yaml')
+"""What is executed if nothing is said: the first for ROBOT, the second for all SCARAs."""
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 
@@ -147,14 +149,15 @@ def _arguments() -> argparse.Namespace:
         '--robot',
         default=ROBOT,
         metavar='MODEL',
-        help='the robot model, six-axis or SCARA (%(default)s); another one needs --plan or '
-        '--trajectory',
+        help='the robot model, six-axis or SCARA (%(default)s); other six-axis ones need --plan '
+        'or --trajectory',
     )
     parser.add_argument(
         '--trajectory',
         type=Path,
         metavar='FILE',
-        help=f'a JointTrajectory as YAML (default: {TRAJECTORY}, for the {ROBOT})',
+        help=f'a JointTrajectory as YAML (default: {TRAJECTORY.name}; for SCARAs: '
+        f'{TRAJECTORY_OF_SCARAS.name})',
     )
     parser.add_argument(
         '--controller',
@@ -229,12 +232,13 @@ def _arguments() -> argparse.Namespace:
     if arguments.plan and arguments.trajectory is not None:
         parser.error('--plan makes a trajectory of its own: leave out --trajectory')
     if arguments.trajectory is None:
-        if not arguments.plan and arguments.model.name != ROBOT:
+        scara = arguments.model.kind == SCARA
+        if not (arguments.plan or scara or arguments.model.name == ROBOT):
             parser.error(
                 f'--robot: the trajectory of the demo is for the {ROBOT}; add --plan, which plans '
                 f'one for the {arguments.model.name}, or name a file with --trajectory'
             )
-        arguments.trajectory = TRAJECTORY
+        arguments.trajectory = TRAJECTORY_OF_SCARAS if scara else TRAJECTORY
     if arguments.model.kind not in (SIX_AXIS, SCARA):
         parser.error(f'--robot: {arguments.model.name} is neither a six-axis arm nor a SCARA')
     if not arguments.plan and (arguments.seed is not None or arguments.seeds is not None):
