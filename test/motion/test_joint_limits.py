@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from epson_driver.motion import JointLimits
+from epson_driver.robots import load_robot_model
 
 
 def limits(**changed: Any) -> JointLimits:

@@ -3,6 +3,7 @@
 """`make demo`, as a newcomer runs it."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
