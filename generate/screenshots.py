@@ -116,7 +116,7 @@ def _panel(page: Any, remote_port: int) -> None:
     page.wait_for_timeout(1e3 * TAKEN_S)
     save(page, 'panel_motion.webp')
     press = [*COMMAND, 'pendant', f'--port={remote_port}', 'estop', 'press']
-    subprocess.run(press, check=True, capture_output=True)  # noqa: S603 - our own executable
+    subprocess.run(press, check=True, capture_output=True)
     page.wait_for_selector('[data-lamp="E-stop"][data-colour="bad"]')
     page.wait_for_timeout(3_000)
     save(page, 'panel_estop.webp')
@@ -127,7 +127,7 @@ def report() -> None:
     with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
         picture = Path(name, 'demo.png')
         demo = [*COMMAND, 'demo', '--compare', f'--picture={picture}']
-        subprocess.run(demo, check=True)  # noqa: S603 - our own executable
+        subprocess.run(demo, check=True)
         with tab(*REPORT_SIZE) as page:
             page.goto(f'file://{picture.with_suffix(".html")}')
             page.wait_for_selector('body[data-ready=yes]')
@@ -149,7 +149,7 @@ def exercise() -> None:
         'PATH': f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}',
     }
     words = ['exercise', '--', 'python3', 'good.py']
-    ended = subprocess.run(  # noqa: S603 - our own executable
+    ended = subprocess.run(
         [*COMMAND, *words],
         cwd=programs,
         env=environment,

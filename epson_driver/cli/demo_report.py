@@ -60,9 +60,7 @@ def top_speed(recording: Recording, model: RobotModel) -> str:
     )
 
 
-def draw(
-    path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], model: RobotModel
-) -> None:
+def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], model: RobotModel) -> None:
     """Write the picture, a column per run: measured positions and velocities over time.
 
     Waypoints are dots, where the arm passed them.
@@ -97,9 +95,7 @@ def draw(
     plt.close(figure)
 
 
-def _draw_run(
-    above: Any, below: Any, trajectory: Trajectory, drawn: Drawn, fastest: str
-) -> None:
+def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn, fastest: str) -> None:
     run, figures = drawn.run, drawn.figures
     shown = run.times >= figures.begin - 0.2
     times = run.times[shown] - figures.begin
@@ -118,8 +114,7 @@ def _draw_run(
     stops = figures.stops + figures.commanded_stops
     said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
     above.set_title(
-        f'{drawn.title}: {figures.moved:.2f} s, {said} on the way, '
-        f'at most {fastest}',
+        f'{drawn.title}: {figures.moved:.2f} s, {said} on the way, at most {fastest}',
         fontsize=10.5,
     )
     below.set_xlabel('time since the arm began to move [s]')

@@ -154,7 +154,13 @@ def _draw_time(velocity: Any, clearance: Any, executed: Executed, model: RobotMo
     clearance.set_xlabel('time [s]')
     clearance.set_ylim(bottom=0.0)
     clearance.set_title('shaded: with the part in the hand', fontsize=9.5)
-    velocity.legend(loc='upper center', ncols=len(model.joint_names), fontsize=8, frameon=False, handlelength=1.2)
+    velocity.legend(
+        loc='upper center',
+        ncols=len(model.joint_names),
+        fontsize=8,
+        frameon=False,
+        handlelength=1.2,
+    )
     low, high = velocity.get_ylim()
     velocity.set_ylim(low, high + 0.14 * (high - low))
     for axes in (velocity, clearance):

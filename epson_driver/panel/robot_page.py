@@ -277,7 +277,7 @@ class BrowserControls:
             self._rebuild_pendant()
 
     def _offered(self) -> tuple[str, ...]:
-        """Return the trajectories for as many joints as the robot has, or all until it is known."""
+        """Return the trajectories for as many joints as the robot has, if that is known."""
         joints = len(self._page.control.robot.state.joint_names)
         return tuple(
             name

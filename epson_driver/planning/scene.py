@@ -109,8 +109,8 @@ class Scene:
     ) -> 'Check':
         """Return what judges joint positions.
 
-        `standing`: the pose of the hand that would grip the part where it stands, shape (4, 4); None
-        while it is held. `touching`: the part may touch what it stands on or hangs on.
+        `standing`: the pose of the hand that would grip the part where it stands, shape (4, 4);
+        None while it is held. `touching`: the part may touch what it stands on or hangs on.
         """
         geometry = pin.GeometryModel(self._arm)
         links = [link.name for link in geometry.geometryObjects]

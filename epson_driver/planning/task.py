@@ -90,9 +90,7 @@ def draw_task(seed: int, model: RobotModel) -> Task:
         if len(pillars) == wanted:
             break
     standing_there = tuple(lifted(shape, work.table) for shape in (*obstacles, *pillars))
-    return Task(
-        seed, (width, width, height), poses[0], poses[1], standing_there, tuple(supports)
-    )
+    return Task(seed, (width, width, height), poses[0], poses[1], standing_there, tuple(supports))
 
 
 def _pillar(name: str, work: Workspace, random: np.random.Generator) -> Shape:

@@ -26,7 +26,7 @@ HOME_RAD = (0.0, pi / 6, -pi / 12, 0.0, -7 * pi / 12, 0.0)
 """Where a six-axis arm begins and ends, rad: leaning back, the tool down."""
 
 FOLDED_RAD = np.radians(50.0)
-"""The angle at the elbow of a SCARA at home, rad: in front of the base, nearer than the pillars."""
+"""At the elbow of a SCARA at home, rad: the hand is in front, nearer than the pillars."""
 
 GRIPPER_LENGTH_M, GRIPPER_RADIUS_M = 0.08, 0.018
 """A suction cup, m, for an arm of size 1: no product, just something that grips from above."""
@@ -41,9 +41,11 @@ STROKE_MARGIN_M = 0.005
 """So far from the ends of its stroke a SCARA's shaft stays, m."""
 
 TABLE = 'table'
+
+
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """A gripper, m. frame: its pose in tool0, shape (4, 4); its z points out of it, to the part."""
+    """A gripper, m. frame: its pose in tool0, shape (4, 4); its z points to the part."""
 
     length: float
     radius: float

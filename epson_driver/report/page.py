@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.report.packed_arm import packed_arm, text
 from epson_driver.report.figures import Figures, as_json
+from epson_driver.report.packed_arm import packed_arm, text
 from epson_driver.report.run import FLAGS, Condition, Run
 from epson_driver.robots import RobotModel
 

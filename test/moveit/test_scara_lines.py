@@ -34,7 +34,9 @@ def configured_rows() -> int:
 def twist(begin: Array, end: Array) -> Array:
     """Return how far one pose is from the other, m, and the turn between them, rad, in base."""
     turn = end[:3, :3] @ begin[:3, :3].T
-    sine = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine = 0.5 * np.array(
+        [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+    )
     length = float(np.linalg.norm(sine))
     angle = np.arctan2(length, 0.5 * (np.trace(turn) - 1.0))
     return np.concatenate([end[:3, 3] - begin[:3, 3], sine * (angle / length if length else 1.0)])

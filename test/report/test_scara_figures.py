@@ -21,7 +21,7 @@ def carried() -> Recording:
     velocities[(times >= 1.0) & (times < 2.0), 2] = 0.1
     velocities[(times >= 2.0) & (times < 2.9), 0] = 2.2
     positions = np.cumsum(velocities, axis=0) * 0.01
-    return Recording(times, positions + (0.0, 1.0, -0.2, 0.0), velocities)
+    return Recording(times, positions + np.array([0.0, 1.0, -0.2, 0.0]), velocities)
 
 
 def test_a_shaft_that_moves_slowly_is_no_stop_of_the_arm() -> None:

@@ -194,9 +194,7 @@ def test_an_rc700a_with_an_io_server_by_the_profile_that_docs_show(tmp_path):
     async def test():
         async with (
             simulated(profile=str(file)) as (controller, ports),
-            Harness(
-                ports, io_port=ports.io, remote_port=ports.remote, io=profile.io
-            ) as harness,
+            Harness(ports, io_port=ports.io, remote_port=ports.remote, io=profile.io) as harness,
         ):
             io = harness.driver.io
             await until(lambda: io.states)
