@@ -6,6 +6,7 @@ import base64
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
@@ -31,7 +32,7 @@ def packed_arm(model: RobotModel) -> dict[str, Any]:
     }
 
 
-def _indexed(corners: Array) -> tuple[Array, Any]:
+def _indexed(corners: npt.NDArray[np.float32]) -> tuple[Array, Any]:
     """Return the vertices of triangles, shape (v, 3), m, and their indices, shape (f, 3)."""
     vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     return vertices.astype(float), index.reshape(-1, 3)
