@@ -16,22 +16,8 @@ from setuptools import find_packages, setup  # before distutils, which it provid
 from distutils.command.build_scripts import build_scripts  # isort: skip
 
 NAME = 'epson_driver'
-NAMES = (
-    'client',
-    'demo',
-    'doctor',
-    'exercise',
-    'jog',
-    'panel',
-    'pendant',
-    'replay',
-    'report',
-    'robots',
-    'sim_controller',
-    'smooth',
-    'spel',
-)
-EXECUTABLES = [f'scripts/{name}' for name in NAMES]
+LAUNCHER = Path('scripts', 'executable')  # what the others are links to
+EXECUTABLES = [str(path) for path in sorted(LAUNCHER.parent.iterdir()) if path != LAUNCHER]
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
 

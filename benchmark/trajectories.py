@@ -47,7 +47,8 @@ class BenchmarkTrajectory:
 def benchmark_set() -> tuple[BenchmarkTrajectory, ...]:
     """Return all trajectories, the generated ones first; the same every time."""
     generated = [_named(name, kind, make) for name, (kind, make) in GENERATED.items()]
-    return (*generated, *(_shared(path) for path in sorted(SHARED.glob('*.yaml'))))
+    shared = (_shared(path) for path in sorted(SHARED.glob('*.yaml')))
+    return (*generated, *(each for each in shared if each.positions.shape[1] == 6))
 
 
 def _shared(path: Path) -> BenchmarkTrajectory:

@@ -28,9 +28,9 @@ from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from epson_driver.motion import Array
 from epson_driver.planning.plan import Plan, plan_task
-from epson_driver.planning.scene import GRIPPER_LENGTH_M, GRIPPER_RADIUS_M
 from epson_driver.planning.shapes import Box, Shape
 from epson_driver.planning.task import draw_task
+from epson_driver.planning.workspace import GRIPPER_LENGTH_M, GRIPPER_RADIUS_M
 from epson_driver.robots import RobotModel, load_robot_model
 from generate.picture import IMAGES, bodies
 from generate.render import Body, Camera, render
@@ -84,7 +84,7 @@ class Drive:
 
     def tool(self, joints: Array) -> Array:
         """Return tool0's pose in base_link, (4, 4), m."""
-        return self.plan.scene.tool_pose(joints)
+        return self.plan.scene.hand_pose(joints)
 
     def tip(self, joints: Array) -> Array:
         """Return where the gripper's end is, m."""
@@ -96,7 +96,7 @@ class Drive:
 def drive() -> Drive:
     """Return what is shown."""
     model = load_robot_model('c3_a601s')
-    plan = plan_task(draw_task(SEED), model)
+    plan = plan_task(draw_task(SEED, model), model)
     now = 0.0
     ends: list[float] = []
     samples: list[tuple[Array, Array, Array]] = []

@@ -78,36 +78,56 @@ def robot() -> Array:
 def robots() -> Array:
     """Return all six-axis models side by side, from small to large, with their names."""
     camera = Camera(eye=(0.0, -7.0, 2.1), target=(0.02, 0.0, 0.47), height=1.86)
-    return _side_by_side(SIX_AXIS, [-10, 12, -16, 0, -62, 0], -35.0, 0.38, camera)
+    return _side_by_side(SIX_AXIS, [-10, 12, -16, 0, -62, 0], -35.0, 0.38, camera, 500)
 
 
 def scaras() -> Array:
-    """Return all SCARAs side by side; those that hang, hang."""
-    camera = Camera(eye=(0.0, -6.0, 2.2), target=(0.02, 0.0, 0.2), height=1.5)
-    return _side_by_side(SCARA, [60, 60, -50, 0], -40.0, 0.75, camera)
+    """Return all SCARAs side by side, and at the end those that hang, from a piece of ceiling."""
+    camera = Camera(eye=(0.0, -6.0, 2.0), target=(0.0, 0.0, 0.3), height=1.3)
+    return _side_by_side(SCARA, [60, 60, -50, 0], -40.0, 0.8, camera, 430)
 
 
 def _side_by_side(
-    kind: str, shown: Sequence[float], turn: float, room: float, camera: Camera
+    kind: str, shown: Sequence[float], turn: float, room: float, camera: Camera, height: int
 ) -> Array:
-    """Return all models of a kind at a pose, degrees (mm). room: how wide each is per reach."""
+    """Return all models of a kind at a pose, degrees (mm).
+
+    room: how wide each is per reach; height: of the picture, pixels.
+    """
     models = [model for model in described_models() if model.kind == kind]
-    models.sort(key=lambda model: (float(model.reach[0]), model.name))
+    models.sort(key=lambda model: (_hangs(model), float(model.reach[0]), model.name))
     widths = np.array([0.22 + room * float(model.reach[0]) for model in models])
     places = np.cumsum(widths) - widths / 2.0 - np.sum(widths) / 2.0
     scene: list[Body] = []
     for model, x in zip(models, places, strict=True):
-        hangs = model.chain.origins[1, 2] < 0.0
-        stand = (float(x) - 0.1, 0.0, turn)
-        scene += bodies(model, shown, stand, height=HUNG_M if hangs else 0.0)
-    size = (1600, 500)
+        hangs = _hangs(model)
+        stand = (float(x) - _foot(model), 0.0, turn)
+        parts = [*bodies(model, shown, stand, height=HUNG_M if hangs else 0.0)]
+        if hangs:
+            top = max(float(part.mesh.vertices[:, 2].max()) for part in parts)
+            ceiling = trimesh.creation.box((0.34, 0.34, 0.03))
+            ceiling.apply_translation((stand[0], 0.0, top + 0.015))
+            parts.append(Body(ceiling, *LOOKS['metal']))
+        scene += parts
+    size = (1600, height)
     picture = Image.fromarray(render(scene, camera, size))
     draw = ImageDraw.Draw(picture)
     for model, x in zip(models, places, strict=True):
-        place = project(camera, (float(x) - 0.1, -0.45, 0.0), size)
+        stands = kind == SCARA and not _hangs(model)
+        left = float(x) if stands else float(x) - _foot(model)
+        place = project(camera, (left, -0.45, 0.0), size)
         name = model.name.upper().replace('_', '-')
         draw.text(place, name, (70, 75, 82), ImageFont.load_default(17), anchor='mt')
     return np.asarray(picture)
+
+
+def _hangs(model: RobotModel) -> bool:
+    return model.kind == SCARA and bool(model.chain.origins[1, 2] < 0.0)
+
+
+def _foot(model: RobotModel) -> float:
+    """Return how far to the left of its middle an arm's base is shown, m."""
+    return 0.1 if model.kind == SIX_AXIS else 0.35 * float(model.reach[0])
 
 
 def meshes() -> Array:

@@ -29,7 +29,7 @@ from rich.table import Table
 
 from epson_driver.cli.arguments import argument, page, picture
 from epson_driver.cli.cell import running_controller, running_driver
-from epson_driver.cli.demo_report import TRACE, Drawn, draw, recorded_run
+from epson_driver.cli.demo_report import TRACE, Drawn, draw, recorded_run, top_speed
 from epson_driver.cli.demo_verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.panel import INSTALL as INSTALL_PANEL
@@ -45,7 +45,8 @@ from epson_driver.report.figures import figures
 from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
 from epson_driver.report.run import Run as WireRun
 from epson_driver.report.run import RunError as ReportError
-from epson_driver.robots import load_robot_model
+from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.robots.model import SCARA, SIX_AXIS
 from epson_driver.share import share_file
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
@@ -64,6 +65,9 @@ INSTALL = (
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 ROBOT = 'c3_a601s'
+TRAJECTORY = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
+TRAJECTORY_OF_SCARAS = share_file('config', 'trajectories', 'scara_pick_and_place.yaml')
+"""What is executed if nothing is said: the first for ROBOT, the second for all SCARAs."""
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 
@@ -85,7 +89,7 @@ def main() -> int:
     if arguments.panel and panel_missing():
         console.print(INSTALL_PANEL, highlight=False, markup=False)
         return 2
-    staying = arguments.stay or arguments.panel
+    staying, model = arguments.stay or arguments.panel, arguments.model
     for number in SIGNALS:  # SIGINT too: a shell's `&` passes it on ignored
         signal.signal(number, _on_signal)
     try:
@@ -95,9 +99,14 @@ def main() -> int:
             first = arguments.seed or 1
             seeds = range(first, first + (arguments.seeds or 1))
             return demo_plan.run(
-                seeds, arguments.picture, arguments.report, console, staying=staying
+                arguments.robot,
+                seeds,
+                arguments.picture,
+                arguments.report,
+                console,
+                staying=staying,
             )
-        trajectory = read_trajectory(arguments.trajectory)
+        trajectory = _fitting(arguments.trajectory, model)
         motions = _motions(arguments)
         runs = []
         for turn, motion in enumerate(motions, start=1):
@@ -107,19 +116,21 @@ def main() -> int:
             controller = NATIVE if native else arguments.controller
             with (
                 tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder,
-                _executed(motion, controller, trajectory, Path(folder), console, staying) as (
+                _executed(
+                    arguments.robot, motion, controller, trajectory, Path(folder), console, staying
+                ) as (
                     run,
                     go_on,
                 ),
             ):
                 runs.append(run)
                 if staying:
-                    code = _report(arguments, trajectory, runs, console)
+                    code = _report(arguments, model, trajectory, runs, console)
                     go_on()
                     return code
-        return _report(arguments, trajectory, runs, console)
+        return _report(arguments, model, trajectory, runs, console)
     except _GoalError as error:
-        return _unfinished(error, arguments.report, console)
+        return _unfinished(error, model, arguments.report, console)
     except (RunError, ReportError, InputError, OSError) as error:
         said = f'[bold red]demo failed:[/] {escape(printable(error))}'
         console.print(said, highlight=False, soft_wrap=True)
@@ -132,14 +143,21 @@ def main() -> int:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='epson_driver demo',
-        description='A planned trajectory through ROS 2 to a simulated EPSON C3, and a report.',
+        description='A planned trajectory through ROS 2 to a simulated EPSON robot, and a report.',
+    )
+    parser.add_argument(
+        '--robot',
+        default=ROBOT,
+        metavar='MODEL',
+        help='the robot model, six-axis or SCARA (%(default)s); other six-axis ones need --plan '
+        'or --trajectory',
     )
     parser.add_argument(
         '--trajectory',
         type=Path,
         metavar='FILE',
-        default=share_file('config', 'trajectories', 'around_pillar_11_points.yaml'),
-        help='a JointTrajectory as YAML (default: %(default)s)',
+        help=f'a JointTrajectory as YAML (default: {TRAJECTORY.name}; for SCARAs: '
+        f'{TRAJECTORY_OF_SCARAS.name})',
     )
     parser.add_argument(
         '--controller',
@@ -204,17 +222,44 @@ def _arguments() -> argparse.Namespace:
     if arguments.plan and arguments.controller != NATIVE:
         parser.error(f'--plan is for {NATIVE}: leave out --controller')
     try:
+        arguments.model = load_robot_model(arguments.robot)
         profile = load_controller_profile(arguments.controller)
     except (OSError, InputError) as error:
         parser.error(str(error))
     arguments.spel = bool(profile.spel.project)
     if arguments.spel and arguments.motion is not None:
         parser.error('--motion: a SPEL+ program moves as its statements say')
+    if arguments.plan and arguments.trajectory is not None:
+        parser.error('--plan makes a trajectory of its own: leave out --trajectory')
+    if arguments.trajectory is None:
+        scara = arguments.model.kind == SCARA
+        if not (arguments.plan or scara or arguments.model.name == ROBOT):
+            parser.error(
+                f'--robot: the trajectory of the demo is for the {ROBOT}; add --plan, which plans '
+                f'one for the {arguments.model.name}, or name a file with --trajectory'
+            )
+        arguments.trajectory = TRAJECTORY_OF_SCARAS if scara else TRAJECTORY
+    if arguments.model.kind not in (SIX_AXIS, SCARA):
+        parser.error(f'--robot: {arguments.model.name} is neither a six-axis arm nor a SCARA')
     if not arguments.plan and (arguments.seed is not None or arguments.seeds is not None):
         parser.error('--seed and --seeds say what --plan plans: add --plan, or leave them out')
     if arguments.compare and (arguments.stay or arguments.panel):
         parser.error('--compare has two runs: leave out --stay and --panel')
     return arguments
+
+
+def _fitting(file: Path, model: RobotModel) -> Trajectory:
+    """Return the trajectory in a file, its joints in the robot's order.
+
+    Raises InputError if it has other joints, and as `read_trajectory` does.
+    """
+    trajectory = read_trajectory(file)
+    if sorted(trajectory.joint_names) != sorted(model.joint_names):
+        raise InputError(
+            f'{file}: its joints are {", ".join(trajectory.joint_names)}; the {model.name} has '
+            f'{", ".join(model.joint_names)}: name its model with --robot'
+        )
+    return trajectory.in_order(model.joint_names)
 
 
 def _motions(arguments: argparse.Namespace) -> tuple[str, ...]:
@@ -272,6 +317,7 @@ class _GoalError(RunError):
 
 @contextmanager
 def _executed(
+    robot: str,
     motion: str,
     controller: str,
     trajectory: Trajectory,
@@ -285,8 +331,9 @@ def _executed(
     the goal is not reached.
     """
     began = time.monotonic()
+    model = load_robot_model(robot)
     start = trajectory.positions[0].tolist()
-    how = [f'--controller={controller}']
+    how = [f'--controller={controller}', f'--robot={robot}']
     if motion != 'spel':
         how.append(f'--motion={motion}')
     with running_controller(folder, start, *how) as ports:
@@ -298,6 +345,7 @@ def _executed(
                 trajectory.joint_names,
                 console,
                 controller=controller,
+                robot_model=robot,
                 allow_nonzero_velocity_at_trajectory_end='true',
                 trace_folder=str(folder),
                 trace_file=TRACE,
@@ -309,14 +357,13 @@ def _executed(
             console.print(f'robot ready after {time.monotonic() - began:.1f} s')
             text, succeeded = user.execute(trajectory, console)
             missed = deadlines_missed(ports.remote) - missed
-            wire = recorded_run(folder / TRACE, load_robot_model(ROBOT), TITLES[motion])
+            wire = recorded_run(folder / TRACE, model, TITLES[motion])
             if not succeeded:
                 raise _GoalError(f'the goal was not reached: {text}', missed, wire)
             latencies = user.reply_latencies()
             run = user.recording()
-            done = Run(
-                motion, run, measure(trajectory, run), text, latencies, round_trips, missed, wire
-            )
+            numbers = measure(trajectory, run, model.limits.rad_per_unit)
+            done = Run(motion, run, numbers, text, latencies, round_trips, missed, wire)
             if staying:
                 yield done, partial(stay, driver, panel, console)
                 return
@@ -325,29 +372,34 @@ def _executed(
 
 
 def _report(
-    arguments: argparse.Namespace, trajectory: Trajectory, runs: list[Run], console: Console
+    arguments: argparse.Namespace,
+    model: RobotModel,
+    trajectory: Trajectory,
+    runs: list[Run],
+    console: Console,
 ) -> int:
-    console.print(_table(trajectory, runs))
+    console.print(_table(model, trajectory, runs))
     drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
-    draw(arguments.picture, trajectory, drawn)
+    draw(arguments.picture, trajectory, drawn, model)
     console.print(f'picture: {arguments.picture}', highlight=False)
-    _write_report(arguments.report, *(run.wire for run in runs))
+    _write_report(arguments.report, model, *(run.wire for run in runs))
     faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
     gap = max(run.figures.longest_gap for run in runs)
     return _judged(console, faults, sum(run.missed for run in runs), gap)
 
 
-def _unfinished(error: _GoalError, report: Path, console: Console) -> int:
+def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Console) -> int:
     """Report what went over the wire until the goal failed: it shows why."""
     try:
-        _write_report(report, error.wire)
+        _write_report(report, model, error.wire)
     except OSError as why:
         console.print(f'no report: {escape(printable(why))}', highlight=False)
     return _judged(console, [str(error)], error.missed, 0.0)
 
 
-def _write_report(report: Path, *runs: WireRun) -> None:
-    write_report([(run, figures(run)) for run in runs], load_robot_model(ROBOT), report)
+def _write_report(report: Path, model: RobotModel, *runs: WireRun) -> None:
+    metric = model.limits.rad_per_unit
+    write_report([(run, figures(run, metric)) for run in runs], model, report)
 
 
 def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int:
@@ -377,18 +429,18 @@ def _ping(ports: Ports) -> list[float]:
     return sorted(times)
 
 
-def _table(trajectory: Trajectory, runs: list[Run]) -> Table:
+def _table(model: RobotModel, trajectory: Trajectory, runs: list[Run]) -> Table:
     table = Table(show_header=len(runs) > 1, title='What happened', title_justify='left')
     table.add_column('')
     for run in runs:
         table.add_column(TITLES[run.motion])
-    columns = [_rows(trajectory, run) for run in runs]
+    columns = [_rows(model, trajectory, run) for run in runs]
     for rows in zip(*columns, strict=True):
         table.add_row(rows[0][0], *(text for _, text in rows))
     return table
 
 
-def _rows(trajectory: Trajectory, run: Run) -> tuple[tuple[str, str], ...]:
+def _rows(model: RobotModel, trajectory: Trajectory, run: Run) -> tuple[tuple[str, str], ...]:
     figures, latencies, round_trips = run.figures, run.latencies, run.round_trips
     median = round_trips[len(round_trips) // 2] * 1e3
     stops = f'{figures.stops}'
@@ -403,7 +455,7 @@ def _rows(trajectory: Trajectory, run: Run) -> tuple[tuple[str, str], ...]:
             f'({figures.moved / figures.planned:.2f} times)',
         ),
         ('stops on the way', stops),
-        ('highest velocity', f'{figures.top_speed:.2f} rad/s'),
+        ('highest velocity', top_speed(run.recording, model)),
         ('worst deviation at a waypoint', f'{figures.waypoint_deviation * 1e3:.2f} mrad'),
         ('deviation at the end', f'{figures.end_deviation * 1e3:.4f} mrad'),
         (

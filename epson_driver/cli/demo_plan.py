@@ -26,13 +26,12 @@ from epson_driver.cli.report import write_report
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.cli.staying import panel_beside, stay
 from epson_driver.planning.plan import Plan, PlanningError, plan_task
-from epson_driver.planning.task import HOME_RAD, draw_task
+from epson_driver.planning.task import draw_task
 from epson_driver.planning.verdict import judge
+from epson_driver.planning.workspace import workspace
 from epson_driver.report.figures import figures
 from epson_driver.report.measure import Recording, measure
 from epson_driver.robots import RobotModel, load_robot_model
-
-ROBOT = 'c3_a601s'
 
 VACUUM_OUTPUT = 8
 """The digital output that would switch the gripper's valve."""
@@ -82,23 +81,32 @@ class Outcome:
         return faults
 
 
-def run(seeds: range, picture: Path, report: Path, console: Console, *, staying: bool) -> int:
+def run(
+    robot: str,
+    seeds: range,
+    picture: Path,
+    report: Path,
+    console: Console,
+    *,
+    staying: bool,
+) -> int:
     """Plan and execute the task of each seed.
 
     Returns 0 only if nothing was wrong with any, TOO_BUSY if nobody can tell. `staying`: with the
     panel, and until Ctrl-C.
     """
-    model = load_robot_model(ROBOT)
+    model = load_robot_model(robot)
+    home = workspace(model).home.tolist()
     outcomes = []
     with (
         tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as name,
-        running_controller(folder := Path(name), HOME_RAD, f'--robot={model.name}') as ports,
+        running_controller(folder := Path(name), home, f'--robot={robot}') as ports,
         running_driver(
             folder,
             ports,
             model.joint_names,
             console,
-            robot_model=model.name,
+            robot_model=robot,
             trace_folder=str(folder),
             trace_file=TRACE,
         ) as driver,
@@ -121,7 +129,7 @@ def run(seeds: range, picture: Path, report: Path, console: Console, *, staying:
             missed = deadlines_missed(ports.remote) - missed
         wire = recorded_run(folder / TRACE, model, 'pick and place')
         code = _report(outcomes, seeds, model, picture, console, missed)
-        write_report([(wire, figures(wire))], model, report)
+        write_report([(wire, figures(wire, model.limits.rad_per_unit))], model, report)
         if staying:
             stay(driver, panel, console)
     return code
@@ -137,7 +145,7 @@ def _attempt(
 
     tell('planning')
     try:
-        plan = plan_task(draw_task(seed), model, lambda doing: tell(f'planning {doing}'))
+        plan = plan_task(draw_task(seed, model), model, lambda doing: tell(f'planning {doing}'))
     except PlanningError as error:
         return Outcome(seed, time.monotonic() - began, None, f'no plan: {error}')
     took = time.monotonic() - began
@@ -156,6 +164,7 @@ def _attempt(
 
 def _judged(plan: Plan, recordings: Sequence[Recording]) -> Executed:
     pairs = list(zip(plan.motions, recordings, strict=True))
+    metric = plan.scene.workspace.metric
     return Executed(
         plan,
         tuple(recordings),
@@ -163,7 +172,7 @@ def _judged(plan: Plan, recordings: Sequence[Recording]) -> Executed:
             judge(plan, motion, recording.times, recording.positions)
             for motion, recording in pairs
         ),
-        tuple(measure(motion.sent, recording) for motion, recording in pairs),
+        tuple(measure(motion.sent, recording, metric) for motion, recording in pairs),
     )
 
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from epson_driver.cli.smooth_report import COLOURS
+import numpy as np
+
+from epson_driver.cli.smooth_report import COLOURS, per_unit
 from epson_driver.error_texts import load_error_texts
 from epson_driver.motion import Trajectory
 from epson_driver.report.measure import Figures, Recording
@@ -49,7 +51,16 @@ class Drawn:
     figures: Figures
 
 
-def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn]) -> None:
+def top_speed(recording: Recording, model: RobotModel) -> str:
+    """Return the highest velocity of all joints in words: that in rad/s, then that in m/s."""
+    fastest = np.abs(recording.velocities).max(axis=0)
+    units = np.array(model.limits.units)
+    return ', '.join(
+        f'{fastest[units == unit].max():.2f} {unit}/s' for unit in dict.fromkeys(units.tolist())
+    )
+
+
+def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], model: RobotModel) -> None:
     """Write the picture, a column per run: measured positions and velocities over time.
 
     Waypoints are dots, where the arm passed them.
@@ -70,9 +81,9 @@ def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn]) -> None:
         gridspec_kw={'height_ratios': (1.2, 1)},
     )
     for (above, below), each in zip(grid.T, drawn, strict=True):
-        _draw_run(above, below, trajectory, each)
-    grid[0, 0].set_ylabel('position [rad]')
-    grid[1, 0].set_ylabel('velocity [rad/s]')
+        _draw_run(above, below, trajectory, each, top_speed(each.run, model))
+    grid[0, 0].set_ylabel(f'position [{per_unit(model.limits)}]')
+    grid[1, 0].set_ylabel(f'velocity [{per_unit(model.limits, "/s")}]')
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside lower center', ncols=8, frameon=False)
     figure.suptitle(
@@ -84,7 +95,7 @@ def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn]) -> None:
     plt.close(figure)
 
 
-def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn) -> None:
+def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn, fastest: str) -> None:
     run, figures = drawn.run, drawn.figures
     shown = run.times >= figures.begin - 0.2
     times = run.times[shown] - figures.begin
@@ -103,8 +114,7 @@ def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn) -> N
     stops = figures.stops + figures.commanded_stops
     said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
     above.set_title(
-        f'{drawn.title}: {figures.moved:.2f} s, {said} on the way, '
-        f'at most {figures.top_speed:.2f} rad/s',
+        f'{drawn.title}: {figures.moved:.2f} s, {said} on the way, at most {fastest}',
         fontsize=10.5,
     )
     below.set_xlabel('time since the arm began to move [s]')

@@ -29,6 +29,7 @@ WAIT_S = 10.0
 """How long to wait for the driver, s."""
 
 SPEED = number(MIN_SPEED, MAX_SPEED, 'rad/s')
+UNIT = 'rad/s (m/s of a joint that slides)'
 
 
 def main() -> int:
@@ -85,7 +86,7 @@ def _jog(names: list[str], speed: float, publish: Callable[[JointJog], None]) ->
         elif moved:
             publish(JointJog(joint_names=names, velocities=[0.0] * len(names)))
         if ready and velocity is None and not keys.ended:
-            print(f'{keys.speed:.3g} rad/s')
+            print(f'{keys.speed:.3g} {UNIT}')
         moved = velocity is not None
 
 
@@ -103,7 +104,7 @@ def _say(names: list[str], speed: float) -> None:
     print('hold a key to move a joint, release it to stop:')
     for name, forward, backward in zip(names, FORWARD, BACKWARD, strict=False):
         print(f'  {forward} +  {backward} -  {name}')
-    print(f'  + faster  - slower  x ends   ({speed:g} rad/s; the arm must be enabled)')
+    print(f'  + faster  - slower  x ends   ({speed:g} {UNIT}; the arm must be enabled)')
 
 
 def _arguments(arguments: list[str]) -> argparse.Namespace:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from epson_driver.cli.raster import halved, rasterised, view
-from epson_driver.cli.smooth_report import COLOURS
+from epson_driver.cli.smooth_report import COLOURS, per_unit
 from epson_driver.planning.plan import MOTION_MARGIN_M, Plan
 from epson_driver.planning.triangles import Picture, Triangles, joined
 from epson_driver.planning.verdict import Verdict
@@ -81,7 +81,7 @@ def _draw_scene(axes: Any, executed: Executed) -> None:
     picture = Picture(scene)
     there, carried, back = (recording.positions for recording in executed.recordings)
     tools = [
-        np.array([scene.tool_pose(joints)[:3, 3] for joints in positions]) @ EYE.T
+        np.array([scene.hand_pose(joints)[:3, 3] for joints in positions]) @ EYE.T
         for positions in (there, carried, back)
     ]
     corners, colours = joined(
@@ -149,12 +149,18 @@ def _draw_time(velocity: Any, clearance: Any, executed: Executed, model: RobotMo
         fontsize=8.5,
         verticalalignment='bottom',
     )
-    velocity.set_ylabel('velocity [rad/s]')
+    velocity.set_ylabel(f'velocity [{per_unit(model.limits, "/s")}]')
     clearance.set_ylabel('distance to obstacles [mm]')
     clearance.set_xlabel('time [s]')
     clearance.set_ylim(bottom=0.0)
     clearance.set_title('shaded: with the part in the hand', fontsize=9.5)
-    velocity.legend(loc='upper center', ncols=6, fontsize=8, frameon=False, handlelength=1.2)
+    velocity.legend(
+        loc='upper center',
+        ncols=len(model.joint_names),
+        fontsize=8,
+        frameon=False,
+        handlelength=1.2,
+    )
     low, high = velocity.get_ylim()
     velocity.set_ylim(low, high + 0.14 * (high - low))
     for axes in (velocity, clearance):

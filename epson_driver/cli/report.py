@@ -101,7 +101,7 @@ def _read(file: Path, model: RobotModel, arguments: argparse.Namespace) -> tuple
             f'{file}: {len(run.joint_names)} joints, the robot {model.name} has '
             f'{len(model.joint_names)}: name its model with --robot'
         )
-    return run, figures(run)
+    return run, figures(run, model.limits.rad_per_unit)
 
 
 def is_bag(path: Path) -> bool:

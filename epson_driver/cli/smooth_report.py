@@ -27,6 +27,11 @@ MAX_SHARED_TIME_RATIO = 3.0
 """Motions share one time axis if the longest takes at most this many times the shortest."""
 
 
+def per_unit(limits: JointLimits, per: str = '') -> str:
+    """Return the units of the joints for the axis of a plot: 'rad/s', or 'rad/s, m/s'."""
+    return ', '.join(f'{unit}{per}' for unit in dict.fromkeys(limits.units))
+
+
 @dataclass(frozen=True, eq=False)
 class Column:
     """A sampled motion through the points of a plan, and when it passes them, s, shape (n,)."""
@@ -131,8 +136,12 @@ def draw(path: Path, study: Study) -> None:
         grid[3, place].set_xlabel('time [s]' if together else 'time [s], a scale of its own')
     for row, limit in enumerate(_shown(study), start=1):
         grid[row, 0].set_ylim(-limit, limit)
-    units = ', '.join(dict.fromkeys(study.limits.units))
-    names = (f'position [{units}]', 'velocity / limit', 'acceleration / limit', 'jerk / limit')
+    names = (
+        f'position [{per_unit(study.limits)}]',
+        'velocity / limit',
+        'acceleration / limit',
+        'jerk / limit',
+    )
     for row, name in enumerate(names):
         grid[row, 0].set_ylabel(name)
     handles, labels = grid[0, 0].get_legend_handles_labels()

@@ -48,3 +48,14 @@ class JointLimits:
         for name, low, high in zip(self.names, self.position_min, self.position_max, strict=True):
             if low >= high:
                 raise ValueError(f'{name}: position range {low} … {high} is empty')
+
+    @property
+    def rad_per_unit(self) -> Array:
+        """As how many rad a unit of each joint counts where joints are compared, shape (n,).
+
+        1 for a rad; for a metre what the first joint that turns would turn meanwhile, both at full
+        speed. So 0.1 m/s of a SCARA's shaft are not lost beside 1 rad/s of its arms.
+        """
+        turns = [unit == 'rad' for unit in self.units]
+        fastest = self.velocity[turns.index(True)] if any(turns) else 1.0
+        return np.where(turns, 1.0, fastest / self.velocity)

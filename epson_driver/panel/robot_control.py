@@ -20,8 +20,8 @@ from epson_driver.panel.ros_robot import ERROR, INFO, WARN, RosRobot
 from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread, SimPendant
 from epson_driver.robots import RobotModel, load_robot_model
 
-START_TOLERANCE_RAD = 0.02
-"""The driver's own default of `start_tolerance`; it checks again."""
+START_TOLERANCE = 0.02
+"""Rad or m: the driver's own default of `start_tolerance`; it checks again."""
 
 SLOW_SHARE = 0.2
 """Of the joints' velocity and acceleration limits, on the way to the start of a trajectory."""
@@ -244,12 +244,20 @@ class RobotControl:
                 ),
             )
 
-    def distance_to_start(self, trajectory: Trajectory) -> float | None:
-        """Return how far the joint that is farthest from a trajectory's start is from it, rad."""
+    def away_from_start(self, trajectory: Trajectory) -> str:
+        """Return which joint is too far from a trajectory's start, and how far; '' if none is."""
         here = self.robot.state.positions
         if len(here) != trajectory.positions.shape[1]:
-            return None
-        return float(np.max(np.abs(trajectory.positions[0] - here)))
+            return ''
+        away = np.abs(trajectory.positions[0] - here)
+        worst = int(np.argmax(away))
+        if away[worst] <= START_TOLERANCE:
+            return ''
+        name, unit = f'joint {worst + 1}', 'rad'
+        if self.model is not None:
+            name, unit = self.model.joint_names[worst], self.model.limits.units[worst]
+        shown = f'{1e3 * away[worst]:.1f} mm' if unit == 'm' else f'{np.degrees(away[worst]):.1f}°'
+        return f'{name} is {shown} away'
 
     def _renamed(self, trajectory: Trajectory) -> Trajectory:
         names = self.robot.state.joint_names

@@ -19,7 +19,7 @@ from epson_driver.panel import page_html
 from epson_driver.panel.lamps import advice, lamps
 from epson_driver.panel.plots import COLOURS, SPAN_S, History
 from epson_driver.panel.request_error import RequestError
-from epson_driver.panel.robot_control import PENDANT, START_TOLERANCE_RAD, RobotControl
+from epson_driver.panel.robot_control import PENDANT, RobotControl
 from epson_driver.panel.scene import ArmScene
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
@@ -246,9 +246,7 @@ class BrowserControls:
                 )
                 reset = gui.add_button('Reset error', color='gray', order=2, **off)
                 self._speed: Any = gui.add_slider('Speed [%]', 0, 100, 1, 100, order=3, **off)
-                self._chosen = gui.add_dropdown(
-                    'Trajectory', tuple(self._trajectories) or ('none',), order=4
-                )
+                self._chosen = gui.add_dropdown('Trajectory', self._offered(), order=4)
                 go = gui.add_button('Go to its start, slowly', color='gray', order=5, **off)
                 execute = gui.add_button(
                     'Execute', color='blue', icon=viser.Icon.PLAYER_PLAY, order=6, **off
@@ -268,6 +266,8 @@ class BrowserControls:
         self._arm.visible, self._disarm.visible = not armed, armed
         for each in self._motion:
             each.disabled = not armed
+        if (offered := self._offered()) != tuple(self._chosen.options):
+            self._chosen.options = offered
         speed = self._page.control.robot.state.speed
         if speed is not None and not armed and self._speed.value != round(100 * speed):
             self._speed.value = round(100 * speed)
@@ -275,6 +275,15 @@ class BrowserControls:
         if self._control.simulated != self._simulated:
             self._simulated = self._control.simulated
             self._rebuild_pendant()
+
+    def _offered(self) -> tuple[str, ...]:
+        """Return the trajectories for as many joints as the robot has, if that is known."""
+        joints = len(self._page.control.robot.state.joint_names)
+        return tuple(
+            name
+            for name, each in self._trajectories.items()
+            if joints in (0, len(each.joint_names))
+        ) or ('none',)
 
     # --- what a person does: these run in viser's threads -----------------------------------
 
@@ -292,11 +301,8 @@ class BrowserControls:
 
     def _execute(self) -> None:
         name, trajectory = self._trajectory()
-        away = self._control.distance_to_start(trajectory)
-        if away is not None and away > START_TOLERANCE_RAD:
-            raise RequestError(
-                f'the arm is {np.degrees(away):.1f}° away from the start of {name}: go there first'
-            )
+        if away := self._control.away_from_start(trajectory):
+            raise RequestError(f'{away} from the start of {name}: go there first')
         self._control.execute(self._browser, name, trajectory)
 
     def _go_to_start(self) -> None:

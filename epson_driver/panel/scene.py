@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.interpolation import Interpolation
-from epson_driver.panel.arm_shape import Mesh, arm_shape, quaternion
+from epson_driver.panel.smooth_mesh import Mesh, arm_meshes, quaternion
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 
@@ -47,7 +47,7 @@ class ArmScene:
         self._model = model
         self._kinematics = Kinematics(model)
         viewer.scene.add_frame(path, show_axes=False, position=place)
-        shape = arm_shape(model.name) or _sticks(model)
+        shape = arm_meshes(model) or _sticks(model)
         self._arm = _Joints(viewer, f'{path}/arm', model, shape, None)
         self._ghost = _Joints(viewer, f'{path}/ghost', model, shape, GHOST_COLOUR)
         self._ghost.visible(False)

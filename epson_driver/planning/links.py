@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import coal
 import pinocchio
 
-PACKAGE_URI = 'package://epson_driver/'
+from epson_driver.robots.link_meshes import PACKAGE_URI
 
 
 class Links(NamedTuple):

@@ -3,7 +3,8 @@
 """Corners made round, as far as there is room, and points for the smoother.
 
 A path is a list of pieces, each an array of shape (k, n) of dense points, rad; a piece begins
-where the one before ends, and there is a corner.
+where the one before ends, and there is a corner. Where a joint is prismatic, its positions come
+and go as rad, by the metric of workspace.py.
 """
 
 from collections.abc import Callable, Sequence
@@ -67,9 +68,13 @@ def thinned(path: Array, spacing: float) -> Array:
     return np.array([_at(path, way, s) for s in np.linspace(0.0, way[-1], count + 1)])
 
 
-def dense(path: Array) -> Array:
-    """Return a path with its points no further apart than DENSE_SPACING_RAD."""
-    return np.concatenate([path[:1], *(line(start, goal)[1:] for start, goal in pairwise(path))])
+def dense(path: Array, metric: Array | float = 1.0) -> Array:
+    """Return a path with its points no further apart than DENSE_SPACING_RAD.
+
+    metric: rad per rad or m of each joint, shape (n,).
+    """
+    pieces = (line(start, goal)[1:] for start, goal in pairwise(path * metric))
+    return np.concatenate([path[:1], *(piece / metric for piece in pieces)])
 
 
 def _bend(start: Array, corner: Array, end: Array) -> Array:

@@ -19,7 +19,7 @@ from epson_driver.motion.smoother import Mode
 from epson_driver.planning.path import dense, line, rounded, thinned
 from epson_driver.planning.path_search import find_path
 from epson_driver.planning.scene import OBSTACLE_MARGIN_M, SELF_MARGIN_M, Check, Scene
-from epson_driver.planning.task import APPROACH_M, HOME_RAD, Task, quarter_turns, raised
+from epson_driver.planning.task import APPROACH_M, Task, quarter_turns, raised
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 
@@ -27,7 +27,7 @@ LIMIT_SHARE = 0.6
 """The share of the joints' limits of velocity, acceleration and jerk that a plan uses."""
 
 RANGE_MARGIN_RAD = 0.02
-"""So far from the ends of their ranges the joints stay, rad."""
+"""So far from the ends of their ranges the joints stay, rad (m: by Workspace.metric)."""
 
 STRAIGHT_STEP_M = 0.004
 """Straight down and up is followed in steps of so much, m."""
@@ -64,8 +64,8 @@ class PlanningError(RuntimeError):
 class Motion:
     """One motion from rest to rest: what is sent, and how the arm will move because of it.
 
-    `standing`: where the part stands meanwhile, as the pose of tool0 that grips it; None: it is
-    held. `reaches`: the pose that tool0 has at the end, None for home.
+    `standing`: where the part stands meanwhile, as the pose of the hand that grips it; None: it
+    is held. `reaches`: the pose that the hand has at the end, None for home.
     """
 
     name: str
@@ -103,10 +103,15 @@ class _Planner:
     def __init__(self, task: Task, model: RobotModel, tell: Callable[[str], object]) -> None:
         self._task, self._tell = task, tell
         self._limits = model.limits
+        self._scene = Scene(model, task.obstacles, task.part, task.supports)
+        work = self._scene.workspace
+        self._home, self._metric = work.home, work.metric
+        self._approach, self._straight_step = work.size * APPROACH_M, work.size * STRAIGHT_STEP_M
+        margin = RANGE_MARGIN_RAD / self._metric
         self._inside = replace(
             model.limits,
-            position_min=model.limits.position_min + RANGE_MARGIN_RAD,
-            position_max=model.limits.position_max - RANGE_MARGIN_RAD,
+            position_min=model.limits.position_min + margin,
+            position_max=model.limits.position_max - margin,
         )
         self._gentle = replace(
             self._inside,
@@ -114,13 +119,12 @@ class _Planner:
             acceleration=LIMIT_SHARE * model.limits.acceleration,
             jerk=LIMIT_SHARE * model.limits.jerk,
         )
-        self._arm = Kinematics(model)
-        self._scene = Scene(model.name, task.obstacles, task.part, task.supports)
+        self._arm = Kinematics(model, work.hand.frame)
         self._searches = 0
 
     def plan(self) -> Plan:
         pick, place = self._task.pick, self._task.place
-        home = np.array([HOME_RAD])
+        home = self._home[None, :]
         if not self._check(pick).valid(home[0]):
             raise PlanningError('the arm would collide where it begins')
         failed = 'the part is out of reach'
@@ -157,9 +161,9 @@ class _Planner:
         above = [
             (joints, turned)
             for turned in quarter_turns(pose)
-            for joints in self._arm.inverse(raised(turned, APPROACH_M), near)
+            for joints in self._arm.inverse(raised(turned, self._approach), near)
         ]
-        above.sort(key=lambda each: float(np.abs(each[0] - near).max()))
+        above.sort(key=lambda each: float(np.abs((each[0] - near) * self._metric).max()))
         found = 0
         for joints, turned in above:
             way = self._straight(joints, turned)
@@ -172,7 +176,8 @@ class _Planner:
     def _straight(self, joints: Array, pose: Array) -> Array | None:
         """Return joint positions straight down to a pose, or None if the arm cannot go there."""
         way = [joints]
-        for height in np.linspace(APPROACH_M, 0.0, ceil(APPROACH_M / STRAIGHT_STEP_M) + 1)[1:]:
+        steps = ceil(self._approach / self._straight_step)
+        for height in np.linspace(self._approach, 0.0, steps + 1)[1:]:
             solutions = self._arm.inverse(raised(pose, float(height)), way[-1])
             if not len(solutions) or np.abs(solutions[0] - way[-1]).max() > MAX_STEP_RAD:
                 return None
@@ -192,18 +197,27 @@ class _Planner:
         """Return the motion along `begin`, some way, and `end`, each of shape (k, n), or None."""
         free = self._check(standing, touching=False)
         near = self._check(standing)
+        metric = self._metric
+        begin, end = begin * metric, end * metric
+        range_ = replace(
+            self._inside,
+            position_min=self._inside.position_min * metric,
+            position_max=self._inside.position_max * metric,
+        )
         for _ in range(MAX_SEARCHES):
             self._searches += 1
             self._tell(f'{name}: search {self._searches}')
             seed = 1000 * self._task.seed + self._searches
-            corners = find_path(begin[-1], end[0], self._inside, free.valid, seed)
+            corners = find_path(
+                begin[-1], end[0], range_, lambda joints: free.valid(joints / metric), seed
+            )
             if corners is None:
                 continue
             pieces = [piece for piece in (begin,) if len(piece) > 1]
             pieces += [line(one, other) for one, other in pairwise(corners)]
             pieces += [piece for piece in (end,) if len(piece) > 1]
-            path = rounded(pieces, near.path_valid)
-            knots = thinned(path, POINT_SPACING_RAD)
+            path = rounded(pieces, lambda piece: near.path_valid(piece / metric))
+            knots = thinned(path, POINT_SPACING_RAD) / metric
             times = np.arange(len(knots), dtype=float)  # these do not count
             fast = smoothed(
                 Trajectory(self._limits.names, times, knots), self._gentle, Mode.TIME_OPTIMAL
@@ -220,7 +234,7 @@ class _Planner:
         inside = (motion.positions >= self._limits.position_min) & (
             motion.positions <= self._limits.position_max
         )
-        return bool(inside.all()) and check.path_valid(dense(motion.positions))
+        return bool(inside.all()) and check.path_valid(dense(motion.positions, self._metric))
 
 
 def _every(motion: Trajectory, period: float) -> Trajectory:

@@ -19,13 +19,9 @@ import pinocchio as pin
 from epson_driver.motion import Array
 from epson_driver.planning.links import convex_links
 from epson_driver.planning.shapes import Box, Shape
+from epson_driver.planning.workspace import workspace
+from epson_driver.robots import RobotModel
 from epson_driver.share import share_file, share_folder
-
-GRIPPER_LENGTH_M, GRIPPER_RADIUS_M = 0.08, 0.018
-"""A suction cup on tool0, along its z, m: no product, just something that grips from above."""
-
-TABLE = Box('table', (1.3, 1.4, 0.03), (0.15, 0.0, -0.015))
-"""Its top is the plane that the robot stands on."""
 
 OBSTACLE_MARGIN_M = 0.010
 """What a plan keeps away from obstacles, m."""
@@ -65,23 +61,25 @@ class Scene:
 
     def __init__(
         self,
-        robot: str,
+        model: RobotModel,
         obstacles: Sequence[Shape],
         part: tuple[float, float, float],
         supports: Iterable[str],
     ) -> None:
-        self.obstacles = (TABLE, *obstacles)
+        self.workspace = workspace(model)
+        self.obstacles = (*self.workspace.fixed, *obstacles)
         self.part = part
         self.supports = frozenset(supports)
-        self.urdf = share_file('urdf', f'{robot}.urdf')
+        self.urdf = share_file('urdf', f'{model.name}.urdf')
         self.model, self._arm, _ = convex_links(self.urdf)
-        srdf = share_folder('config', 'moveit', robot) / f'{robot}.srdf'
+        srdf = share_folder('config', 'moveit', model.name) / f'{model.name}.srdf'
         self._arm.addAllCollisionPairs()
         if srdf.is_file():
             pin.removeCollisionPairs(self.model, self._arm, str(srdf), False)
         else:
             self._leave_out_what_touches()
         self._tool = self.model.getFrameId('tool0')
+        self._hand = pin.SE3(self.workspace.hand.frame)
 
     def _leave_out_what_touches(self) -> None:
         parents = [link.parentJoint for link in self._arm.geometryObjects]
@@ -95,11 +93,11 @@ class Scene:
             if touches or abs(parents[first] - parents[second]) <= 2:
                 self._arm.removeCollisionPair(pin.CollisionPair(first, second))
 
-    def tool_pose(self, joints: Array) -> Array:
-        """Return the pose of tool0 in base_link, shape (4, 4)."""
+    def hand_pose(self, joints: Array) -> Array:
+        """Return the pose of the gripper in base_link, shape (4, 4): its z points to the part."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, joints)
-        return np.asarray(data.oMf[self._tool].homogeneous)
+        return np.asarray((data.oMf[self._tool] * self._hand).homogeneous)
 
     def check(
         self,
@@ -111,27 +109,29 @@ class Scene:
     ) -> 'Check':
         """Return what judges joint positions.
 
-        `standing`: the pose of tool0 that would grip the part where it stands, shape (4, 4); None
-        while it is held. `touching`: the part may touch what it stands on or hangs on.
+        `standing`: the pose of the hand that would grip the part where it stands, shape (4, 4);
+        None while it is held. `touching`: the part may touch what it stands on or hangs on.
         """
         geometry = pin.GeometryModel(self._arm)
         links = [link.name for link in geometry.geometryObjects]
+        length, radius = self.workspace.hand.length, self.workspace.hand.radius
+        frame = self.model.frames[self._tool]
         hand = pin.GeometryObject(
             GRIPPER,
-            self.model.frames[self._tool].parentJoint,
+            frame.parentJoint,
             self._tool,
-            self.model.frames[self._tool].placement * _along_z(GRIPPER_LENGTH_M / 2),
-            coal.Cylinder(GRIPPER_RADIUS_M, GRIPPER_LENGTH_M),
+            frame.placement * self._hand * _along_z(length / 2),
+            coal.Cylinder(radius, length),
         )
         moving = [*links, GRIPPER]
         geometry.addGeometryObject(hand)
-        in_hand = _along_z(GRIPPER_LENGTH_M + self.part[2] / 2)
+        in_hand = _along_z(length + self.part[2] / 2)
         if standing is None:
             held = pin.GeometryObject(
                 PART,
                 hand.parentJoint,
                 self._tool,
-                self.model.frames[self._tool].placement * in_hand,
+                frame.placement * self._hand * in_hand,
                 coal.Box(*self.part),
             )
             moving.append(PART)

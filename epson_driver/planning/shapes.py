@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stands around the arm: boxes and upright cylinders in base_link, m."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, sin
 
 
@@ -27,6 +27,12 @@ class Cylinder:
 
 
 Shape = Box | Cylinder
+
+
+def lifted(shape: Shape, height: float) -> Shape:
+    """Return a shape that is higher by so much, m."""
+    x, y, z = shape.centre
+    return replace(shape, centre=(x, y, z + height))
 
 
 def standing(name: str, size: tuple[float, float, float], x: float, y: float) -> Box:

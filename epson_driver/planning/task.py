@@ -12,26 +12,32 @@ from math import cos, hypot, pi, sin
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.planning.scene import GRIPPER_LENGTH_M, TABLE
-from epson_driver.planning.shapes import Cylinder, Shape, standing, tray
+from epson_driver.planning.shapes import Cylinder, Shape, lifted, standing, tray
+from epson_driver.planning.workspace import (
+    GRIPPER_LENGTH_M,
+    MIN_PART_HEIGHT_M,
+    TABLE,
+    Workspace,
+    workspace,
+)
+from epson_driver.robots import RobotModel
 
-HOME_RAD = (0.0, pi / 6, -pi / 12, 0.0, -7 * pi / 12, 0.0)
-"""Where the arm begins and ends, rad: leaning back, the tool down."""
+# Lengths in m for an arm of size 1 (workspace.py); those of a task are multiplied by the arm's.
 
 APPROACH_M = 0.10
-"""From so far above the arm goes straight down to the part, and straight up again, m."""
+"""From so far above the arm goes straight down to the part, and straight up again."""
 
 REACH_M = (0.30, 0.46)
-"""The part's distance from joint 1's axis, m."""
+"""The part's distance from joint 1's axis."""
 
 PILLAR_TO_PART_M, PILLAR_TO_PILLAR_M = 0.24, 0.11
-"""From the middle of a pillar to the part and its place, and to other pillars, m: beside the
-widest tray and the widest pillar some room is left for the hand."""
+"""From the middle of a pillar to the part and its place, and to other pillars: beside the widest
+tray and the widest pillar some room is left for the hand."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One pick and place. Poses of tool0 in base_link when it grips and lets go, (4, 4), m.
+    """One pick and place. Poses of the hand in base_link when it grips and lets go, (4, 4), m.
 
     `part`: its size, m, with a square base, so that every quarter turn of the hand will do.
     `supports`: names of what the part may stand on.
@@ -45,46 +51,52 @@ class Task:
     supports: tuple[str, ...]
 
 
-def draw_task(seed: int) -> Task:
-    """Return the task of a seed; the same one for the same seed."""
+def draw_task(seed: int, model: RobotModel) -> Task:
+    """Return the task of a seed for an arm; the same one for the same seed.
+
+    Raises ValueError for a model that is neither six-axis nor a SCARA.
+    """
+    work = workspace(model)
+    size = work.size
     random = np.random.default_rng(seed)
-    width, height = random.uniform(0.035, 0.05), random.uniform(0.03, 0.07)
+    width = size * random.uniform(0.035, 0.05)
+    height = size * random.uniform(MIN_PART_HEIGHT_M, 0.07)
     side = random.choice((-1.0, 1.0))
     obstacles: list[Shape] = []
-    supports = [TABLE.name]
+    supports = [TABLE]
     poses, spots = [], []
     for name, sign in (('pick', side), ('place', -side)):
         angle = sign * random.uniform(0.6, 1.35)
-        radius = random.uniform(*REACH_M)
+        radius = size * random.uniform(*REACH_M)
         x, y, yaw = radius * cos(angle), radius * sin(angle), random.uniform(-pi / 4, pi / 4)
         floor = 0.0
         if random.random() < 0.6:
-            inside, tall = random.uniform(0.15, 0.2), random.uniform(0.04, 0.09)
-            parts = tray(f'{name} tray', inside, tall, 0.006, x, y, yaw)
+            inside, tall = size * random.uniform(0.15, 0.2), size * random.uniform(0.04, 0.09)
+            parts = tray(f'{name} tray', inside, tall, size * 0.006, x, y, yaw)
             obstacles += parts
             supports.append(parts[0].name)
             floor = parts[0].size[2]
-        poses.append(gripping(x, y, floor + height, yaw))
+        poses.append(gripping(x, y, work.table + floor + height, yaw, work.hand.length))
         spots.append((x, y))
     pillars: list[Shape] = []
     wanted = int(random.integers(2, 4))
     for _ in range(100):  # of some tasks there is no room for all of them
-        pillar = _pillar(f'pillar {len(pillars) + 1}', random)
+        pillar = _pillar(f'pillar {len(pillars) + 1}', work, random)
         others = [(other.centre[0], other.centre[1]) for other in pillars]
-        if _far(pillar, spots, PILLAR_TO_PART_M) and _far(pillar, others, PILLAR_TO_PILLAR_M):
+        if _far(pillar, spots, size * PILLAR_TO_PART_M) and _far(
+            pillar, others, size * PILLAR_TO_PILLAR_M
+        ):
             pillars.append(pillar)
         if len(pillars) == wanted:
             break
-    obstacles += pillars
-    return Task(
-        seed, (width, width, height), poses[0], poses[1], tuple(obstacles), tuple(supports)
-    )
+    standing_there = tuple(lifted(shape, work.table) for shape in (*obstacles, *pillars))
+    return Task(seed, (width, width, height), poses[0], poses[1], standing_there, tuple(supports))
 
 
-def _pillar(name: str, random: np.random.Generator) -> Shape:
+def _pillar(name: str, work: Workspace, random: np.random.Generator) -> Shape:
     """Return something tall in front of the robot, round or square."""
-    angle, radius = random.uniform(-0.35, 0.35), random.uniform(0.36, 0.5)
-    width, height = random.uniform(0.05, 0.1), random.uniform(0.3, 0.55)
+    angle, radius = random.uniform(-0.35, 0.35), work.size * random.uniform(0.36, 0.5)
+    width, height = work.size * random.uniform(0.05, 0.1), random.uniform(*work.pillars)
     x, y = radius * cos(angle), radius * sin(angle)
     if random.random() < 0.5:
         return Cylinder(name, width / 2, height, (x, y, height / 2))
@@ -97,11 +109,16 @@ def _far(pillar: Shape, places: Iterable[tuple[float, float]], distance: float) 
     return all(hypot(x - other[0], y - other[1]) > distance for other in places)
 
 
-def gripping(x: float, y: float, top: float, yaw: float) -> Array:
-    """Return the pose of tool0 that grips something from above whose top is at `top`, (4, 4)."""
+def gripping(
+    x: float, y: float, top: float, yaw: float, length: float = GRIPPER_LENGTH_M
+) -> Array:
+    """Return the pose of a hand that grips something from above whose top is at `top`, (4, 4).
+
+    length: of its gripper, m; by default that of an arm of size 1.
+    """
     pose = np.eye(4)
     pose[:3, :3] = [[cos(yaw), sin(yaw), 0.0], [sin(yaw), -cos(yaw), 0.0], [0.0, 0.0, -1.0]]
-    pose[:3, 3] = x, y, top + GRIPPER_LENGTH_M
+    pose[:3, 3] = x, y, top + length
     return pose
 
 

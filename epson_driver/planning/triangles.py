@@ -10,13 +10,9 @@ import pinocchio as pin
 
 from epson_driver.motion import Array
 from epson_driver.planning.links import visual_links
-from epson_driver.planning.scene import (
-    GRIPPER_LENGTH_M,
-    GRIPPER_RADIUS_M,
-    TABLE,
-    Scene,
-)
+from epson_driver.planning.scene import Scene
 from epson_driver.planning.shapes import Box, Cylinder, Shape
+from epson_driver.planning.workspace import TABLE
 
 CYLINDER_SIDES = 36
 """Of what stands for a cylinder."""
@@ -32,7 +28,7 @@ class Picture:
     """Triangles of one scene at any joint positions."""
 
     def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+        self._scene, self._hand = scene, scene.workspace.hand
         self._data = scene.model.createData()
         _, self._geometry, _ = visual_links(scene.urdf)
         self._placed = pin.GeometryData(self._geometry)
@@ -47,27 +43,26 @@ class Picture:
             (_moved(corners, placement.homogeneous), colours)
             for (corners, colours), placement in zip(self._links, self._placed.oMg, strict=True)
         ]
-        tool = self._scene.tool_pose(joints)
-        hand = Cylinder('', GRIPPER_RADIUS_M, GRIPPER_LENGTH_M, (0.0, 0.0, GRIPPER_LENGTH_M / 2))
-        corners = _cylinder(hand)
-        found.append((_moved(corners, tool), np.tile(GRIPPER_COLOUR, (len(corners), 1))))
+        pose, length = self._scene.hand_pose(joints), self._hand.length
+        corners = _cylinder(Cylinder('', self._hand.radius, length, (0.0, 0.0, length / 2)))
+        found.append((_moved(corners, pose), np.tile(GRIPPER_COLOUR, (len(corners), 1))))
         if holds:
-            found.append(self.part(tool))
+            found.append(self.part(pose))
         return joined(found)
 
-    def part(self, tool: Array) -> Triangles:
-        """Return the part where it is gripped by a tool0 at this pose, shape (4, 4)."""
-        centre = (0.0, 0.0, GRIPPER_LENGTH_M + self._scene.part[2] / 2)
-        corners = _moved(_box(Box('', self._scene.part, centre)), tool)
+    def part(self, pose: Array) -> Triangles:
+        """Return the part where it is gripped by a hand at this pose, shape (4, 4)."""
+        centre = (0.0, 0.0, self._hand.length + self._scene.part[2] / 2)
+        corners = _moved(_box(Box('', self._scene.part, centre)), pose)
         return corners, np.tile(PART_COLOUR, (len(corners), 1))
 
     def obstacles(self) -> Triangles:
-        """Return what stands on the table."""
-        return joined(_shape(shape) for shape in self._scene.obstacles if shape.name != TABLE.name)
+        """Return what stands on the table, and what the arm stands on or hangs from."""
+        return joined(_shape(shape) for shape in self._scene.obstacles if shape.name != TABLE)
 
     def table(self) -> Triangles:
         """Return the table."""
-        return _shape(TABLE)
+        return joined(_shape(shape) for shape in self._scene.obstacles if shape.name == TABLE)
 
 
 def joined(parts: Any) -> Triangles:

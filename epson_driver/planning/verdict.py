@@ -52,11 +52,11 @@ def judge(plan: Plan, motion: Motion, times: Array, positions: Array) -> Verdict
     check = plan.scene.check(motion.standing)
     found = [check.clearance(joints) for joints in positions]
     worst = min(found, key=lambda each: min(each.obstacles, each.links))
-    between = check.path_valid(dense(positions))
+    between = check.path_valid(dense(positions, plan.scene.workspace.metric))
     missed, turned = 0.0, 0.0
     if motion.reaches is not None:
-        tool = plan.scene.tool_pose(positions[-1])
-        missed, turned = apart(tool, motion.reaches)
+        hand = plan.scene.hand_pose(positions[-1])
+        missed, turned = apart(hand, motion.reaches)
     return Verdict(
         np.array([each.obstacles for each in found]),
         min(each.links for each in found),

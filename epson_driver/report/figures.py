@@ -79,18 +79,24 @@ class Figures:
     """When the arm came to a standstill on the way, and for how long, s."""
 
 
-def figures(run: Run) -> Figures:
-    """Return the figures of a run. Velocities are the measured ones if there are any."""
+def figures(run: Run, metric: Array | None = None) -> Figures:
+    """Return the figures of a run. Velocities are the measured ones if there are any.
+
+    metric: JointLimits.rad_per_unit of the robot's joints, shape (m,): without it, none of them is
+    taken for prismatic, which counts where it is decided whether the arm stands.
+    """
+    metric = np.ones(len(run.joint_names)) if metric is None else metric
     sent = run.times if run.sent is None else run.sent
     fitted, accelerations = likely_derivatives(sent, run.times, run.positions)
     velocities = fitted if run.velocities is None else run.velocities
     motions, stops = [], []
     for number, plan in enumerate(run.plans, start=1):
         until = run.plans[number].sent if number < len(run.plans) else math.inf
-        motion = _motion(plan, until, run, velocities, accelerations)
+        motion = _motion(plan, until, run, velocities, accelerations, metric)
         motions.append(motion)
         if motion.began is not None and motion.moved is not None:
-            stops += _standstills(run, velocities, motion.began, motion.began + motion.moved)
+            ended = motion.began + motion.moved
+            stops += _standstills(run, velocities * metric, motion.began, ended)
     names = sorted({reply.name for reply in run.replies})
     return Figures(
         velocities,
@@ -130,7 +136,9 @@ def _latencies(values: Sequence[float]) -> Timing:
     )
 
 
-def _motion(plan: Plan, until: float, run: Run, velocities: Array, accelerations: Array) -> Motion:
+def _motion(
+    plan: Plan, until: float, run: Run, velocities: Array, accelerations: Array, metric: Array
+) -> Motion:
     """Return what became of a plan, from the joint states until the next one."""
     bare = Motion(plan.sent, len(plan.times), float(plan.times[-1]))
     here = np.flatnonzero((run.times >= plan.sent) & (run.times < until))
@@ -155,8 +163,11 @@ def _motion(plan: Plan, until: float, run: Run, velocities: Array, accelerations
         recording = Recording(
             run.times[here][::stride], positions[::stride], velocities[here][::stride]
         )
-        measured = measure(Trajectory(names, plan.times, plan.positions), recording)
+        trajectory = Trajectory(names, plan.times, plan.positions)
+        measured = measure(trajectory, recording, metric)
         stops, commanded = measured.stops, measured.commanded_stops
+        if np.any(metric != 1.0):
+            measured = measure(trajectory, recording)
         waypoint = measured.waypoint_deviation
     return Motion(
         sent=plan.sent,

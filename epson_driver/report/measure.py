@@ -33,7 +33,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The run in numbers. Times in s, angles in rad, speed in rad/s.
+    """The run in numbers. Times in s, angles in rad, speed in rad/s (m: as rad, see `measure`).
 
     stops: on the way, without those that were commanded.
     """
@@ -51,8 +51,19 @@ class Figures:
     begin: float
 
 
-def measure(trajectory: Trajectory, run: Recording) -> Figures:
-    """Return the figures of a run; the joints of both are in the same order."""
+def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None) -> Figures:
+    """Return the figures of a run; the joints of both are in the same order.
+
+    metric: JointLimits.rad_per_unit of the joints, shape (n,), where not all of them turn.
+    """
+    if metric is not None:
+        trajectory = Trajectory(
+            trajectory.joint_names,
+            trajectory.times,
+            trajectory.positions * metric,
+            None if trajectory.velocities is None else trajectory.velocities * metric,
+        )
+        run = Recording(run.times, run.positions * metric, run.velocities * metric)
     speeds = _speeds(run)
     moving = np.flatnonzero(speeds > STOPPED_SHARE)
     first, last = (int(moving[0]), int(moving[-1])) if moving.size else (0, 0)

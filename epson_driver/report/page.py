@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.report.arm_shape import arm_shape, text
 from epson_driver.report.figures import Figures, as_json
+from epson_driver.report.packed_arm import packed_arm, text
 from epson_driver.report.run import FLAGS, Condition, Run
 from epson_driver.robots import RobotModel
 
@@ -32,7 +32,7 @@ COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#0
 def page(runs: Sequence[tuple[Run, Figures]], model: RobotModel) -> str:
     """Return the page of one run, or of two side by side, of one kind of robot."""
     data = {
-        'arm': arm_shape(model),
+        'arm': packed_arm(model),
         'model': model.name,
         'description': model.description,
         'units': list(model.limits.units),

@@ -50,6 +50,11 @@ def test_the_version_is_that_of_the_package() -> None:
     assert run.stdout == f'epson_driver {run.stdout.split()[1]}\n'
 
 
+def test_every_executable_is_installed_for_ros2_run() -> None:
+    scripts = {path.name for path in (Path(__file__).parents[2] / 'scripts').iterdir()}
+    assert scripts == {'executable', *EXECUTABLES}
+
+
 @pytest.mark.parametrize('name', EXECUTABLES)
 def test_every_usage_begins_alike(name: str) -> None:
     run = command(name, '--help')

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from epson_driver.motion import JointLimits
+from epson_driver.robots import load_robot_model
 
 
 def limits(**changed: Any) -> JointLimits:
@@ -71,3 +72,9 @@ def test_an_error_names_the_joint_the_quantity_and_the_value(
 
 def test_a_negative_position_range_is_a_range() -> None:
     assert limits(position_min=[-3.0, -2.0], position_max=[-2.5, 0.0]).position_max[0] == -2.5
+
+
+def test_a_metre_counts_as_what_joint_1_turns_while_the_shaft_goes_it() -> None:
+    scara = load_robot_model('rs6_c552s').limits
+    assert scara.rad_per_unit == pytest.approx([1.0, 1.0, 7.2101 / 1.44, 1.0])
+    assert np.array_equal(load_robot_model('c3_a601s').limits.rad_per_unit, np.ones(6))

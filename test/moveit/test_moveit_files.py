@@ -164,10 +164,10 @@ def test_move_group_gets_every_file_and_rviz_what_its_panel_needs() -> None:
     }
 
 
-def test_a_scara_has_its_four_joints_and_a_solver_that_asks_for_the_place_alone() -> None:
+def test_a_scara_has_its_four_joints_and_a_solver_that_keeps_the_turn() -> None:
     values = move_group_parameters('gx4_c251s')
     manager = values['moveit_simple_controller_manager']
     for name in manager['controller_names']:
         assert manager[name]['joints'] == ['joint_1', 'joint_2', 'joint_3', 'joint_4']
     assert values['robot_description_kinematics'] == load('kinematics_scara.yaml')
-    assert values['robot_description_kinematics'][GROUP]['position_only_ik'] is True
+    assert values['robot_description_kinematics'][GROUP]['position_only_ik'] is False

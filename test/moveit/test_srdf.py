@@ -19,7 +19,7 @@ pytest.importorskip('trimesh')
 
 import pinocchio
 
-from epson_driver.planning.links import PACKAGE_URI
+from epson_driver.robots.link_meshes import PACKAGE_URI
 from generate import moveit
 from generate.self_collision import CollisionBodies, random_configurations
 

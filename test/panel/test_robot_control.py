@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from epson_driver.motion import Trajectory
 from epson_driver.panel.arming import NotArmedError
 from epson_driver.panel.robot_control import RobotControl
 from epson_driver.panel.robot_state import MAX_AGES_S, RobotState, Simulation
@@ -92,6 +93,22 @@ def test_a_model_that_is_not_there_is_said_once_and_is_not_shown_as_the_one_befo
     robot.parameters['robot_model'] = 'c3_a601s'
     control.look()
     assert control.model is not None
+
+
+def test_of_a_scara_the_shaft_that_is_away_from_the_start_is_named_in_mm(
+    robot: Robot, control: RobotControl
+) -> None:
+    robot.parameters['robot_model'] = 'gx8_c652s'
+    control.look()
+    robot.state.positions = np.array([0.5, 0.5, -0.1, 0.0])
+    names = tuple(f'joint_{number}' for number in range(1, 5))
+    for start, said in (
+        ([0.5, 0.5, -0.1, 0.015], ''),
+        ([0.5, 0.5, -0.15, 0.015], 'joint_3 is 50.0 mm away'),
+        ([0.5, 0.4, -0.1, 0.0], 'joint_2 is 5.7° away'),
+    ):
+        there = Trajectory(names, np.array([0.0, 1.0]), np.array([start, start]))
+        assert control.away_from_start(there) == said
 
 
 @pytest.mark.invariant(1)

@@ -15,17 +15,18 @@ from epson_driver.motion.motion_figures import measure
 from epson_driver.planning.path import dense
 from epson_driver.planning.plan import LIMIT_SHARE, MOTION_MARGIN_M, PlanningError, plan_task
 from epson_driver.planning.shapes import tray
-from epson_driver.planning.task import HOME_RAD, draw_task, gripping, quarter_turns
+from epson_driver.planning.task import draw_task, gripping, quarter_turns
 from epson_driver.planning.verdict import apart, judge
+from epson_driver.planning.workspace import HOME_RAD
 
 
 @pytest.fixture(scope='module', params=[1, pytest.param(2, marks=pytest.mark.slow)])
 def plan(request):
-    return plan_task(draw_task(request.param), MODEL)
+    return plan_task(draw_task(request.param, MODEL), MODEL)
 
 
 def test_a_seed_is_one_task():
-    one, again, other = draw_task(7), draw_task(7), draw_task(8)
+    one, again, other = (draw_task(seed, MODEL) for seed in (7, 7, 8))
     assert one.obstacles == again.obstacles
     assert np.array_equal(one.pick, again.pick)
     assert one.obstacles != other.obstacles
@@ -34,14 +35,14 @@ def test_a_seed_is_one_task():
 
 def test_every_task_has_pillars_and_its_places_apart():
     for seed in range(1, 200):
-        drawn = draw_task(seed)
+        drawn = draw_task(seed, MODEL)
         assert any('pillar' in shape.name for shape in drawn.obstacles)
         assert drawn.pick[1, 3] * drawn.place[1, 3] < 0.0  # one on each side
 
 
 def test_a_seed_is_one_plan(plan):
-    plan_task(draw_task(3), MODEL)  # what was planned before makes no difference
-    again = plan_task(draw_task(plan.task.seed), MODEL)
+    plan_task(draw_task(3, MODEL), MODEL)  # what was planned before makes no difference
+    again = plan_task(draw_task(plan.task.seed, MODEL), MODEL)
     for motion, same in zip(plan.motions, again.motions, strict=True):
         assert np.array_equal(motion.sent.positions, same.sent.positions)
         assert np.array_equal(motion.sent.times, same.sent.times)
@@ -65,7 +66,7 @@ def test_the_motions_are_one_way_from_home_to_home(plan):
     assert ends[-1][1] == pytest.approx(HOME_RAD)
     for one, other in pairwise(ends):
         assert one[1] == pytest.approx(other[0], abs=1e-9)
-    tools = [plan.scene.tool_pose(end[1]) for end in ends]
+    tools = [plan.scene.hand_pose(end[1]) for end in ends]
     assert apart(tools[0], plan.task.pick) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert apart(tools[1], plan.task.place) == pytest.approx((0.0, 0.0), abs=1e-6)
 

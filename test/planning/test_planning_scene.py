@@ -8,7 +8,8 @@ from support.planning_harness import LEFT, MODEL, PART, PILLAR, scene
 
 from epson_driver.planning.scene import MAX_CONTACT_DEPTH_M
 from epson_driver.planning.shapes import Box, Cylinder, tray
-from epson_driver.planning.task import HOME_RAD, gripping, raised
+from epson_driver.planning.task import gripping, raised
+from epson_driver.planning.workspace import HOME_RAD
 from epson_driver.robots.kinematics import Kinematics
 
 ELSEWHERE = gripping(-0.3, 0.5, PART[2], 0.0)
@@ -17,7 +18,7 @@ ELSEWHERE = gripping(-0.3, 0.5, PART[2], 0.0)
 def test_tool0_is_where_the_kinematics_have_it():
     arm, world = Kinematics(MODEL), scene()
     for joints in np.random.default_rng(1).uniform(-1.0, 1.0, (20, 6)):
-        assert world.tool_pose(joints) == pytest.approx(arm.forward(joints), abs=1e-9)
+        assert world.hand_pose(joints) == pytest.approx(arm.forward(joints), abs=1e-9)
 
 
 def test_an_arm_at_home_is_free():

@@ -32,7 +32,7 @@ def test_shapes_are_closed_and_face_outwards(shape, expected):
 def test_the_part_is_under_the_tool_that_holds_it():
     world = scene()
     picture = Picture(world)
-    tool = world.tool_pose(LEFT)
+    tool = world.hand_pose(LEFT)
     part, _ = picture.part(tool)
     assert volume(part) == pytest.approx(np.prod(PART))
     with_part, without = picture.arm(LEFT, holds=True)[0], picture.arm(LEFT, holds=False)[0]

@@ -23,7 +23,7 @@ RIGHT = LEFT * (-1, 1, 1, 1, 1, 1)
 
 
 def scene(*obstacles: Shape, supports: tuple[str, ...] = ('table',)) -> Scene:
-    return Scene('c3_a601s', obstacles, PART, supports)
+    return Scene(MODEL, obstacles, PART, supports)
 
 
 def task(*obstacles: Shape, pick: Array | None = None) -> Task:

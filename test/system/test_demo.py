@@ -3,6 +3,7 @@
 """`make demo`, as a newcomer runs it."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -47,6 +48,17 @@ def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_demo_of_a_scara(tmp_path: Path) -> None:
+    picture = tmp_path / 'scara.png'
+    run = demo('--robot=gx8_c652s', f'--picture={picture}')
+    assert_judged(run)
+    assert re.search(r'highest velocity.* rad/s, 0\.\d+ m/s', run.stdout)
+    figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
+    assert figures['robot_model'] == 'gx8_c652s'
+    assert run.returncode or figures['motions'][0]['stops'] == 0
+
+
+@pytest.mark.slow
 def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: Path) -> None:
     picture = tmp_path / 'both.png'
     run = demo('--controller=spel', '--compare', f'--picture={picture}')
@@ -65,6 +77,9 @@ def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: P
         (['--controller=spel', '--motion=ptp'], '--motion: a SPEL+ program moves as its'),
         (['--controller=spel', '--plan'], '--plan is for rc620'),
         (['--controller=rc1'], 'no rc1.yaml'),
+        (['--robot=c8_c901s'], 'add --plan, which plans one for the c8_c901s'),
+        (['--robot=gx9'], 'no gx9.yaml'),
+        (['--plan', '--trajectory=a.yaml'], '--plan makes a trajectory of its own'),
     ],
 )
 def test_demo_refuses_arguments_that_do_not_go_together(arguments: list[str], words: str) -> None:

@@ -47,6 +47,19 @@ def test_plans_are_executed_and_nothing_collides(tmp_path: Path, seeds: int) -> 
     assert len(rows) == seeds
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('robot', ['gx8_c652s', 'rs6_c552s', 'c8_c901s'])
+def test_another_arm_carries_its_part_and_nothing_collides(tmp_path: Path, robot: str) -> None:
+    words = ('demo', '--plan', f'--robot={robot}', f'--picture={tmp_path / "report.png"}')
+    ended = run('-m', 'epson_driver.cli', *words)
+    if ended.returncode == TOO_BUSY:
+        return
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert '1 of 1 executed, none in collision' in ' '.join(ended.stdout.split())
+    page = (tmp_path / 'report.json').read_text(encoding='utf-8')
+    assert f'"robot_model": "{robot}"' in page
+
+
 def test_without_the_libraries_it_says_how_to_get_them() -> None:
     ended = main_after("sys.modules['ompl'] = None")
     assert ended.returncode == 2

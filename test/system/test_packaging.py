@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from epson_driver.cli import processes
+from epson_driver.cli.executables import EXECUTABLES
 
 ROOT = Path(__file__).parents[2]
 UNDECLARED = (
@@ -40,21 +41,6 @@ UNDECLARED = (
 another thing."""
 
 OF_A_DESKTOP = re.compile('rviz|rqt|gui|visualization|desktop|gazebo')
-EXECUTABLES = (
-    'client',
-    'demo',
-    'doctor',
-    'exercise',
-    'jog',
-    'panel',
-    'pendant',
-    'replay',
-    'report',
-    'robots',
-    'sim_controller',
-    'smooth',
-    'spel',
-)
 
 BIN = Path(sys.executable).parent
 

@@ -81,6 +81,9 @@
 
   // --- words --------------------------------------------------------------------------------------
 
+  const mixed = data.units.includes('m'); // a shaft moves along its axis: m beside rad
+  const per = (time) => (mixed ? `rad${time}, m${time}` : `rad${time}`);
+  const milli = mixed ? 'mrad, mm' : 'mrad';
   const fixed = (value, digits, unit = '') => (value === null || value === undefined ? '–' : value.toFixed(digits) + unit);
   const ms = (seconds, digits = 1) => (seconds === null || seconds === undefined ? '–' : (seconds * 1e3).toFixed(digits) + ' ms');
   function element(tag, text, className) {
@@ -126,7 +129,7 @@
     }],
     ['off a point at most', (run) => {
       const worst = Math.max(...motionsOf(run).map((m) => m.waypoint_deviation ?? -1));
-      return worst >= 0 ? [(worst * 1e3).toFixed(1), 'mrad'] : ['–', ''];
+      return worst >= 0 ? [(worst * 1e3).toFixed(1), mixed ? 'mrad or mm' : milli] : ['–', ''];
     }],
     ['highest velocity', (run) => {
       const share = Math.max(...motionsOf(run).flatMap((m) => m.top_velocity.map((v, j) => v / run.figures.velocity_limits[j])));
@@ -159,7 +162,7 @@
     m.dead_time_s === null ? '–' : (m.dead_time_s * 1e3).toFixed(0), m.stops === null ? '–' : m.commanded_stops ? `${m.stops} + ${m.commanded_stops}` : m.stops,
     m.waypoint_deviation === null ? '–' : (m.waypoint_deviation * 1e3).toFixed(2), m.end_deviation === null ? '–' : (m.end_deviation * 1e3).toFixed(3),
     m.top_velocity.length ? Math.max(...m.top_velocity).toFixed(2) : '–', m.top_acceleration.length ? Math.max(...m.top_acceleration).toFixed(1) : '–']));
-  const motionHeads = ['sent', 'points', 'planned s', 'moved s', 'dead time ms', 'stops', 'off a point mrad', 'off the end mrad', 'top rad/s', 'top rad/s²'];
+  const motionHeads = ['sent', 'points', 'planned s', 'moved s', 'dead time ms', 'stops', `off a point ${milli}`, `off the end ${milli}`, `top ${per('/s')}`, `top ${per('/s²')}`];
   $('motions').append(motionRows.length ? table(compare ? ['run', ...motionHeads] : motionHeads, motionRows, motionHeads.map((_, i) => i + compare)) : element('p', 'no trajectory was sent'));
   if (motionRows.length) $('motions').append(element('p', 'Stops: not planned + planned. Dead time: from the first point on the wire to the first motion.'));
   const messageRows = runs.flatMap((run) => [
@@ -388,7 +391,7 @@
   }));
   const unit = (j) => (data.units[j] === 'm' ? ['mm', 1e3] : ['°', 180 / Math.PI]);
   const jointHead = $('joints').appendChild(element('tr'));
-  ['joint', data.units.includes('m') ? 'rad, m' : 'rad', data.units.includes('m') ? '°, mm' : '°', 'velocity', 'in its range'].forEach((text, i) => jointHead.appendChild(element('th', text, i && i < 4 ? 'number' : '')));
+  ['joint', per(''), mixed ? '°, mm' : '°', 'velocity', 'in its range'].forEach((text, i) => jointHead.appendChild(element('th', text, i && i < 4 ? 'number' : '')));
   const jointRows = joints.map((name, j) => {
     const row = $('joints').appendChild(element('tr'));
     const cells = [name, '', '', '', null].map((text, i) => row.appendChild(element('td', text, i && i < 4 ? 'number' : '')));
@@ -526,10 +529,10 @@
   })));
   let time = first;
   const measured = runs.every((run) => run.figures.velocities === 'measured');
-  addPlot('Position', compare ? 'rad · dashed: B · dots: points of the plans' : 'rad · dots: points of the plan', jointSeries((run) => run.q), { perJoint: true, height: 200, draw: drawPlans, y: { range: withPlans } });
-  addPlot('Velocity', `rad/s · ${measured ? 'measured' : 'from the positions'}`, jointSeries((run) => run.v), { perJoint: true });
-  addPlot('Acceleration', 'rad/s² · from the positions', jointSeries((run) => run.a), { perJoint: true });
-  if (runs.some((run) => run.plans.length)) addPlot('Behind or ahead of the plan', 'rad · measured − planned, counted from the first motion', jointSeries((run) => run.error), { perJoint: true, height: 130 });
+  addPlot('Position', `${per('')} · ${compare ? 'dashed: B · dots: points of the plans' : 'dots: points of the plan'}`, jointSeries((run) => run.q), { perJoint: true, height: 200, draw: drawPlans, y: { range: withPlans } });
+  addPlot('Velocity', `${per('/s')} · ${measured ? 'measured' : 'from the positions'}`, jointSeries((run) => run.v), { perJoint: true });
+  addPlot('Acceleration', `${per('/s²')} · from the positions`, jointSeries((run) => run.a), { perJoint: true });
+  if (runs.some((run) => run.plans.length)) addPlot('Behind or ahead of the plan', `${per('')} · measured − planned, counted from the first motion`, jointSeries((run) => run.error), { perJoint: true, height: 130 });
   addPlot('Between two joint states', 'ms', runs.map((run, r) => ({ x: run.gaps.map((gap) => gap[0] - run.shift), y: run.gaps.map((gap) => gap[1]), style: { stroke: RUN_COLOURS[r], width: 1 } })), { height: 110, y: { range: (_, low, high) => [0, Math.max(high * 1.1, 1)] } });
   if (runs.some((run) => run.replies.length)) addPlot('Time to a reply', 'ms', runs.map((run, r) => ({
     x: run.replies.map((each) => each[0] - run.shift), y: run.replies.map((each) => each[1] * 1e3),

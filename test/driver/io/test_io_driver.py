@@ -6,8 +6,10 @@ import asyncio
 import contextlib
 import logging
 import random
+import re
 import socket
 import struct
+from pathlib import Path
 
 import pytest
 from support.driver_harness import Harness, simulated
@@ -176,6 +178,29 @@ def test_io_with_every_profile_of_the_simulated_controller(profile):
             assert controller.io.read(DO, 2) == 1
             (answer,) = await io.read([IoAddress(DO, 2)])
             assert (answer.value, answer.text) == (1, '')
+
+    run(test())
+
+
+def test_an_rc700a_with_an_io_server_by_the_profile_that_docs_show(tmp_path):
+    """Remote Ethernet has no analogue points: that one is set shows which way it went."""
+    page = (Path(__file__).parents[3] / 'docs/io.md').read_text(encoding='utf-8')
+    (block,) = re.findall(r'```yaml\n(like: rc700a\n.*?)```', page, flags=re.DOTALL)
+    file = tmp_path / 'rc700a_io_server.yaml'
+    file.write_text(block, encoding='utf-8')
+    profile = load_controller_profile(str(file))
+    assert profile.ports.remote == load_controller_profile('rc700a').ports.remote
+
+    async def test():
+        async with (
+            simulated(profile=str(file)) as (controller, ports),
+            Harness(ports, io_port=ports.io, remote_port=ports.remote, io=profile.io) as harness,
+        ):
+            io = harness.driver.io
+            await until(lambda: io.states)
+            answers = await io.write([IoSetting(DO, 2, 1), IoSetting(AO, 1, -2500)])
+            assert [answer.text for answer in answers] == ['', '']
+            assert (controller.io.read(DO, 2), controller.io.read(AO, 1)) == (1, -2500)
 
     run(test())
 

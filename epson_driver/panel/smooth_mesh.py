@@ -1,24 +1,18 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The shape of an arm: its own meshes, link by link, as the URDF has them."""
+"""The meshes of an arm for a viewer that averages normals: smooth, but for their creases."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epson_driver.inputs import read_yaml
 from epson_driver.motion import Array
-from epson_driver.share import share_folder
-
-COLOURS = {'white': (230, 230, 226), 'metal': (140, 144, 148), 'dark': (51, 55, 60)}
-"""As in urdf/epson_macro.xacro, 0 … 255."""
+from epson_driver.robots import RobotModel
+from epson_driver.robots.link_meshes import LinkMesh, link_meshes
 
 CREASE_RAD = np.radians(35.0)
 """Facets that meet at less than this are shown as one smooth surface."""
-
-_STL = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
 
 
 class Mesh(NamedTuple):
@@ -29,27 +23,17 @@ class Mesh(NamedTuple):
     colour: tuple[int, int, int]
 
 
-def arm_shape(model: str) -> list[list[Mesh]] | None:
+def arm_meshes(model: RobotModel) -> list[list[Mesh]] | None:
     """Return the meshes of base_link, link_1 … in their own frames; None: there are none."""
-    folder = share_folder('urdf', 'meshes')
-    listed = folder / model / 'links.yaml'
-    if not listed.is_file():
+    links = link_meshes(model)
+    if links is None:
         return None
-    links = read_yaml(listed)
-    return [
-        [
-            Mesh(*_smoothed(_triangles(folder / each['mesh'])), COLOURS[each['colour']])
-            for each in link['visual']
-        ]
-        for link in links.values()
-    ]
+    return [[_smooth_mesh(mesh) for mesh in link] for link in links]
 
 
-def _triangles(path: Path) -> NDArray[np.float32]:
-    """Return the corners of a binary STL file, shape (n, 3, 3), m."""
-    data = path.read_bytes()
-    count = int.from_bytes(data[80:84], 'little')
-    return np.frombuffer(data, _STL, count, offset=84)['corners'].astype(np.float32)
+def _smooth_mesh(mesh: LinkMesh) -> Mesh:
+    red, green, blue = (round(255.0 * share) for share in mesh.colour)
+    return Mesh(*_smoothed(mesh.corners()), (red, green, blue))
 
 
 def _smoothed(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:

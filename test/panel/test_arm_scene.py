@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arm that is drawn is the arm of the model."""
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -12,8 +13,8 @@ pytest.importorskip('viser')
 
 from support.panel_client import PanelClient
 
-from epson_driver.panel.arm_shape import _smoothed, arm_shape, quaternion
 from epson_driver.panel.scene import ArmScene
+from epson_driver.panel.smooth_mesh import _smoothed, arm_meshes, quaternion
 from epson_driver.panel.web_server import WebServer
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.robots.chain import rotation_about
@@ -53,7 +54,7 @@ def test_every_model_is_drawn_where_its_kinematics_put_it(name: str, server: Web
 
 
 def test_meshes_keep_their_surface() -> None:
-    for mesh in arm_shape('c3_a601s')[1]:
+    for mesh in arm_meshes(load_robot_model('c3_a601s'))[1]:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         assert np.all(high - low > 0.005)
         assert np.all(np.abs(mesh.vertices) < 0.5)
@@ -61,7 +62,8 @@ def test_meshes_keep_their_surface() -> None:
 
 
 def test_a_model_without_meshes_has_none() -> None:
-    assert arm_shape('somebody_s_own') is None
+    model = load_robot_model('c3_a601s')
+    assert arm_meshes(dataclasses.replace(model, name='somebody_s_own')) is None
 
 
 def test_creases_stay_and_flat_faces_share_vertices() -> None:

@@ -1,0 +1,58 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The arm as the page draws it: its joints, and the surfaces of its links in few bytes."""
+
+import base64
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.motion import Array
+from epson_driver.robots import RobotModel
+from epson_driver.robots.link_meshes import link_meshes
+
+
+def packed_arm(model: RobotModel) -> dict[str, Any]:
+    """Return what the page needs to draw the arm at any joint positions.
+
+    A model without a URDF of its own is drawn as cylinders from joint to joint, by the page.
+    """
+    meshes = [
+        {'link': number, 'colour': list(mesh.colour)} | packed(*_indexed(mesh.corners()))
+        for number, link in enumerate(link_meshes(model) or ())
+        for mesh in link
+    ]
+    return {
+        'origins': model.chain.origins.tolist(),
+        'axes': model.chain.axes.tolist(),
+        'types': list(model.joint_types),
+        'tool0': model.tool0.xyz.tolist(),
+        'meshes': meshes,
+    }
+
+
+def _indexed(corners: npt.NDArray[np.float32]) -> tuple[Array, Any]:
+    """Return the vertices of triangles, shape (v, 3), m, and their indices, shape (f, 3)."""
+    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return vertices.astype(float), index.reshape(-1, 3)
+
+
+def packed(vertices: Array, triangles: Any) -> dict[str, Any]:
+    """Return a mesh as base64: vertices as 16 bit numbers within its box, 16 bit indices."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    size = np.where(high > low, high - low, 1.0)
+    steps = np.round((vertices - low) / size * 65535.0).astype('<u2')
+    if len(vertices) > 65535:
+        raise ValueError(f'{len(vertices)} vertices: at most 65535 can be numbered')
+    return {
+        'low': low.tolist(),
+        'size': size.tolist(),
+        'vertices': text(steps),
+        'triangles': text(triangles.astype('<u2')),
+    }
+
+
+def text(values: Any) -> str:
+    """Return an array's bytes as base64."""
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode('ascii')

@@ -1,0 +1,184 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Takes the pictures of the panel, the report and the exercise in docs/images, in chromium.
+
+python -m generate.screenshots [panel] [report] [exercise]
+
+Needs Debian's chromium and `make browser`. The exercise takes minutes, the others a minute each.
+"""
+
+import io
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from rich.console import Console
+from rich.text import Text
+
+from epson_driver.cli import processes
+from epson_driver.cli.trajectory_file import read_trajectory, write_trajectory
+from epson_driver.motion import Trajectory
+from epson_driver.share import share_file
+
+ROOT = Path(__file__).parents[1]
+IMAGES = ROOT / 'docs' / 'images'
+COMMAND = [sys.executable, '-m', 'epson_driver.cli']
+TIMEOUT_MS = 120_000
+
+PANEL_SIZE = 1500, 900
+REPORT_SIZE = 1500, 1130
+TERMINAL_COLUMNS = 112
+
+SLOWER = 6.0
+"""How much longer the motion takes that is shown in the panel: a picture takes seconds without a
+graphics card."""
+
+TAKEN_S = 8.0
+"""When it is taken, s after the motion began."""
+
+
+@contextmanager
+def tab(width: int, height: int) -> Iterator[Any]:
+    """Yield a tab of a browser."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which('chromium') or shutil.which('google-chrome')
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium, args=['--no-sandbox'], timeout=TIMEOUT_MS
+        )
+        try:
+            page = browser.new_page(viewport={'width': width, 'height': height})
+            page.set_default_timeout(TIMEOUT_MS)
+            yield page
+        finally:
+            browser.close()
+
+
+def save(page: Any, name: str) -> None:
+    """Write what the tab shows to docs/images."""
+    picture = Image.open(io.BytesIO(page.screenshot(timeout=TIMEOUT_MS))).convert('RGB')
+    path = IMAGES / name
+    if path.suffix == '.webp':
+        picture.save(path, quality=90, method=6)
+    else:
+        picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    print(path.relative_to(ROOT))
+
+
+def panel() -> None:
+    """Take the panel at rest, while the arm follows a plan, and in E-stop."""
+    plan = read_trajectory(share_file('config', 'trajectories', 'around_pillar_11_points.yaml'))
+    slow = Trajectory(plan.joint_names, plan.times * SLOWER, plan.positions)
+    with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
+        folder = Path(name)
+        file = folder / 'around_pillar.yaml'
+        write_trajectory(file, slow, 'around a pillar, slowly')
+        controller = processes.sim_controller(
+            folder / 'sim_controller.log', start=plan.positions[0].tolist()
+        )
+        with processes.ended_at_exit(controller):
+            ports = controller.ports()
+            domain = processes.free_ros_domain()
+            client = processes.client(folder / 'client.log', ports, domain)
+            environment = processes.ros_environment(domain)
+            served = processes.Process(
+                'panel', ['--port=0', f'--trajectory={file}'], folder / 'panel.log', environment
+            )
+            with processes.ended_at_exit(served, client), tab(*PANEL_SIZE) as page:
+                page.goto(served.address())
+                _panel(page, ports.remote)
+
+
+def _panel(page: Any, remote_port: int) -> None:
+    def button(label: str) -> Any:
+        return page.get_by_role('button', name=label, exact=True)
+
+    for lamp in ('Link', 'Door'):
+        page.wait_for_selector(f'[data-lamp="{lamp}"][data-colour="good"]')
+    page.wait_for_timeout(5_000)  # until the curves have begun
+    save(page, 'panel_rest.webp')
+    button('Arm').click()
+    page.wait_for_function(
+        '() => [...document.querySelectorAll("button")]'
+        '.some((each) => each.innerText.trim() === "Enable" && !each.disabled)'
+    )
+    button('Enable').click()
+    page.wait_for_selector('[data-lamp="Arm gate"][data-colour="good"]')
+    button('Execute').click()
+    page.wait_for_timeout(1e3 * TAKEN_S)
+    save(page, 'panel_motion.webp')
+    press = [*COMMAND, 'pendant', f'--port={remote_port}', 'estop', 'press']
+    subprocess.run(press, check=True, capture_output=True)
+    page.wait_for_selector('[data-lamp="E-stop"][data-colour="bad"]')
+    page.wait_for_timeout(3_000)
+    save(page, 'panel_estop.webp')
+
+
+def report() -> None:
+    """Take the report of two runs of the demo, side by side."""
+    with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
+        picture = Path(name, 'demo.png')
+        demo = [*COMMAND, 'demo', '--compare', f'--picture={picture}']
+        subprocess.run(demo, check=True)
+        with tab(*REPORT_SIZE) as page:
+            page.goto(f'file://{picture.with_suffix(".html")}')
+            page.wait_for_selector('body[data-ready=yes]')
+            page.locator('#time').evaluate(
+                '(e, v) => { e.value = v; e.dispatchEvent(new Event("input", {bubbles: true})); }',
+                '1.51',
+            )
+            page.wait_for_timeout(3_000)
+            save(page, 'report.png')
+
+
+def exercise() -> None:
+    """Take what a good program does in all cases of the exercise, as a terminal shows it."""
+    programs = ROOT / 'test' / 'exercise' / 'programs'
+    environment = os.environ | {
+        'COLUMNS': str(TERMINAL_COLUMNS),
+        'FORCE_COLOR': '1',
+        'TERM': 'xterm-256color',
+        'PATH': f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}',
+    }
+    words = ['exercise', '--', 'python3', 'good.py']
+    ended = subprocess.run(
+        [*COMMAND, *words],
+        cwd=programs,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = ended.stdout.splitlines()
+    table = next(number for number, line in enumerate(lines) if 'What it did' in line)
+    console = Console(record=True, width=TERMINAL_COLUMNS, file=io.StringIO())
+    console.print(f'[bold]$ epson_driver {" ".join(words)}[/]', highlight=False)
+    console.print(Text.from_ansi('\n'.join(lines[table:])))
+    with tab(1300, 1000) as page:
+        page.set_content(console.export_svg(title='epson_driver exercise'))
+        page.locator('body').evaluate('(e) => { e.style.margin = 0; }')
+        drawn = page.locator('svg').bounding_box()
+        height = round(1300 * drawn['height'] / drawn['width'])
+        page.set_viewport_size({'width': 1300, 'height': height})
+        save(page, 'exercise.png')
+
+
+PICTURES = {'panel': panel, 'report': report, 'exercise': exercise}
+
+
+def main(names: list[str]) -> None:
+    """Take the pictures of these names, or all."""
+    for name in names or PICTURES:
+        PICTURES[name]()
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])
