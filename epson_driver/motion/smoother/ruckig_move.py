@@ -63,14 +63,14 @@ def propose(problem: Problem, _bounds: SpeedBounds) -> TimeParametrisation | Non
         velocity, acceleration, jerk = slope_bounds(problem, end)
         for hardness in HARDNESS_SHARES:
             if problem.effort.used_up:
-                return best
+                break
             timing = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
             if timing is None:
                 continue
             rank = _rank(timing, SLOW_TIME_RATIO * (unit + (timing.end - u) / velocity))
             if rank > best_rank:
                 best, best_rank = timing, rank
-        if best_rank[0] == 0.0 and end < problem.end:
+        if problem.effort.used_up or (best_rank[0] == 0.0 and end < problem.end):
             break
     if best_rank[0] < 0.0 and problem.start[1] > 0.0:
         return None
