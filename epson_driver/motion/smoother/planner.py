@@ -371,6 +371,7 @@ def _catch_up(
         clock = request.clock[: len(knots)]
         now = float(np.interp(request.state[0], knots, clock))
         arrival = np.interp(knots[ahead], guess.positions, guess.times)
+        arrival -= GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
         late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
         late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
         late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
