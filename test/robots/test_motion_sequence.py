@@ -128,15 +128,18 @@ def test_one_motion_that_cannot_be_refuses_the_whole_sequence_and_is_named(name)
         raise AssertionError(str(caught.value))
 
 
-def test_a_scara_has_motions_in_joint_space_only():
+@pytest.mark.usefixtures('opw')
+def test_a_scara_has_lines_as_well_as_motions_in_joint_space():
     scara = Kinematics(load_robot_model('gx4_c251s'))
-    start = np.zeros(4)
-    target = np.array([0.2, 0.3, -0.05, 0.1])
-    assert len(plan_sequence(scara, start, [to_joints(target)]).ends) == 1
-    pose = scara.forward(start)
-    pose[0, 3] -= 0.05
-    with pytest.raises(SequenceError, match='joint_3 is prismatic'):
-        plan_sequence(scara, start, [Primitive(Kind.LINEAR_CARTESIAN, pose)])
+    ready = np.array([0.3, 1.2, -0.05, 0.0])
+    pose = scara.forward(ready)
+    pose[:3, 3] += (-0.03, 0.02, 0.01)
+    sequence = plan_sequence(
+        scara, np.zeros(4), [to_joints(ready), Primitive(Kind.LINEAR_CARTESIAN, pose)]
+    )
+    assert len(sequence.ends) == 2
+    assert np.allclose(scara.forward(sequence.trajectory.positions[-1]), pose, atol=1e-8)
+    assert not list(problems(sequence.trajectory, scara.model.limits))
 
 
 def test_it_is_given_up_between_two_motions():
