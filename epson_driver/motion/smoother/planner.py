@@ -371,7 +371,8 @@ def _catch_up(
         clock = request.clock[: len(knots)]
         now = float(np.interp(request.state[0], knots, clock))
         arrival = np.interp(knots[ahead], guess.positions, guess.times)
-        arrival -= GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
+        # on the way there is only the half of it that comes from the start
+        arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
         late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
         late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
         late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
