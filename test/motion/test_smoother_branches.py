@@ -84,12 +84,12 @@ def test_a_request_says_for_how_many_before_it_no_plan_was_found() -> None:
         moving = request.state[1] > 0.0
         return None if moving and len(asked) % 4 else planner.plan(request, limits)
 
-    positions = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(6)
+    positions = np.linspace(0.0, 2.0, 80)[:, None] * np.eye(6)[0]
     smoother = Smoother(ARM, positions[0], Mode.TIME_OPTIMAL, planner=often_without)
     for position in positions[1:]:
-        while smoother.look_ahead > 0.3:
-            smoother.step(CYCLE_S)
         smoother.append(position)
+        while smoother.look_ahead > 0.1:
+            smoother.step(CYCLE_S)
     assert {0, 1, 2} <= set(asked)
     for before, after in pairwise(asked):
         assert after in (0, before + 1)

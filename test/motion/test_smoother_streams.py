@@ -7,18 +7,23 @@ import pytest
 from support.smoother_harness import ARM
 
 from epson_driver.motion.smoother import Mode, Smoother
-from epson_driver.motion.smoother.replanning import START_PATIENCE_S
+from epson_driver.motion.smoother.replanning import MIN_PERIOD_S, START_PATIENCE_S
 
 CYCLE_S = 0.004
 SPEED_RAD_S = 0.25
 LATENCY_S = 0.02
 
 
-def followed(step: float, period: float, duration: float | None) -> tuple[float | None, float]:
-    """Stream points of 0.25 rad/s · `step` for a second; return the start and the largest lag."""
+def followed(
+    step: float, period: float, duration: float | None
+) -> tuple[float | None, float, int]:
+    """Stream points of 0.25 rad/s · `step` for a second.
+
+    Return the start, the largest lag, and in how many cycles the arm stood after that start.
+    """
     smoother = Smoother(ARM, np.zeros(6), Mode.TIME_PRESERVING, latency=LATENCY_S)
     direction = np.array([1.0, -0.5, 0.3, 0.2, 0.1, 0.4])
-    begun, lag, sent = None, 0.0, 0
+    begun, lag, sent, stood = None, 0.0, 0, 0
     for cycle in range(round(1.0 / CYCLE_S)):
         now = cycle * CYCLE_S
         while sent * period <= now:
@@ -27,17 +32,21 @@ def followed(step: float, period: float, duration: float | None) -> tuple[float 
         motion = smoother.step(CYCLE_S)
         if begun is None and np.any(motion.velocity):
             begun = now
+        stood += begun is not None and not np.any(motion.velocity)
         if now > 0.5:
             lag = max(lag, (sent * step - motion.position[0]) / (step / period))
-    return begun, lag
+    return begun, lag, stood
 
 
 @pytest.mark.parametrize('timed', [False, True])
 @pytest.mark.parametrize('period', [0.004, 0.01, 0.02, 0.025, 0.05])
 def test_the_arm_does_not_wait_longer_because_more_points_come(period: float, timed: bool) -> None:
-    begun, lag = followed(SPEED_RAD_S * period, period, period if timed else None)
+    begun, lag, stood = followed(SPEED_RAD_S * period, period, period if timed else None)
     assert begun is not None
-    assert begun <= START_PATIENCE_S + LATENCY_S + 2.0 * CYCLE_S
+    # with durations, until what is known lasts as long as it takes to have the next plan
+    wait = max(START_PATIENCE_S, LATENCY_S + MIN_PERIOD_S if timed else 0.0)
+    assert begun <= wait + LATENCY_S + 2.0 * CYCLE_S
+    assert stood == 0
     assert lag < 0.15
 
 

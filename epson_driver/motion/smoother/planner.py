@@ -72,8 +72,9 @@ LEAST_OLDER = 3
 
 Proposer = Callable[[Problem, SpeedBounds], TimeParametrisation | None]
 
-URGENT: tuple[Proposer, ...] = (filtered.propose, ruckig_move.propose)
-"""Proposers that are asked only when it is urgent."""
+URGENT: tuple[tuple[Proposer, float], ...] = ((filtered.propose, 0.5), (ruckig_move.propose, 1.0))
+"""Proposers that are asked only when it is urgent, and of the effort that is left for each path:
+so much is left for the simplest one that it can do something."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,6 +143,7 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
     found = _optimal(request, first, limits, effort)
     if found is None and request.urgent:
+        urgent.back(effort)  # what is left of it, or was used too much
         found = _any(request, first, limits, urgent)
     if found is None and straight is not None:
         found = _straight(request, limits, straight)
@@ -233,8 +235,10 @@ def _any(request: Request, first: Path, limits: JointLimits, effort: Effort) -> 
     """Return a plan by one of the other proposers."""
     for path in _paths(request, first, limits):
         part, problem, bounds = _within_horizon(request, path, limits, effort)
-        for proposer in URGENT:
-            timing = proposer(problem, bounds)
+        for proposer, share in URGENT:
+            mine = effort.part(share)
+            timing = proposer(dataclasses.replace(problem, effort=mine), bounds)
+            effort.back(mine)
             if timing is not None:
                 name = proposer.__module__.rpartition('.')[2]
                 return Plan(request.start, part.knots, timing, name)
@@ -367,6 +371,8 @@ def _catch_up(
         clock = request.clock[: len(knots)]
         now = float(np.interp(request.state[0], knots, clock))
         arrival = np.interp(knots[ahead], guess.positions, guess.times)
+        # on the way there is only the half of it that comes from the start
+        arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
         late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
         late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
         late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])

@@ -19,6 +19,9 @@ from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 START_PATIENCE_S = 0.03
 """How long the first point waits at rest for more, before the motion begins with few."""
 
+MAX_START_PATIENCE_S = 0.1
+"""How long at most, while timed points come that are over before another plan can follow."""
+
 MIN_PERIOD_S = 0.03
 """Time between two plans at least."""
 
@@ -176,13 +179,20 @@ class Replanning:
         now = execution.now
         if execution.scale == 0.0 or now < waypoints.rest_until:
             return False
-        patient = now >= waypoints.waiting_since(now) + START_PATIENCE_S
+        waited = now - waypoints.waiting_since(now)
+        patient = waited >= START_PATIENCE_S
         if not waypoints.ahead:
             if not patient or not execution.beside_last:
                 return False
             waypoints.go_back(now)
         known = waypoints.time_from_rest(now)
-        return patient or waypoints.last.rest is not None or known > self._reserve / 2.0
+        if waypoints.last.rest is not None or known > self._reserve / 2.0:
+            return True
+        if not patient or waited >= MAX_START_PATIENCE_S:
+            return patient
+        # a motion that is over before another plan can follow would be a stop on the way
+        followed = known >= self.latency + MIN_PERIOD_S or not waypoints.last.timed
+        return followed or now >= waypoints.last.came + START_PATIENCE_S
 
     def _made_request(self) -> PendingRequest:
         execution, waypoints = self._execution, self._waypoints
