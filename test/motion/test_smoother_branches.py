@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from support.smoother_harness import ARM
 
-from benchmark import families
+from benchmark.family_members import FamilyMember, members
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Mode, Smoother, planner
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, Effort
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.planner import BRANCH, Plan, Request
+from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
 
 CYCLE_S = 0.004
@@ -55,9 +57,9 @@ def move(
     return smoother.now, asked
 
 
-def to_and_fro() -> families.FamilyMember:
+def to_and_fro() -> FamilyMember:
     """Return one joint's motion to and fro by ways of any size."""
-    return list(families.members('single_joint'))[2]
+    return list(members('single_joint'))[2]
 
 
 def test_where_there_is_no_new_way_on_a_plan_branches_off_the_one_so_far() -> None:
@@ -109,7 +111,7 @@ def test_no_plan_costs_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPat
         return planner.plan(request, limits)
 
     monkeypatch.setattr(Effort, 'spend', counted)
-    member = list(families.members(name))[5]
+    member = list(members(name))[5]
     smoother = Smoother(member.limits, member.positions[0], Mode.TIME_OPTIMAL, planner=begun)
     for position in member.positions[1:]:
         smoother.append(position)
@@ -136,6 +138,43 @@ def test_a_short_move_keeps_the_time_that_the_limits_leave(
     durations = pace * fastest * ways / ways.sum()
     taken, _ = move(ARM, positions, durations)
     assert taken / durations.sum() <= 1.2
+
+
+def test_a_plan_to_points_that_are_not_planned_for_now_is_no_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is merged into the last point can make that later than a plan looks ahead."""
+    smoother = Smoother(ARM, np.zeros(6), Mode.TIME_PRESERVING)
+    for number in range(1, 11):
+        smoother.append(np.full(6, 0.02 * number), 0.05)
+    smoother.step(CYCLE_S)
+    smoother.step(CYCLE_S)
+    monkeypatch.setattr(planner.optimal, 'propose', lambda *_, **__: None)
+    for _ in range(150):
+        smoother.append(np.full(6, 0.2), 0.009)
+    while smoother.moving:
+        smoother.step(CYCLE_S)
+        assert smoother.now < MAX_MOTION_S
+    assert smoother.planner_errors == 0
+    assert smoother.motion.position == pytest.approx(np.full(6, 0.2))
+
+
+def test_from_rest_there_is_a_plan_though_no_path_that_bends_can_be_followed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    propose = planner.ruckig_move.propose
+
+    def on_lines(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
+        slopes = problem.path.knots.first
+        return propose(problem, bounds) if np.allclose(slopes, slopes[0]) else None
+
+    monkeypatch.setattr(planner, 'URGENT', ())
+    monkeypatch.setattr(planner.optimal, 'propose', lambda *_, **__: None)
+    monkeypatch.setattr(planner.ruckig_move, 'propose', on_lines)
+    on_border = np.append(ARM.position_max[:1], np.full(5, 0.3))
+    taken, asked = move(ARM, np.array([np.zeros(6), on_border, np.zeros(6)]), None)
+    assert {plan.proposer for _, plan in asked if plan is not None} == {'straight'}
+    assert taken < 5.0
 
 
 def sampled() -> TimeParametrisation:

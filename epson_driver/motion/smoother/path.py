@@ -183,6 +183,19 @@ def chord_lengths(points: Array, limits: JointLimits) -> Array:
     return scaled
 
 
+def line(kept: Knots, point: Array, limits: JointLimits) -> Path:
+    """Return the straight path from the last kept knot to a point, shape (n,).
+
+    It has no bends, and so no acceleration or jerk but those of u: slow enough, it keeps all
+    limits, and it leaves the range nowhere if its ends do not.
+    """
+    begin = kept[len(kept.u) - 1 :]
+    ends = np.stack([begin.position[0], point])
+    length = chord_lengths(ends, limits)
+    slope = np.tile(np.diff(ends, axis=0) / length, (2, 1))
+    return Path(Knots(np.append(begin.u, begin.u + length), ends, slope, np.zeros_like(ends)))
+
+
 def through(
     kept: Knots, points: Array, limits: JointLimits, clamped: bool = True, final: bool = False
 ) -> Path:

@@ -26,8 +26,8 @@ class Problem:
     speeds: the most that u̇ should be at each knot of the path (u̇² is linear between them), shape
     (k,); UNBOUND_SPEED where only the limits count. scale: share (0, 1] of the velocity limits to
     use. slowing: a stop from the start: no speed below the stop's is asked for, so that a start
-    that is too fast for `speeds` and `scale` has time. effort: what may be
-    computed for it.
+    that is too fast for `speeds` and `scale` has time. effort: what may be computed for it.
+    former: what the plan so far does from the start on, if there is one: to search from.
     """
 
     path: Path

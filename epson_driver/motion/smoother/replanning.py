@@ -10,9 +10,10 @@ import numpy as np
 
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.smoother.active_plan import ActivePlan
+from epson_driver.motion.smoother.commanded_times import stopping_time
 from epson_driver.motion.smoother.execution import Execution
 from epson_driver.motion.smoother.path import Knots, Path
-from epson_driver.motion.smoother.planner import Plan, Request, stopping_time
+from epson_driver.motion.smoother.planner import Plan, Request
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 
@@ -225,6 +226,8 @@ class Replanning:
                 execution.clock_start = None
         known = len(route)
         more = self._extend(route, horizon)
+        if older is not None and len(older.u) > len(route):
+            older = former = None  # that plan goes on to points that are not planned for now
         points = [point.position for point in route[known:]]
         clocks = np.array([point.clock for point in route])
         clocks[0] += route[0].rest or 0.0  # it has been rested there
