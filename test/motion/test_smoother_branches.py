@@ -172,9 +172,16 @@ def test_from_rest_there_is_a_plan_though_no_path_that_bends_can_be_followed(
     monkeypatch.setattr(planner.optimal, 'propose', lambda *_, **__: None)
     monkeypatch.setattr(planner.ruckig_move, 'propose', on_lines)
     on_border = np.append(ARM.position_max[:1], np.full(5, 0.3))
-    taken, asked = move(ARM, np.array([np.zeros(6), on_border, np.zeros(6)]), None)
-    assert {plan.proposer for _, plan in asked if plan is not None} == {'straight'}
-    assert taken < 5.0
+    smoother = Smoother(ARM, np.zeros(6), planner=None)
+    smoother.append(on_border)
+    smoother.finish()
+    request = smoother.request()
+    assert request is not None
+    found = planner.plan(request, ARM)
+    assert found is not None
+    assert found.proposer == 'straight'
+    assert found.timing.end > 0.0
+    assert limit_usage(Path(found.knots), found.timing, ARM).allowed
 
 
 def sampled() -> TimeParametrisation:
