@@ -21,7 +21,8 @@ from benchmark.motion_record import Record
 from benchmark.stop_and_go import stop_and_go
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode
-from epson_driver.motion.smoother.planner import Plan, Request, plan
+from epson_driver.motion.smoother.planner import plan
+from epson_driver.motion.smoother.request import Plan, Request
 
 SAMPLE_STEP_S = 0.001
 

@@ -17,8 +17,9 @@ from epson_driver.motion.smoother import Mode, Smoother, planner
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, Effort
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Path
-from epson_driver.motion.smoother.planner import BRANCH, Plan, Request
+from epson_driver.motion.smoother.planner import BRANCH
 from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
 

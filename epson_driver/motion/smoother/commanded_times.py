@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a request's clock asks for: the speeds that keep it, and how lost time is made up for."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
@@ -11,11 +9,9 @@ from epson_driver.motion.smoother import filtered, ruckig_move
 from epson_driver.motion.smoother.effort import OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.request import Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
-
-if TYPE_CHECKING:
-    from epson_driver.motion.smoother.planner import Request
 
 CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
 """How much faster than commanded the motion may be to make up for lost time; at most, where it
@@ -36,7 +32,7 @@ the horizon."""
 
 
 def within_horizon(
-    request: 'Request', path: Path, limits: JointLimits, effort: Effort
+    request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
     """Return the path as far as it is looked at now, and the problem on it."""
     effort.spend(OUTSET_US)
@@ -66,7 +62,7 @@ def within_horizon(
 
 
 def _late_end(
-    request: 'Request', path: Path, limits: JointLimits, guess: TimeParametrisation | None
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
 ) -> bool:
     """Return whether a plan like a guess reaches the end of the path too late."""
     if guess is None:
@@ -77,7 +73,7 @@ def _late_end(
     return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
 
 
-def _higher_ratio(request: 'Request', path: Path, limits: JointLimits, effort: Effort) -> float:
+def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
     """Return the factor on the commanded speed that is needed to be in time at the end."""
     low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
     for _ in range(CATCH_UP_BISECTIONS):
@@ -93,7 +89,7 @@ def _higher_ratio(request: 'Request', path: Path, limits: JointLimits, effort: E
 
 
 def _catch_up(
-    request: 'Request', path: Path, limits: JointLimits, guess: TimeParametrisation | None
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
 ) -> Array:
     """Return the factor on the commanded speed at each knot that makes up for lost time."""
     knots = path.knots.u
@@ -129,7 +125,7 @@ def stopping_time(limits: JointLimits) -> float:
 
 
 def problem_of(
-    request: 'Request', path: Path, limits: JointLimits, factor: Array | float, effort: Effort
+    request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
 ) -> Problem:
     """Return the problem on a path, with so many times the commanded speed (at each knot)."""
     scale = request.scale or 1.0
@@ -140,7 +136,7 @@ def problem_of(
     return Problem(path, request.state, limits, speeds, scale, slowing, effort, request.former)
 
 
-def _commanded_speeds(request: 'Request', path: Path) -> Array:
+def _commanded_speeds(request: Request, path: Path) -> Array:
     """Return u̇ at the knots as the clock commands it, or UNBOUND_SPEED, shape (k,)."""
     u = path.knots.u
     speeds = np.full(len(u), UNBOUND_SPEED)

@@ -2,25 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner: from a request to a plan, without any state, so that it can run anywhere.
 
-A plan is a path and a timing on it that is verified against every limit and ends at rest. Requests
-and plans can be pickled: the simulated controller plans in a process of its own.
+A plan is a path and a timing on it that is verified against every limit and ends at rest. The
+simulated controller plans in a process of its own.
 """
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
 from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
-from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 STRAIGHT_SHARE, URGENT_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.9, 0.8
 FRESH_SHARE, FRESH_SHARE_AT_REST = 0.7, 0.55
@@ -63,55 +62,6 @@ Proposer = Callable[[Problem, SpeedBounds], TimeParametrisation | None]
 URGENT: tuple[tuple[Proposer, float], ...] = ((filtered.propose, 0.5), (ruckig_move.propose, 1.0))
 """Proposers that are asked only when it is urgent, and of the effort that is left for each path:
 so much is left for the simplest one that it can do something."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Request:
-    """What to plan: from a state on a path through knots that are kept, on through points.
-
-    start: when the plan begins, s on the smoother's clock; None if the arm rests until it comes.
-    state: u and its derivatives then. kept: the knots that stay, from the one before the state;
-    a single one if the path begins here, at rest. older: more of the knots of the path so far, in
-    case that no plan is found with fewer. points: positions after the kept knots, shape (m, n).
-    clock: when each kept knot and point should be reached, shape (k + m,), s from any time on.
-    timed: whether clock counts for the segment before it, shape (k + m,). lag: how late the state
-    is on this clock, s. scale: of all speeds, 0 to come to rest on the path. horizon: how far
-    ahead a plan looks at most (nearly), s. urgent: whether a slow plan is better than none.
-    former: what the plan so far does from the state on, with all of its knots in `older`.
-    whole: whether the trajectory ends at the last of the points.
-    reached: how many of the kept knots and points that plan goes to.
-    failures: for how many requests in a row, just before, no plan was found.
-    """
-
-    start: float | None
-    state: State
-    kept: Knots
-    older: Knots | None
-    points: Array
-    clock: Array
-    timed: npt.NDArray[np.bool_]
-    lag: float
-    scale: float
-    horizon: float
-    urgent: bool
-    former: TimeParametrisation | None = None
-    whole: bool = False
-    reached: int = 0
-    failures: int = 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Plan:
-    """What to do from `start` on (see Request): the path through knots, by the timing.
-
-    The knots are the first ones of the request's kept knots and points.
-    proposer: which one found the timing.
-    """
-
-    start: float | None
-    knots: Knots
-    timing: TimeParametrisation
-    proposer: str
 
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
