@@ -4,7 +4,8 @@
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode, Smoother
-from epson_driver.motion.smoother.planner import Plan, Request, plan
+from epson_driver.motion.smoother.planner import plan
+from epson_driver.motion.smoother.request import Plan, Request
 
 
 class DriverSmoother:

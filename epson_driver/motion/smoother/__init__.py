@@ -3,7 +3,8 @@
 """The streaming smoother: through all points without a stop, inside every limit."""
 
 from epson_driver.motion.smoother.output_guard import Motion
-from epson_driver.motion.smoother.planner import Plan, Request, plan
+from epson_driver.motion.smoother.planner import plan
+from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.smoother import Smoother
 from epson_driver.motion.smoother.waypoints import MERGE_TOLERANCE, Mode
 

@@ -9,8 +9,9 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.execution import Execution, Observer
 from epson_driver.motion.smoother.joint_motion import fastest_move
 from epson_driver.motion.smoother.output_guard import Motion, OutputGuard, Violation
-from epson_driver.motion.smoother.planner import Plan, Request, plan
+from epson_driver.motion.smoother.planner import plan
 from epson_driver.motion.smoother.replanning import Planner, Replanning
+from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.waypoints import Mode, Waypoints
 
 log = logging.getLogger(__name__)

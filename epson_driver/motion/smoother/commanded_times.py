@@ -1,0 +1,154 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a request's clock asks for: the speeds that keep it, and how lost time is made up for."""
+
+import numpy as np
+
+from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.smoother import filtered, ruckig_move
+from epson_driver.motion.smoother.effort import OUTSET_US, Effort
+from epson_driver.motion.smoother.path import Path
+from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.request import Request
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+
+CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
+"""How much faster than commanded the motion may be to make up for lost time; at most, where it
+would reach the trajectory's end too late so; and how closely that ratio is looked for."""
+
+LATE_END_SHARE = 0.05
+"""What is too late, of the time that is left for the way there."""
+
+GUESS_EXCESS_SHARE = 0.4
+"""About how much longer than a plan the guess for it takes, in A/J."""
+
+FULL_CATCH_UP_DELAY_S = 0.05
+"""A delay (s) from which on this is used in full."""
+
+HORIZON_SHARE = 0.8
+"""The path is cut where the speed profile, which is faster than any plan, is after this share of
+the horizon."""
+
+
+def within_horizon(
+    request: Request, path: Path, limits: JointLimits, effort: Effort
+) -> tuple[Path, Problem, SpeedBounds]:
+    """Return the path as far as it is looked at now, and the problem on it."""
+    effort.spend(OUTSET_US)
+    problem = problem_of(request, path, limits, CATCH_UP_RATIO, effort)
+    bounds = SpeedBounds(problem)
+    profile = bounds.profile(problem.start[0], problem.start[1])
+    cut = False
+    if profile.times[-1] > request.horizon:
+        reach = np.interp(HORIZON_SHARE * request.horizon, profile.times, profile.positions)
+        count = max(int(path.knots.u.searchsorted(reach)) + 1, len(request.kept.u), 2)
+        cut = count < len(path.knots.u)
+        path = Path(path.knots[:count])
+    if request.timed.any():
+        if cut:
+            problem = problem_of(request, path, limits, CATCH_UP_RATIO, effort)
+            bounds = SpeedBounds(problem)
+        guess = filtered.filtered(problem, bounds)
+        factor = _catch_up(request, path, limits, guess)
+        if request.whole and not cut and _late_end(request, path, limits, guess):
+            factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
+        problem = problem_of(request, path, limits, factor, effort)
+        bounds = SpeedBounds(problem)
+    elif cut:
+        problem = problem_of(request, path, limits, 1.0, effort)
+        bounds = SpeedBounds(problem)
+    return path, problem, bounds
+
+
+def _late_end(
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+) -> bool:
+    """Return whether a plan like a guess reaches the end of the path too late."""
+    if guess is None:
+        return True
+    now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
+    left = float(end - now) / (request.scale or 1.0)
+    faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
+    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
+
+
+def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
+    """Return the factor on the commanded speed that is needed to be in time at the end."""
+    low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
+    for _ in range(CATCH_UP_BISECTIONS):
+        effort.spend(OUTSET_US / 2.0)
+        ratio = float(np.sqrt(low * high))
+        problem = problem_of(request, path, limits, ratio, effort)
+        guess = filtered.filtered(problem, SpeedBounds(problem))
+        if _late_end(request, path, limits, guess):
+            low = ratio
+        else:
+            high = ratio
+    return high
+
+
+def _catch_up(
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+) -> Array:
+    """Return the factor on the commanded speed at each knot that makes up for lost time."""
+    knots = path.knots.u
+    late = np.full(len(knots), request.lag)
+    if request.lag < 0.0:
+        # too early: slower until that is given back
+        clock = request.clock[: len(knots)]
+        now = float(np.interp(request.state[0], knots, clock))
+        late[clock - now > -request.lag / (CATCH_UP_RATIO - 1.0)] = 0.0
+    elif guess is not None:
+        # faster until the guess, which is faster all the way, is in time
+        ahead = knots > request.state[0]
+        clock = request.clock[: len(knots)]
+        now = float(np.interp(request.state[0], knots, clock))
+        arrival = np.interp(knots[ahead], guess.positions, guess.times)
+        # on the way there is only the half of it that comes from the start
+        arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
+        late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
+        late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
+        late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
+    spare = float(request.clock[-1]) - float(
+        np.interp(request.state[0], knots, request.clock[: len(knots)])
+    )
+    # with less known than a stop takes, the time that was lost would be lost again in a stop
+    share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
+    return 1.0 + np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, share) * (CATCH_UP_RATIO - 1.0)
+
+
+def stopping_time(limits: JointLimits) -> float:
+    """Return about how long a stop from full speed takes, s: V/A + A/J of the slowest joint."""
+    slowing = np.max(limits.velocity / limits.acceleration)
+    return float(slowing + np.max(limits.acceleration / limits.jerk))
+
+
+def problem_of(
+    request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
+) -> Problem:
+    """Return the problem on a path, with so many times the commanded speed (at each knot)."""
+    scale = request.scale or 1.0
+    speeds = _commanded_speeds(request, path) * factor * scale
+    slowing: TimeParametrisation | None = None
+    if request.state[1] > 0.0 and (request.timed.any() or scale < 1.0):
+        slowing = ruckig_move.gentle_stop(request.state, path, limits)
+    return Problem(path, request.state, limits, speeds, scale, slowing, effort, request.former)
+
+
+def _commanded_speeds(request: Request, path: Path) -> Array:
+    """Return u̇ at the knots as the clock commands it, or UNBOUND_SPEED, shape (k,)."""
+    u = path.knots.u
+    speeds = np.full(len(u), UNBOUND_SPEED)
+    steps = np.diff(request.clock[: len(u)])
+    timed = request.timed[1 : len(u)] & (steps > 0.0)
+    if not timed.any():
+        return speeds
+    mean = np.full(len(steps), UNBOUND_SPEED)
+    mean[timed] = np.diff(u)[timed] / steps[timed]
+    # at a knot, as a parabola through it and its neighbours would have it
+    inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / (steps[:-1] + steps[1:])
+    speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, np.minimum(mean[:-1], mean[1:]))
+    speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND_SPEED
+    speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND_SPEED
+    return speeds

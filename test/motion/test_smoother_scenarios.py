@@ -1,0 +1,27 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories, streams, holds, scales, stops and replacements in random order.
+
+Invariants 2 and 3 of docs/invariants.md.
+"""
+
+import pytest
+from support.smoother_scenarios import assert_kept
+
+pytestmark = pytest.mark.invariant(2, 3)
+
+BLOCKS, SIZE = 10, 50
+"""500 scenarios in `make test-all`."""
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_limits_are_kept_at_every_instant_whatever_is_asked_in_whatever_order(seed: int) -> None:
+    assert_kept(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('block', range(BLOCKS))
+def test_limits_are_kept_at_every_instant_in_500_scenarios(block: int) -> None:
+    for seed in range(100 + SIZE * block, 100 + SIZE * (block + 1)):
+        assert_kept(seed)
