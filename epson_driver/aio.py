@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from epson_driver.api import moves
 from epson_driver.api.callbacks import Changes
-from epson_driver.api.errors import MotionError, RobotError, in_python, not_begun
+from epson_driver.api.errors import MotionError, RobotError, in_python, not_begun, refusals
 from epson_driver.api.gripper import Gripper, GripperState, GripperWiring
 from epson_driver.api.io import Io
 from epson_driver.api.motion import Motion
@@ -44,10 +44,11 @@ from epson_driver.api.status import ControllerError, RobotStatus, robot_status
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_plan import GoalPlan
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
-from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
+from epson_driver.driver.state.fresh_pose import fresh_moment
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_error
@@ -81,6 +82,7 @@ FRESH_POSE_TIMEOUT_S = 0.5
 """How long to wait for joints if those that are there are too old, s."""
 
 R = TypeVar('R', bound='Robot')
+T = TypeVar('T')
 
 _log = logging.getLogger(__name__)
 
@@ -117,6 +119,8 @@ class Robot:
         self._gripper: DrivenGripper | None = None
         self._heard = Notification()
         self._link_reason = 'not connected yet'
+        self._moment: float | None = None
+        """When what is read now had come, loop time, s; None: nobody made sure."""
         errors = self._setup.configuration.errors
         assert errors is not None  # noqa: S101 - for the type checker: make_setup loads them
         self._changes = Changes(self.callback_failed, errors)
@@ -307,16 +311,27 @@ class Robot:
 
         In a program that held the event loop, or on a busy machine, newer ones may be waiting.
         """
+        await self._fresh_moment()
+
+    async def measured(self, read: Callable[[], T]) -> T:
+        """Catch up, then return what `read` does: `await robot.measured(lambda: robot.joints)`.
+
+        It reads what had come by then, however long this process is held up in between.
+        """
+        self._moment = await self._fresh_moment()
+        try:
+            return read()
+        finally:
+            self._moment = None
+
+    async def _fresh_moment(self) -> float:
         driver, _ = self._connected()
-        loop = asyncio.get_running_loop()
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(FRESH_POSE_TIMEOUT_S):
-                while driver.robot.stale(loop.time()):
-                    await self._heard.wait()
+        return await fresh_moment(driver.robot.stale, self._heard, FRESH_POSE_TIMEOUT_S)
 
     def _sample(self) -> JointSample:
         driver, _ = self._connected()
-        if (why := driver.robot.why_not_ready(asyncio.get_running_loop().time())) is not None:
+        now = asyncio.get_running_loop().time() if self._moment is None else self._moment
+        if (why := driver.robot.why_not_ready(now)) is not None:
             raise RobotError(f'nobody knows where the arm is: {why}')
         assert driver.robot.sample is not None  # noqa: S101 - for the type checker
         return driver.robot.sample
@@ -361,11 +376,11 @@ class Robot:
         moves.check_shares(speed, acceleration)
         positions = moves.joint_rows('target', target, limits, rows=False)
         moves.targets('target', positions[None, :], limits)
-        sample = await self._ready()
+        start, plan = await self._ready()
         trajectory = moves.straight(
-            sample.positions, positions, limits, speed, acceleration, sampled=self._interpolates
+            start, positions, limits, speed, acceleration, sampled=self._interpolates
         )
-        return await self._execute(trajectory, wait)
+        return await self._execute(trajectory, plan, wait)
 
     async def move_waypoints(
         self,
@@ -382,17 +397,17 @@ class Robot:
         """
         limits = self.model.limits
         moves.check_shares(speed, acceleration)
-        plan = moves.targets('points', points, limits)
-        sample = await self._ready()
+        waypoints = moves.targets('points', points, limits)
+        start, plan = await self._ready()
         scaled = moves.scaled_limits(limits, speed, acceleration)
         smoother = SmoothingProcess(scaled, Smoothing(time_optimal=True))
         try:
-            trajectory = await smoother.prepared(plan, sample.positions)
+            trajectory = await smoother.prepared(waypoints, start)
         except SmoothingError as error:
             raise not_begun(str(error)) from error
         finally:
             await smoother.close()
-        return await self._execute(trajectory, wait)
+        return await self._execute(trajectory, plan, wait)
 
     async def move_trajectory(
         self,
@@ -411,7 +426,7 @@ class Robot:
         """
         limits = self.model.limits
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
-        return await self._execute(trajectory, wait)
+        return await self._execute(trajectory, GoalPlan(), wait)
 
     async def move_line(
         self,
@@ -507,10 +522,11 @@ class Robot:
     ) -> Motion:
         tool, arm = self._hand
         tool.check(limits.speed, limits.acceleration)
-        start = (await self._ready()).positions
+        start, plan = await self._ready()
         way = path(arm.forward(start))
-        trajectory = await asyncio.to_thread(runs_trajectory, arm, start, way, limits)
-        return await self._execute(trajectory, wait)
+        with refusals():
+            trajectory = await plan.in_thread(partial(runs_trajectory, arm, start, way, limits))
+        return await self._execute(trajectory, plan, wait)
 
     @property
     def speed_scaling(self) -> float:
@@ -624,20 +640,27 @@ class Robot:
         except CommandError as error:
             raise RobotError(str(error)) from error
 
-    async def _ready(self) -> JointSample:
-        """Return where the arm is. Raises MotionError unless it may begin to move now."""
-        driver, _ = self._connected()
-        self._check_idle(driver)
-        if driver.gate.reason is None:
-            await self.catch_up()
-        try:
-            return driver.goal_queue.check_ready(asyncio.get_running_loop().time())
-        except GoalRejectedError as rejection:
-            raise MotionError(rejection.outcome) from rejection
+    async def _ready(self) -> tuple[Array, GoalPlan]:
+        """Return where the arm is, and what ends with whatever forbids the motion from now on.
 
-    async def _execute(self, trajectory: Trajectory, wait: bool) -> Motion:
+        Raises MotionError unless it may begin to move now.
+        """
         driver, _ = self._connected()
         self._check_idle(driver)
+        plan = driver.goal_queue.plans.begin()
+        now = asyncio.get_running_loop().time()
+        if driver.gate.reason is None:
+            now = await self._fresh_moment()
+        with refusals():
+            plan.check()
+            sample = driver.goal_queue.check_ready(now)
+        return sample.positions, plan
+
+    async def _execute(self, trajectory: Trajectory, plan: GoalPlan, wait: bool) -> Motion:
+        driver, _ = self._connected()
+        self._check_idle(driver)
+        with refusals():
+            plan.check()
         setup = self._setup
         units = setup.model.limits.units
         goal = Goal(trajectory, setup.goal_tolerance, setup.goal_time, units=units)

@@ -584,11 +584,7 @@ class Robot:
         return self._running().run(work)
 
     def _measured(self, function: Callable[[], T]) -> T:
-        async def work() -> T:
-            await self._robot.catch_up()
-            return function()
-
-        return self._run(work)
+        return self._run(partial(self._robot.measured, function))
 
     def _call(self, function: Callable[[], T]) -> T:
         return self._running().call(function)

@@ -64,6 +64,15 @@ class PathMotion:
             jerk,
         )
 
+    def when(self, ways: Array) -> Array:
+        """Return when ways, shape (m,), from 0 to the last, are reached, s."""
+        early, late = np.zeros(len(ways)), np.full(len(ways), self.duration)
+        for _ in range(HALVINGS):
+            middle = (early + late) / 2.0
+            before = self.at(middle)[0] < ways
+            early, late = np.where(before, middle, early), np.where(before, late, middle)
+        return late
+
 
 def fastest(parts: Sequence[PartLimits]) -> PathMotion:
     """Return the motion along all parts, from rest to rest."""
