@@ -43,7 +43,8 @@ most programs.
 `epson_driver.aio` has the same classes for asyncio: there every method is awaited that is not
 a property, `simulated`, `set_speed_scaling`, `pose_of_epson_point` or one of the `on_` methods,
 and `Motion.wait` has no `timeout`, as `asyncio.timeout` does that. Besides, `await
-robot.catch_up()` lets what has come be read in a program that held the event loop.
+robot.catch_up()` lets what has come be read in a program that held the event loop, and `await
+robot.measured(lambda: robot.joints)` reads it then.
 """
 
 

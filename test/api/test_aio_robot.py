@@ -535,7 +535,7 @@ def test_the_public_names_are_those_of_the_synchronous_door():
     def public(kind):
         return {name for name in dir(kind) if not name.startswith('_')}
 
-    own = {'catch_up', 'on_joints', 'on_status', 'on_link_state', 'callback_failed'}
+    own = {'catch_up', 'measured', 'on_joints', 'on_status', 'on_link_state', 'callback_failed'}
     for name in ('Robot', 'Motion', 'Io', 'Gripper'):
         missing = public(getattr(aio, name)) - public(getattr(robot, name)) - own
         assert missing <= {'begin'}, name

@@ -3,6 +3,7 @@
 """Lines and arcs of the tool: the path itself, joint limits all the way, and what is refused."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from epson_driver.motion.blended_path import runs
 from epson_driver.motion.cartesian import arc, distance_from, line
 from epson_driver.motion.smoothed import smoothed
-from epson_driver.robots import load_robot_model
+from epson_driver.robots import load_robot_model, path_timing
 from epson_driver.robots.cartesian_motion import ToolLimits, cartesian_trajectory, runs_trajectory
 from epson_driver.robots.joint_path import PathError
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
@@ -165,6 +166,36 @@ def test_too_fast_is_refused_with_joint_and_limit_or_slowed_if_asked():
         ARM, READY, path, ToolLimits(speed=20.0, acceleration=500.0, accuracy=1e-3, slow=True)
     )
     assert np.all(np.abs(slowed.velocities) <= LIMITS.velocity)
+
+
+NEAR_THE_STRAIGHT_WRIST = (np.array([0.0, 0.2, 0.2, 0.0, -0.12, 0.0]), (-0.05, 0.2, 0.0))
+NEAR_THE_STRETCHED_ARM = (np.array([0.0, 0.2, 0.2, 0.0, -1.9, 0.0]), (0.2675, 0.0, 0.0))
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize(
+    ('joints', 'step'), [NEAR_THE_STRAIGHT_WRIST, NEAR_THE_STRETCHED_ARM], ids=['wrist', 'arm']
+)
+def test_it_is_slow_only_where_a_joint_limit_asks_for_it(joints, step, monkeypatch):
+    start = ARM.forward(joints)
+    path = line(start, moved(start, step))
+    tool = ToolLimits(speed=0.5, acceleration=5.0, accuracy=1e-3)
+    with pytest.raises(PathError, match='near a singularity, or too fast'):
+        cartesian_trajectory(ARM, joints, path, tool)
+    trajectory = cartesian_trajectory(ARM, joints, path, replace(tool, slow=True))
+    motion = smoothed(trajectory, LIMITS)
+    assert np.all(np.abs(motion.velocities) <= LIMITS.velocity * (1 + 1e-6))
+    assert np.all(np.abs(motion.accelerations) <= LIMITS.acceleration * (1 + 1e-6))
+    places = np.array([ARM.forward(each)[:3, 3] for each in motion.positions])
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(motion.times)
+    assert speeds.max() > 0.8 * tool.speed
+    shares = np.linspace(0.0, 1.0, 501)
+    poses = [path.pose(share)[:3, 3] for share in shares]
+    assert max(distance_from(each, np.array(poses)) for each in places) < 2e-3
+    monkeypatch.setattr(path_timing, 'LEVELS', ())  # as slow everywhere as at the slowest place
+    as_a_whole = cartesian_trajectory(ARM, joints, path, replace(tool, slow=True))
+    assert trajectory.duration < 0.6 * as_a_whole.duration
+    print(f'{trajectory.duration:.2f} s; as a whole {as_a_whole.duration:.2f} s')
 
 
 def test_no_way_and_no_turn_is_no_motion():
