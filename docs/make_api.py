@@ -20,9 +20,9 @@ MAX_SIGNATURE = 100
 
 CLASSES = (
     ('robot.py', 'Robot'),
-    ('robot.py', 'Motion'),
-    ('robot.py', 'Io'),
-    ('robot.py', 'Gripper'),
+    ('api/synchronous.py', 'Motion'),
+    ('api/synchronous.py', 'Io'),
+    ('api/synchronous.py', 'Gripper'),
     ('api/settings.py', 'Settings'),
     ('api/status.py', 'RobotStatus'),
     ('api/status.py', 'ControllerError'),
