@@ -106,6 +106,24 @@ def test_disable_in_mid_move_stops_the_arm_and_switches_the_motors_off():
     run(scenario())
 
 
+@pytest.mark.invariant(3, 5)
+def test_stop_in_mid_move_brings_the_arm_to_rest_and_leaves_it_enabled():
+    async def scenario():
+        async with robot_cell() as (robot, controller):
+            motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
+            await until(lambda: robot.joints[0] > 0.01)
+            assert 'the running goal ended' in await robot.stop()
+            there = controller.arm.commanded
+            assert there[0] < 1.0
+            with pytest.raises(MotionError, match=r'stopped by stop\(\)'):
+                await motion.wait()
+            await asyncio.sleep(1.0)
+            assert np.array_equal(there, controller.arm.commanded)
+            await robot.move_joints(HOME)
+
+    run(scenario())
+
+
 @pytest.mark.invariant(3)
 def test_a_task_that_is_cancelled_between_two_moves_leaves_the_arm_at_rest():
     """What Ctrl-C does to asyncio.run: the task is cancelled wherever it is."""

@@ -111,6 +111,8 @@ def test_random_paths_are_refused_with_the_reason_or_keep_every_limit(count):
         change = np.diff(trajectory.velocities, axis=0) / steps
         assert np.all(np.abs(change) <= LIMITS.acceleration * 1.02)
         assert np.all(np.abs(np.diff(trajectory.positions, axis=0)) < 1.0)  # none jumps
+        wrist = np.sign(trajectory.positions[:, 4])
+        assert len(set(wrist[wrist != 0.0])) == 1  # the wrist does not flip
         assert np.allclose(ARM.forward(trajectory.positions[-1]), path.pose(1.0), atol=1e-5)
     assert len(outcomes) >= count / 5
     assert all('% of the way' in reason or 'accuracy' in reason for reason in reasons)
@@ -168,18 +170,16 @@ def test_too_fast_is_refused_with_joint_and_limit_or_slowed_if_asked():
     assert np.all(np.abs(slowed.velocities) <= LIMITS.velocity)
 
 
-NEAR_THE_STRAIGHT_WRIST = (np.array([0.0, 0.2, 0.2, 0.0, -0.12, 0.0]), (-0.05, 0.2, 0.0))
-NEAR_THE_STRETCHED_ARM = (np.array([0.0, 0.2, 0.2, 0.0, -1.9, 0.0]), (0.2675, 0.0, 0.0))
+PAST_THE_STRAIGHT_WRIST = np.array([-0.404, 0.106, 0.278, -1.554, -0.378, 1.407])
+"""From there 0.24 m along y the wrist is nearly straight in the middle."""
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize(
-    ('joints', 'step'), [NEAR_THE_STRAIGHT_WRIST, NEAR_THE_STRETCHED_ARM], ids=['wrist', 'arm']
-)
-def test_it_is_slow_only_where_a_joint_limit_asks_for_it(joints, step, monkeypatch):
+def test_it_is_slow_only_where_a_joint_limit_asks_for_it(monkeypatch):
+    joints = PAST_THE_STRAIGHT_WRIST
     start = ARM.forward(joints)
-    path = line(start, moved(start, step))
-    tool = ToolLimits(speed=0.5, acceleration=5.0, accuracy=1e-3)
+    path = line(start, moved(start, (0.0, 0.24, 0.0)))
+    tool = ToolLimits(speed=0.3, acceleration=3.0, accuracy=1e-3)
     with pytest.raises(PathError, match='near a singularity, or too fast'):
         cartesian_trajectory(ARM, joints, path, tool)
     trajectory = cartesian_trajectory(ARM, joints, path, replace(tool, slow=True))
@@ -194,8 +194,24 @@ def test_it_is_slow_only_where_a_joint_limit_asks_for_it(joints, step, monkeypat
     assert max(distance_from(each, np.array(poses)) for each in places) < 2e-3
     monkeypatch.setattr(path_timing, 'LEVELS', ())  # as slow everywhere as at the slowest place
     as_a_whole = cartesian_trajectory(ARM, joints, path, replace(tool, slow=True))
-    assert trajectory.duration < 0.6 * as_a_whole.duration
+    assert trajectory.duration < 0.7 * as_a_whole.duration
     print(f'{trajectory.duration:.2f} s; as a whole {as_a_whole.duration:.2f} s')
+
+
+def test_the_accuracy_is_kept_between_the_points_that_are_sent():
+    start = ARM.forward(READY)
+    path = line(start, moved(start, (0.0, 0.15, 0.0)))
+    ends = np.array([path.pose(0.0)[:3, 3], path.pose(1.0)[:3, 3]])
+    counts = []
+    for accuracy in (1e-3, 2e-5):
+        tool = ToolLimits(speed=0.3, acceleration=2.0, accuracy=accuracy)
+        positions = cartesian_trajectory(ARM, READY, path, tool).positions
+        for share in (0.25, 0.5, 0.75):
+            between = positions[:-1] + share * np.diff(positions, axis=0)
+            places = [ARM.forward(each)[:3, 3] for each in between]
+            assert max(distance_from(place, ends) for place in places) < 1.01 * accuracy
+        counts.append(len(positions))
+    assert counts[0] < counts[1]
 
 
 def test_no_way_and_no_turn_is_no_motion():
