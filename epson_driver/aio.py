@@ -70,6 +70,7 @@ READY_TIMEOUT_S = 10.0
 R = TypeVar('R', bound='Robot')
 T = TypeVar('T')
 
+
 class Robot:
     """One arm. `connect` first, or use it as a context manager, which stops the arm at its end.
 

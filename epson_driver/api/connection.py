@@ -206,9 +206,7 @@ class Connection:
 
     # --- commands and motions ---------------------------------------------------------------
 
-    async def command(
-        self, command: Callable[[ArmCommands], Coroutine[Any, Any, str]]
-    ) -> str:
+    async def command(self, command: Callable[[ArmCommands], Coroutine[Any, Any, str]]) -> str:
         """Have a command done; return its sentence. Raises RobotError."""
         _, commands = self._connected()
         try:

@@ -3,9 +3,9 @@
 """Moves that are straight in joint space, with the corners between them cut: one run.
 
 A blend leaves one move, and reaches the next, where the tool is its radius away from the corner,
-or nearer, and the tool stays that near in between. In joint space the corner is cut evenly: as much
-of the time that the joints need at full speed before it as behind it. The joints go over with two
-continuous derivatives, and stay between the positions of the moves: within every range.
+or nearer, and the tool stays that near in between. In joint space the corner is cut evenly: as
+much of the time that the joints need at full speed before it as behind it. The joints go over with
+two continuous derivatives, and stay between the positions of the moves: within every range.
 """
 
 from collections.abc import Callable, Sequence
@@ -120,8 +120,7 @@ def _parts(
     """Return moves and the blends between them. Raises BlendError."""
     ways = [last - first for first, last in pairwise(corners)]
     sizes = [
-        float(np.max(np.abs(way) / most.velocity))
-        for way, most in zip(ways, limits, strict=True)
+        float(np.max(np.abs(way) / most.velocity)) for way, most in zip(ways, limits, strict=True)
     ]
     for index, size in enumerate(sizes):
         if size < SHORTEST_MOVE_S:
@@ -205,9 +204,10 @@ def _blend(
     radius: float,
     index: int,
 ) -> tuple[float, Array]:
-    """Return a blend at a corner: how far it reaches to each side, s at full speed, its polynomials.
+    """Return a blend at a corner: how far it reaches to each side, and its polynomials.
 
-    It reaches no farther than `room`. rates: the joints' full velocities before and behind.
+    It reaches no farther than `room`, s at full speed. rates: the joints' full velocities before
+    and behind.
     """
     (origin,) = places(corner[None, :])
     shares = np.linspace(0.0, 1.0, LOOKS + 1)
@@ -251,7 +251,9 @@ def _part_limits(part: _Part) -> PartLimits:
         if part.blend:
             share = (1.0 - RESERVE_SHARE) * min(
                 1.0,
-                *np.sqrt(limits.acceleration / (second * speed**2 + first * acceleration)).tolist(),
+                *np.sqrt(
+                    limits.acceleration / (second * speed**2 + first * acceleration)
+                ).tolist(),
                 *np.cbrt(
                     limits.jerk
                     / (third * speed**3 + 3.0 * second * speed * acceleration + first * jerk)

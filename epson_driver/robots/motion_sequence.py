@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sequence of motions, straight in joint space, in space or on circles, as one trajectory.
 
-All of it is planned, and refused, before any of it is sent. The arm rests at the end of each motion
-that has no blend radius; those that have one go over into the next as way points of paths do.
+All of it is planned, and refused, before any of it is sent. The arm rests at the end of each
+motion that has no blend radius; those that have one go over into the next, as way points of paths
+do.
 """
 
 from collections.abc import Iterator, Sequence

@@ -39,6 +39,11 @@ def _opw(request):
         pytest.importorskip('py_opw_kinematics')
 
 
+def resident_kb():
+    """Return how much memory this process has, kB."""
+    return int(Path('/proc/self/statm').read_text().split()[1]) * 4
+
+
 async def looks(motion, look):
     """Return what `look` returns, all along a motion, which must succeed."""
     seen = [look()]
@@ -204,9 +209,8 @@ def test_a_thousand_short_moves_leave_memory_tasks_and_threads_flat(model):
                     else:
                         await robot.move_joints(near if number % 4 == 2 else READY[model])
                 gc.collect()
-                resident = int(Path('/proc/self/statm').read_text().split()[1]) * 4
                 tasks = len(asyncio.all_tasks())
-                return len(gc.get_objects()), tasks, threading.active_count(), resident
+                return len(gc.get_objects()), tasks, threading.active_count(), resident_kb()
 
             first = await moves(100)  # the last 16 sequences, 512 latencies and the like
             last = await moves(500)

@@ -243,8 +243,8 @@ def test_each_blended_line_has_its_own_velocity_and_ends_at_its_corner():
         assert np.linalg.norm(place - corner) < nearest + 0.1 * radius
 
 
-CORNER = READY + [0.5, 0.2, -0.2, 0.1, 0.2, 0.5]
-BEHIND = CORNER + [-0.1, 0.3, 0.2, 0.4, 0.0, -0.8]
+CORNER = READY + np.array([0.5, 0.2, -0.2, 0.1, 0.2, 0.5])
+BEHIND = CORNER + np.array([-0.1, 0.3, 0.2, 0.4, 0.0, -0.8])
 
 
 @pytest.mark.invariant(2)
@@ -273,9 +273,13 @@ def test_blended_joint_moves_cut_the_corner_within_the_radius_and_keep_every_lim
     assert 0.0 < min(away) < radius
     for index, (at, place) in enumerate(zip(motion.positions, away, strict=True)):
         if place > radius * 1.05:  # straight in joint space there
-            begin, end = (READY, CORNER) if motion.times[index] < planned.ends[0] else (
-                CORNER,
-                BEHIND,
+            begin, end = (
+                (READY, CORNER)
+                if motion.times[index] < planned.ends[0]
+                else (
+                    CORNER,
+                    BEHIND,
+                )
             )
             share = (at - begin) @ (end - begin) / ((end - begin) @ (end - begin))
             assert np.abs(at - begin - share * (end - begin)).max() < 0.1 * radius

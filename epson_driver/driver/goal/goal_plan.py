@@ -11,7 +11,7 @@ import logging
 import threading
 from collections.abc import Callable
 from contextvars import copy_context
-from typing import TypeVar
+from typing import Any, TypeVar
 from weakref import WeakSet
 
 T = TypeVar('T')
@@ -57,7 +57,8 @@ class GoalPlan:
         planning = loop.run_in_executor(None, copy_context().run, work, left.is_set)
         planning.add_done_callback(lambda done: _take(done, left=left.is_set()))
         try:
-            await asyncio.wait({planning, self._ended}, return_when=asyncio.FIRST_COMPLETED)
+            either: set[asyncio.Future[Any]] = {planning, self._ended}
+            await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
             self.check()
             return planning.result()
         finally:

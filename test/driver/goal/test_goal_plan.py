@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals that are still being planned: who ends them has an answer at once, and none begins later."""
+"""Goals that are still being planned: who ends them has an answer at once; none begins later."""
 
 import asyncio
 import logging
@@ -33,13 +33,13 @@ def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
         assert not task.done()
         plan.end('canceled')
         plan.end('something else')
-        with pytest.raises(PlanEndedError, match='^canceled$'):
+        with pytest.raises(PlanEndedError, match=r'^canceled$'):
             await task
         assert asked == []
         go_on.set()
         await until(lambda: asked)
         assert asked == [True]
-        with pytest.raises(PlanEndedError, match='^canceled$'):
+        with pytest.raises(PlanEndedError, match=r'^canceled$'):
             await plan.in_thread(work)
 
     run(scenario())
