@@ -24,8 +24,8 @@ from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_plan import GoalPlan
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
-from epson_driver.driver.state.fresh_pose import fresh_moment
 from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.driver.tasks.fresh_moment import fresh_moment
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_error
 from epson_driver.motion import Array, Trajectory

@@ -19,12 +19,12 @@ from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
-from epson_driver.driver.state.fresh_pose import fresh_moment
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.driver.state.robot_state import JointSample, RobotState, StateRules
 from epson_driver.driver.stopping.arm_gate import ArmGate, only_motors_off, what_forbids_motion
 from epson_driver.driver.stopping.motors import SerializedMotors, make_motors
 from epson_driver.driver.stopping.stopper import Stopper
+from epson_driver.driver.tasks.fresh_moment import fresh_moment
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import run_task_group, until_done
 from epson_driver.link import Link, LinkState

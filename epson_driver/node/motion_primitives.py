@@ -22,8 +22,8 @@ from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_plan import GoalPlan, PlanEndedError
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
-from epson_driver.driver.state.fresh_pose import fresh_moment
 from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.driver.tasks.fresh_moment import fresh_moment
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
 from epson_driver.node.loop_bridge import LoopBridge

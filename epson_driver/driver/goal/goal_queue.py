@@ -22,10 +22,10 @@ from epson_driver.driver.goal.pace import Pace, Timing
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
-from epson_driver.driver.state.fresh_pose import MAX_READING_TURNS, fresh_moment
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
+from epson_driver.driver.tasks.fresh_moment import MAX_READING_TURNS, fresh_moment
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.motion import JointLimits, Trajectory

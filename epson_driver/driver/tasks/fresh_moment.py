@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the pose is fresh, however busy the machine is.
+"""When to judge whether the pose is fresh, however busy the machine is.
 
 A pose is old if nothing newer has come, not if this process was held up before it could look. So
 its age is counted to a moment by which everything that had come was read for certain: what is told

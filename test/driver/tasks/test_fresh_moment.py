@@ -8,7 +8,7 @@ import pytest
 from support.driver_harness import cell
 from support.event_loop import now, run, stand_still
 
-from epson_driver.driver.state.fresh_pose import fresh_moment
+from epson_driver.driver.tasks.fresh_moment import fresh_moment
 from epson_driver.driver.tasks.notification import Notification
 
 PATIENCE_S = 0.2
