@@ -20,9 +20,9 @@ MAX_SIGNATURE = 100
 
 CLASSES = (
     ('robot.py', 'Robot'),
-    ('robot.py', 'Motion'),
-    ('robot.py', 'Io'),
-    ('robot.py', 'Gripper'),
+    ('api/synchronous.py', 'Motion'),
+    ('api/synchronous.py', 'Io'),
+    ('api/synchronous.py', 'Gripper'),
     ('api/settings.py', 'Settings'),
     ('api/status.py', 'RobotStatus'),
     ('api/status.py', 'ControllerError'),
@@ -43,7 +43,8 @@ most programs.
 `epson_driver.aio` has the same classes for asyncio: there every method is awaited that is not
 a property, `simulated`, `set_speed_scaling`, `pose_of_epson_point` or one of the `on_` methods,
 and `Motion.wait` has no `timeout`, as `asyncio.timeout` does that. Besides, `await
-robot.catch_up()` lets what has come be read in a program that held the event loop.
+robot.catch_up()` lets what has come be read in a program that held the event loop, and `await
+robot.measured(lambda: robot.joints)` reads it then.
 """
 
 

@@ -11,20 +11,17 @@ explains it; epson_driver.robot has the same without asyncio.
 """
 
 import asyncio
-import contextlib
-import logging
-from collections.abc import Callable, Coroutine, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api import moves
-from epson_driver.api.callbacks import Changes
-from epson_driver.api.errors import MotionError, RobotError, in_python, not_begun
+from epson_driver.api.connection import Connection
+from epson_driver.api.errors import MotionError, RobotError, not_begun, refusals
 from epson_driver.api.gripper import Gripper, GripperState, GripperWiring
 from epson_driver.api.io import Io
 from epson_driver.api.motion import Motion
@@ -40,23 +37,16 @@ from epson_driver.api.poses import (
 )
 from epson_driver.api.settings import Ports, Settings, make_setup
 from epson_driver.api.simulation import SimulatedController
-from epson_driver.api.status import ControllerError, RobotStatus, robot_status
-from epson_driver.driver.arm_commands import ArmCommands, CommandError
-from epson_driver.driver.driver import Driver
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.io.gripper import Gripper as DrivenGripper
-from epson_driver.driver.outcome import GoalRejectedError
+from epson_driver.api.status import ControllerError, RobotStatus
+from epson_driver.driver.arm_commands import ArmCommands
+from epson_driver.driver.goal.goal_plan import GoalPlan
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
-from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import report_error
-from epson_driver.motion import Array, Trajectory
+from epson_driver.motion import Array
 from epson_driver.motion.blended_path import Run
 from epson_driver.robots import RobotModel
 from epson_driver.robots.cartesian_motion import ToolLimits, runs_trajectory
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.simple_message import Status
 
 __all__ = [
     'ControllerError',
@@ -77,12 +67,8 @@ __all__ = [
 READY_TIMEOUT_S = 10.0
 """How long `connect` waits for the controller unless it is told otherwise, s."""
 
-FRESH_POSE_TIMEOUT_S = 0.5
-"""How long to wait for joints if those that are there are too old, s."""
-
 R = TypeVar('R', bound='Robot')
-
-_log = logging.getLogger(__name__)
+T = TypeVar('T')
 
 
 class Robot:
@@ -107,22 +93,13 @@ class Robot:
     ) -> None:
         ports = Ports(motion=motion_port, state=state_port, io=io_port, remote=remote_port)
         self._setup = make_setup(host, controller, model, ports, settings or Settings())
-        self._simulation: SimulatedController | None = None
+        self._connection = Connection(self._setup)
         self._kinematics = Kinematics(self._setup.model)
         self._hand = (Tool(np.eye(4)), self._kinematics)
         self._frames = Frames(self._setup.model.base.matrix, float(self._setup.model.reach[0]))
-        self._driver: Driver | None = None
-        self._commands: ArmCommands | None = None
-        self._task: asyncio.Task[None] | None = None
-        self._gripper: DrivenGripper | None = None
-        self._heard = Notification()
-        self._link_reason = 'not connected yet'
-        errors = self._setup.configuration.errors
-        assert errors is not None  # noqa: S101 - for the type checker: make_setup loads them
-        self._changes = Changes(self.callback_failed, errors)
-        self.io = Io(lambda: self._connected()[0].io)
+        self.io = Io(lambda: self._connection.running.io)
         """Inputs and outputs."""
-        self.gripper = Gripper(self._driven_gripper)
+        self.gripper = Gripper(lambda: self._connection.gripper)
         """The gripper that the settings describe."""
 
     @classmethod
@@ -147,7 +124,7 @@ class Robot:
         if start is not None:
             (first,) = moves.targets('start', [start], robot.model.limits).positions
             words.append('--start=' + ','.join(f'{value:.9g}' for value in first))
-        robot._simulation = SimulatedController(words)
+        robot._connection.simulation = SimulatedController(words)
         return robot
 
     # --- the connection ---------------------------------------------------------------------
@@ -157,52 +134,12 @@ class Robot:
 
         Raises RobotError that says what is missing after `timeout` s. The arm stays disabled.
         """
-        if self._task is not None:
-            raise RobotError('the robot is connected already')
-        configuration = self._setup.configuration
-        try:
-            if self._simulation is not None:
-                there = await self._simulation.start()
-                configuration = replace(
-                    configuration,
-                    host='127.0.0.1',
-                    motion_port=there.motion or 0,
-                    state_port=there.state or 0,
-                    io_port=there.io or 0,
-                    remote_port=there.remote or 0,
-                )
-            driver = Driver(configuration, self, self._setup.goals)
-            driver.goal_queue.start_tolerance = self._setup.start_tolerance
-            self._driver, self._commands = driver, ArmCommands(driver)
-            wiring = self._setup.gripper
-            self._gripper = None if wiring is None else DrivenGripper(driver.io, wiring)
-            self._task = asyncio.create_task(driver.run())
-            self._task.add_done_callback(lambda _: self._heard.notify_all())
-            await self._wait_until_ready(driver, timeout)
-        except BaseException:
-            await self.close()
-            raise
+        await self._connection.connect(timeout)
         return self
 
     async def close(self) -> None:
         """Stop the arm, disable it, and disconnect. Nothing if there is no connection."""
-        task, driver, commands = self._task, self._driver, self._commands
-        try:
-            if task is not None and driver is not None and commands is not None:
-                if not task.done():
-                    await self._stop_before_leaving(driver, commands)
-                    await driver.shut_down()
-                task.cancel()
-                ended = await asyncio.gather(task, return_exceptions=True)
-                if isinstance(ended[0], Exception):
-                    _log.error('the driver had failed: %s', ended[0])
-        finally:
-            if task is not None:
-                task.cancel()
-            self._task = self._driver = self._commands = None
-            self._link_reason = 'the connection was closed'
-            if self._simulation is not None:
-                await self._simulation.close()
+        await self._connection.close()
 
     async def __aenter__(self: R) -> R:
         return await self.connect()
@@ -225,29 +162,27 @@ class Robot:
     @property
     def status(self) -> RobotStatus:
         """What is known of arm and controller now, in words as well; also while a link is down."""
-        if self._driver is None or self._commands is None:
-            raise RobotError(f'there is no connection ({self._link_reason}): call connect()')
-        return robot_status(self._driver, self._commands, self._link_reason)
+        return self._connection.status
 
     @property
     def joints(self) -> Array:
         """Measured joint positions, shape (n,), rad (m). Raises RobotError if they are too old."""
-        return self._sample().positions.copy()
+        return self._connection.sample().positions.copy()
 
     @property
     def joint_velocities(self) -> Array:
         """Joint velocities, shape (n,), rad/s (m/s). Raises as `joints`."""
-        return self._sample().velocities.copy()
+        return self._connection.sample().velocities.copy()
 
     @property
     def pose(self) -> Array:
         """The flange (tool0) in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
-        return self._kinematics.forward(self._sample().positions)
+        return self._kinematics.forward(self._connection.sample().positions)
 
     @property
     def tool_pose(self) -> Array:
         """The tool in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
-        return self._hand[1].forward(self._sample().positions)
+        return self._hand[1].forward(self._connection.sample().positions)
 
     @property
     def ros_pose(self) -> Array:
@@ -307,37 +242,32 @@ class Robot:
 
         In a program that held the event loop, or on a busy machine, newer ones may be waiting.
         """
-        driver, _ = self._connected()
-        loop = asyncio.get_running_loop()
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(FRESH_POSE_TIMEOUT_S):
-                while driver.robot.stale(loop.time()):
-                    await self._heard.wait()
+        await self._connection.fresh_moment()
 
-    def _sample(self) -> JointSample:
-        driver, _ = self._connected()
-        if (why := driver.robot.why_not_ready(asyncio.get_running_loop().time())) is not None:
-            raise RobotError(f'nobody knows where the arm is: {why}')
-        assert driver.robot.sample is not None  # noqa: S101 - for the type checker
-        return driver.robot.sample
+    async def measured(self, read: Callable[[], T]) -> T:
+        """Catch up, then return what `read` does: `await robot.measured(lambda: robot.joints)`.
+
+        It reads what had come by then, however long this process is held up in between.
+        """
+        return await self._connection.measured(read)
 
     # --- commands ---------------------------------------------------------------------------
 
     async def enable(self) -> str:
         """Switch the motors on where that can be done from here, and allow motions."""
-        return await self._command(self._connected()[1].enable)
+        return await self._connection.command(ArmCommands.enable)
 
     async def disable(self) -> str:
         """Stop the arm, allow no more motions, and switch the motors off where that can be."""
-        return await self._command(self._connected()[1].disable)
+        return await self._connection.command(ArmCommands.disable)
 
     async def reset(self) -> str:
         """Reset the controller's error, also after an E-stop. The arm stays disabled."""
-        return await self._command(self._connected()[1].reset_error)
+        return await self._connection.command(ArmCommands.reset_error)
 
     async def stop(self) -> str:
         """Stop the arm; return a sentence when it stands. A motion that runs is aborted."""
-        return await self._command(self._connected()[1].stop)
+        return await self._connection.command(ArmCommands.stop)
 
     # --- motions ----------------------------------------------------------------------------
 
@@ -361,11 +291,11 @@ class Robot:
         moves.check_shares(speed, acceleration)
         positions = moves.joint_rows('target', target, limits, rows=False)
         moves.targets('target', positions[None, :], limits)
-        sample = await self._ready()
+        start, plan = await self._connection.ready()
         trajectory = moves.straight(
-            sample.positions, positions, limits, speed, acceleration, sampled=self._interpolates
+            start, positions, limits, speed, acceleration, sampled=self._connection.interpolates
         )
-        return await self._execute(trajectory, wait)
+        return await self._connection.execute(trajectory, plan, wait=wait)
 
     async def move_waypoints(
         self,
@@ -382,17 +312,17 @@ class Robot:
         """
         limits = self.model.limits
         moves.check_shares(speed, acceleration)
-        plan = moves.targets('points', points, limits)
-        sample = await self._ready()
+        waypoints = moves.targets('points', points, limits)
+        start, plan = await self._connection.ready()
         scaled = moves.scaled_limits(limits, speed, acceleration)
         smoother = SmoothingProcess(scaled, Smoothing(time_optimal=True))
         try:
-            trajectory = await smoother.prepared(plan, sample.positions)
+            trajectory = await smoother.prepared(waypoints, start)
         except SmoothingError as error:
             raise not_begun(str(error)) from error
         finally:
             await smoother.close()
-        return await self._execute(trajectory, wait)
+        return await self._connection.execute(trajectory, plan, wait=wait)
 
     async def move_trajectory(
         self,
@@ -411,7 +341,7 @@ class Robot:
         """
         limits = self.model.limits
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
-        return await self._execute(trajectory, wait)
+        return await self._connection.execute(trajectory, GoalPlan(), wait=wait)
 
     async def move_line(
         self,
@@ -507,23 +437,24 @@ class Robot:
     ) -> Motion:
         tool, arm = self._hand
         tool.check(limits.speed, limits.acceleration)
-        start = (await self._ready()).positions
+        start, plan = await self._connection.ready()
         way = path(arm.forward(start))
-        trajectory = await asyncio.to_thread(runs_trajectory, arm, start, way, limits)
-        return await self._execute(trajectory, wait)
+        with refusals():
+            trajectory = await plan.in_thread(partial(runs_trajectory, arm, start, way, limits))
+        return await self._connection.execute(trajectory, plan, wait=wait)
 
     @property
     def speed_scaling(self) -> float:
         """The share of the planned speed at which all motions run."""
-        return self._connected()[0].goal_queue.scaling.target
+        return self._connection.running.goal_queue.scaling.target
 
     def set_speed_scaling(self, factor: float) -> None:
         """Run all motions at this share of their planned speed, also those that run: 0 pauses.
 
         From 0.01 to 1, or 0. It is reached in half a second at most (docs/goals.md).
         """
-        driver, _ = self._connected()
-        driver.goal_queue.scaling.set(float(factor), asyncio.get_running_loop().time())
+        scaling = self._connection.running.goal_queue.scaling
+        scaling.set(float(factor), asyncio.get_running_loop().time())
 
     # --- callbacks --------------------------------------------------------------------------
 
@@ -534,133 +465,19 @@ class Robot:
         that raises is reported to the loop's exception handler, and the arm is stopped. Returns
         what takes the callback away again.
         """
-        return self._changes.estop.add(callback)
+        return self._connection.changes.estop.add(callback)
 
     def on_error(self, callback: Callable[[ControllerError | None], object]) -> Callable[[], None]:
         """Have it called when the controller has another error, or none any more. As on_estop."""
-        return self._changes.error.add(callback)
+        return self._connection.changes.error.add(callback)
 
     def on_link(self, callback: Callable[[str, str], object]) -> Callable[[], None]:
         """Have it called with the links' state and why, when it changes. As on_estop.
 
         States: disconnected, connecting, connected, backing_off (waiting for the next attempt).
         """
-        return self._changes.link.add(callback)
+        return self._connection.changes.link.add(callback)
 
     def callback_failed(self, error: Exception) -> None:
         """Stop and disable the arm: what the user's program wanted to do then was not done."""
-        why = f'a callback failed: {type(error).__name__}: {error}'
-        report_error(why, error)
-        if self._driver is not None:
-            self._driver.fault(why)
-
-    # --- from the driver (DriverEvents) -----------------------------------------------------
-
-    def on_joints(self, _sample: JointSample) -> None:
-        """Joints came."""
-        self._heard.notify_all()
-
-    def on_status(self, status: Status) -> None:
-        """A status came."""
-        self._heard.notify_all()
-        self._changes.see(status)
-
-    def on_link_state(self, name: str, why: str) -> None:
-        """The state of the links changed."""
-        if name in ('backing_off', 'disconnected'):
-            self._link_reason = why
-        self._heard.notify_all()
-        self._changes.link.call(name, why)
-
-    # --- within -----------------------------------------------------------------------------
-
-    @property
-    def _interpolates(self) -> bool:
-        """Whether the controller interpolates between positions and velocities at given times."""
-        return self._setup.configuration.delivery.point_message == 'joint_traj_pt_full'
-
-    def _connected(self) -> tuple[Driver, ArmCommands]:
-        if self._task is None or self._driver is None or self._commands is None:
-            raise RobotError(f'there is no connection ({self._link_reason}): call connect()')
-        if self._task.done():
-            failure = None if self._task.cancelled() else self._task.exception()
-            raise RobotError(f'the driver has ended ({failure}): call close(), then connect()')
-        return self._driver, self._commands
-
-    def _driven_gripper(self) -> DrivenGripper | None:
-        self._connected()
-        return self._gripper
-
-    async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
-        try:
-            async with asyncio.timeout(timeout):
-                while self._missing(driver):
-                    self._connected()
-                    await self._heard.wait()
-        except TimeoutError as error:
-            missing = '; '.join(self._missing(driver))
-            raise RobotError(f'not ready within {timeout:g} s: {missing}') from error
-
-    def _missing(self, driver: Driver) -> list[str]:
-        """Return what is not there yet, each in a clause with what to do about it."""
-        down = [link for link in (driver.state_link, driver.motion_link) if not link.connected]
-        if down:
-            names = ' and '.join(f'the {link.name} link to port {link.port}' for link in down)
-            verb = 'is' if len(down) == 1 else 'are'
-            return [
-                f'{names} {verb} not connected ({self._link_reason}): start the controller, or '
-                'check host and ports'
-            ]
-        missing = []
-        if (why := driver.robot.why_not_ready(asyncio.get_running_loop().time())) is not None:
-            missing.append(f'{why}: is the state server of the controller running?')
-        if driver.robot.status is None:
-            missing.append('the controller sends no STATUS')
-        return missing
-
-    async def _command(self, command: Callable[[], Coroutine[Any, Any, str]]) -> str:
-        try:
-            return in_python(await command())
-        except CommandError as error:
-            raise RobotError(str(error)) from error
-
-    async def _ready(self) -> JointSample:
-        """Return where the arm is. Raises MotionError unless it may begin to move now."""
-        driver, _ = self._connected()
-        self._check_idle(driver)
-        if driver.gate.reason is None:
-            await self.catch_up()
-        try:
-            return driver.goal_queue.check_ready(asyncio.get_running_loop().time())
-        except GoalRejectedError as rejection:
-            raise MotionError(rejection.outcome) from rejection
-
-    async def _execute(self, trajectory: Trajectory, wait: bool) -> Motion:
-        driver, _ = self._connected()
-        self._check_idle(driver)
-        setup = self._setup
-        units = setup.model.limits.units
-        goal = Goal(trajectory, setup.goal_tolerance, setup.goal_time, units=units)
-        motion = Motion(driver.goal_queue, goal)
-        motion.begin()
-        if wait:
-            try:
-                await motion.wait()
-            except asyncio.CancelledError:
-                with contextlib.suppress(MotionError):  # it ended otherwise: not in the way
-                    await motion.cancel()
-                raise
-        return motion
-
-    @staticmethod
-    def _check_idle(driver: Driver) -> None:
-        if not driver.goal_queue.idle:
-            raise not_begun('another motion runs: wait for its end, or cancel it first')
-
-    async def _stop_before_leaving(self, driver: Driver, commands: ArmCommands) -> None:
-        if driver.goal_queue.idle and driver.stopper.over and not driver.stopper.ours:
-            return
-        try:
-            _log.info('leaving: %s', in_python(await commands.stop()))
-        except CommandError as error:
-            _log.error('leaving, but %s', in_python(str(error)))
+        self._connection.callback_failed(error)

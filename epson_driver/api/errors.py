@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the Python API raises, besides ValueError for arguments that cannot be used."""
 
+import contextlib
 import re
+from collections.abc import Iterator
 
-from epson_driver.driver.outcome import End, ErrorCode, Outcome
+from epson_driver.driver.goal.goal_plan import PlanEndedError
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 
 _NAMES = {
     '~/enable': 'enable()',
@@ -47,3 +50,14 @@ class MotionError(RobotError):
 def not_begun(sentence: str) -> MotionError:
     """Return the error for a motion that was not begun."""
     return MotionError(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, sentence))
+
+
+@contextlib.contextmanager
+def refusals() -> Iterator[None]:
+    """Raise a MotionError for what the driver refuses, or ended before it could start."""
+    try:
+        yield
+    except PlanEndedError as ended:
+        raise not_begun(str(ended)) from ended
+    except GoalRejectedError as rejection:
+        raise MotionError(rejection.outcome) from rejection

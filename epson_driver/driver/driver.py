@@ -7,7 +7,6 @@ told what happened through `DriverEvents`.
 """
 
 import asyncio
-import contextlib
 import logging
 from typing import Protocol
 
@@ -25,6 +24,7 @@ from epson_driver.driver.state.robot_state import JointSample, RobotState, State
 from epson_driver.driver.stopping.arm_gate import ArmGate, only_motors_off, what_forbids_motion
 from epson_driver.driver.stopping.motors import SerializedMotors, make_motors
 from epson_driver.driver.stopping.stopper import Stopper
+from epson_driver.driver.tasks.fresh_moment import fresh_moment
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import run_task_group, until_done
 from epson_driver.link import Link, LinkState
@@ -241,11 +241,8 @@ class Driver:
 
         `patience`: how long to wait for that, s.
         """
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(patience):
-                while self.robot.why_not_ready(self._now()) is not None:
-                    await self.changed.wait()
-        return self.robot.why_not_ready(self._now())
+        now = await fresh_moment(self.robot.why_not_ready, self.changed, patience)
+        return self.robot.why_not_ready(now)
 
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
         self.disable(outcome.text, unexplained=outcome.unexplained)
@@ -267,6 +264,7 @@ class Driver:
         """
         if self.gate.close(why, motors_off=motors_off, unexplained=unexplained):
             _log.warning('arm disabled: %s', why)
+        self.goal_queue.plans.end(f'{why}, while the motion was planned')
         self.servo.stop(why)
 
     def _on_state_packet(self, packet: Packet) -> None:

@@ -41,16 +41,27 @@ class BlendError(ValueError):
 class Run:
     """Parts of a path that follow each other smoothly: the tool rests at both ends only.
 
-    last: the index of the segment that the run ends with.
+    segments: of each part the index of its segment, or of both where it is a blend.
     """
 
     parts: tuple[PosePath, ...]
-    last: int
+    segments: tuple[tuple[int, ...], ...]
+
+    @property
+    def last(self) -> int:
+        """The index of the segment that the run ends with."""
+        return self.segments[-1][-1]
 
     @cached_property
     def seams(self) -> Array:
         """Where the parts begin, and the end, shape (k + 1,): m, rad if the tool only turns."""
         return np.concatenate([[0.0], np.cumsum([size_of(part) for part in self.parts])])
+
+    @cached_property
+    def ends(self) -> Array:
+        """Where each segment ends, m (rad): in the middle of its blend, the last with the run."""
+        blends = [len(each) > 1 for each in self.segments]
+        return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
 
     def pose(self, way: float) -> Array:
         """Return the pose after a way, m (rad), from 0 to the last seam."""
@@ -82,17 +93,20 @@ def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
             )
     found: list[Run] = []
     parts: list[PosePath] = []
+    owners: list[tuple[int, ...]] = []
     for index, segment in enumerate(segments):
         first, last = radii[index], segment.length - radii[index + 1]
         if last - first >= SHORTEST_WAY or segment.length < SHORTEST_WAY:
             scale = segment.length if segment.length >= SHORTEST_WAY else 1.0
             end = last / scale if segment.length >= SHORTEST_WAY else 1.0
             parts.append(_part(segment, first / scale, end))
+            owners.append((index,))
         if radii[index + 1] > 0.0:
             parts.append(_corner(segment, segments[index + 1], radii[index + 1]))
+            owners.append((index, index + 1))
         else:
-            found.append(Run(tuple(parts), index))
-            parts = []
+            found.append(Run(tuple(parts), tuple(owners)))
+            parts, owners = [], []
     return found
 
 

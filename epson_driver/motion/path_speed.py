@@ -18,6 +18,9 @@ from epson_driver.motion.limits import Array
 HALVINGS = 60
 """To all digits."""
 
+END_SHARE = 1e-9
+"""A way that is this near to the end is the end: where the speed is 0, time is known badly."""
+
 
 @dataclass(frozen=True, slots=True)
 class PartLimits:
@@ -63,6 +66,15 @@ class PathMotion:
             acceleration + since * jerk,
             jerk,
         )
+
+    def when(self, ways: Array) -> Array:
+        """Return when ways, shape (m,), from 0 to the last, are reached, s."""
+        early, late = np.zeros(len(ways)), np.full(len(ways), self.duration)
+        for _ in range(HALVINGS):
+            middle = (early + late) / 2.0
+            before = self.at(middle)[0] < ways
+            early, late = np.where(before, middle, early), np.where(before, late, middle)
+        return np.where(ways >= self.ways[-1] * (1.0 - END_SHARE), self.duration, late)
 
 
 def fastest(parts: Sequence[PartLimits]) -> PathMotion:

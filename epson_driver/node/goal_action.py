@@ -20,6 +20,7 @@ from rclpy.node import Node
 
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_plan import GoalPlan
 from epson_driver.driver.goal.goal_queue import GoalHandle, GoalQueue
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
@@ -41,17 +42,26 @@ class ActionType:
     """What is particular to an action.
 
     kind: its ROS type, name: such as `~/follow_joint_trajectory`. prepare: reads and checks a
-    request, in the executor; it may raise GoalRejectedError. submit: hands a goal to the queue, in
-    the loop. result: makes the action's result of an outcome. result_timeout: how long that is
-    kept for who asks late, s.
+    request, in the executor; it may raise GoalRejectedError. The plan that it gets is ended when
+    the goal is canceled: whatever takes long is left then. submit: hands a goal and that plan to
+    the queue, in the loop. result: makes the action's result of an outcome. result_timeout: how
+    long that is kept for who asks late, s.
     """
 
     kind: Any
     name: str
-    prepare: Callable[[ServerGoalHandle], Awaitable[Prepared]]
-    submit: Callable[[GoalHandle], None]
+    prepare: Callable[[ServerGoalHandle, GoalPlan], Awaitable[Prepared]]
+    submit: Callable[[GoalHandle, GoalPlan], None]
     result: Callable[[Outcome], Any]
     result_timeout: int
+
+
+@dataclass(eq=False)
+class _Request:
+    """A goal without a result. handle: None while it is being prepared."""
+
+    plan: GoalPlan
+    handle: GoalHandle | None = None
 
 
 class GoalAction:
@@ -69,8 +79,8 @@ class GoalAction:
         self._action = action
         self._queue = queue
         self._bridge = bridge
-        self._handles: dict[bytes, GoalHandle | None] = {}
-        """The goals without a result; None while one is being prepared."""
+        self._requests: dict[bytes, _Request] = {}
+        """The goals without a result."""
         self.server = ActionServer(
             node,
             action.kind,
@@ -88,14 +98,14 @@ class GoalAction:
     @property
     def busy(self) -> bool:
         """True while a goal has not got its result."""
-        return bool(self._handles)
+        return bool(self._requests)
 
     async def _execute(self, ros_handle: ServerGoalHandle) -> Any:
         """Hand a goal to the driver and wait for its outcome."""
         key = bytes(ros_handle.goal_id.uuid)
-        self._handles[key] = None
+        self._requests[key] = request = _Request(GoalPlan())
         try:
-            outcome = await self._outcome(key, ros_handle)
+            outcome = await self._outcome(request, ros_handle)
         except GoalRejectedError as rejection:
             outcome = CANCELED if ros_handle.is_cancel_requested else rejection.outcome
         except DriverEndedError as error:
@@ -110,20 +120,22 @@ class GoalAction:
             ros_handle.canceled()
         else:
             ros_handle.abort()
-        self._handles.pop(key, None)
+        self._requests.pop(key, None)
         return self._action.result(outcome)
 
-    async def _outcome(self, key: bytes, ros_handle: ServerGoalHandle) -> Outcome:
+    async def _outcome(self, request: _Request, ros_handle: ServerGoalHandle) -> Outcome:
         """Return how a goal ended. Raises GoalRejectedError, DriverEndedError."""
-        prepared = await self._action.prepare(ros_handle)
+        if ros_handle.is_cancel_requested:
+            return CANCELED
+        prepared = await self._action.prepare(ros_handle, request.plan)
         if ros_handle.is_cancel_requested:
             return CANCELED
         done = self._bridge.create_future()
         handle = GoalHandle(
             prepared.goal, partial(self._bridge.resolve, done), prepared.on_feedback
         )
-        self._handles[key] = handle
-        self._bridge.to_loop(self._action.submit, handle)
+        request.handle = handle
+        self._bridge.to_loop(self._action.submit, handle, request.plan)
         if ros_handle.is_cancel_requested:
             self._bridge.to_loop(self._queue.cancel, handle)
         outcome: Outcome = await self._bridge.wait_for(done)
@@ -131,9 +143,11 @@ class GoalAction:
 
     def _cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
         try:
-            handle = self._handles.get(bytes(ros_handle.goal_id.uuid))
-            if handle is not None:
-                self._bridge.to_loop(self._queue.cancel, handle)
+            request = self._requests.get(bytes(ros_handle.goal_id.uuid))
+            if request is not None and request.handle is not None:
+                self._bridge.to_loop(self._queue.cancel, request.handle)
+            elif request is not None:
+                self._bridge.to_loop(request.plan.end, CANCELED.text)
         except DriverEndedError:
             return CancelResponse.REJECT
         except Exception as error:  # noqa: BLE001 - it is logged, answered, and stops the arm

@@ -23,6 +23,7 @@ from trajectory_msgs.msg import JointTrajectory
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_plan import GoalPlan
 from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.outcome import GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
@@ -78,7 +79,7 @@ class GoalServer:
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
             self._prepare,
-            self._queue.submit,
+            lambda handle, _: self._queue.submit(handle),
             messages.result,
             RESULT_TIMEOUT_S,
         )
@@ -96,7 +97,7 @@ class GoalServer:
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
 
-    async def _prepare(self, ros_handle: ServerGoalHandle) -> Prepared:
+    async def _prepare(self, ros_handle: ServerGoalHandle, _plan: GoalPlan) -> Prepared:
         goal = self.requests.checked_goal(ros_handle.request)
         return Prepared(goal, partial(self._on_feedback, ros_handle))
 

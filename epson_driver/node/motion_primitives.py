@@ -7,7 +7,6 @@ queue: it is checked, stopped and reported as a trajectory is.
 """
 
 import asyncio
-import threading
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -20,9 +19,11 @@ from rclpy.node import Node
 
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_plan import GoalPlan, PlanEndedError
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.driver.tasks.fresh_moment import fresh_moment
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
 from epson_driver.node.loop_bridge import LoopBridge
@@ -88,7 +89,7 @@ class MotionPrimitives:
 
     # --- from ROS: in the executor's thread -------------------------------------------------
 
-    async def _prepare(self, ros_handle: ServerGoalHandle) -> Prepared:
+    async def _prepare(self, ros_handle: ServerGoalHandle, plan: GoalPlan) -> Prepared:
         """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""
         if self._parameters['timing'] == 'time_optimal':
             raise _invalid(RETIMED)
@@ -97,44 +98,41 @@ class MotionPrimitives:
             self._driver.configuration.limits,
             self._parameters['frame_id'],
         )
-        planned = await self._bridge.in_loop(partial(self._plan, primitives, ros_handle))
+        planned = await self._bridge.in_loop(partial(self._plan, primitives, plan))
         goal = self._goals.requests.planned_goal(planned.trajectory)
         return Prepared(goal, partial(self._on_feedback, ros_handle, planned))
 
     # --- in the loop's thread ---------------------------------------------------------------
 
-    async def _plan(
-        self, primitives: list[Primitive], ros_handle: ServerGoalHandle
-    ) -> PlannedSequence:
-        """Plan from where the arm stands, in a thread. Raises GoalRejectedError."""
+    async def _plan(self, primitives: list[Primitive], plan: GoalPlan) -> PlannedSequence:
+        """Plan from where the arm stands, in a thread. Raises GoalRejectedError.
+
+        At once if the goal is canceled, or anything else ends it, meanwhile.
+        """
+        self._queue.plans.begin(plan)
         if not self._queue.idle:
             raise _invalid(BUSY)
-        await self._driver.why_not_ready(FRESH_POSE_TIMEOUT_S)
-        sample = self._queue.check_ready(self._loop.time())
-        left, gate = threading.Event(), self._driver.gate
-
-        def given_up() -> bool:
-            return left.is_set() or gate.reason is not None or ros_handle.is_cancel_requested
-
+        robot = self._driver.robot
+        now = await fresh_moment(robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S)
+        sample = self._queue.check_ready(now)
         try:
-            return await asyncio.to_thread(
-                plan_sequence,
-                self._kinematics,
-                sample.positions,
-                primitives,
-                sampled=self._sampled,
-                given_up=given_up,
+            return await plan.in_thread(
+                lambda given_up: plan_sequence(
+                    self._kinematics,
+                    sample.positions,
+                    primitives,
+                    sampled=self._sampled,
+                    given_up=given_up,
+                )
             )
-        except SequenceError as error:
-            if gate.reason is not None:
-                self._queue.check_ready(self._loop.time())  # says why
+        except (SequenceError, PlanEndedError) as error:
             raise _invalid(str(error)) from error
-        finally:
-            left.set()
 
-    def _submit(self, handle: GoalHandle) -> None:
-        """Execute a planned sequence, unless another goal came while it was planned."""
-        if self._queue.idle:
+    def _submit(self, handle: GoalHandle, plan: GoalPlan) -> None:
+        """Execute a planned sequence, unless it was ended, or another goal came, meanwhile."""
+        if plan.why is not None:
+            handle.on_end(_invalid(plan.why).outcome)
+        elif self._queue.idle:
             self._queue.submit(handle)
         else:
             handle.on_end(_invalid(BUSY).outcome)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The joints along a path of the tool, in one configuration, or where there are none."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
@@ -29,41 +30,51 @@ class PathError(ValueError):
     """The tool cannot follow a path; the text says where and why."""
 
 
+class GivenUpError(PathError):
+    """Nobody wants the motion any more: its planning ends."""
+
+    def __init__(self) -> None:
+        super().__init__('given up before it began')
+
+
+GivenUp = Callable[[], bool]
+"""Returns True when nobody wants the motion any more; it is asked at every look, in any thread."""
+
+
+def never() -> bool:
+    """Return False: it is wanted."""
+    return False
+
+
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """A run of a path, and the joints at k places of it.
+    """The joints along a run of a path, from rest to rest: at k places of it, and anywhere.
 
-    ways: m (rad) from its begin, shape (k,), joints: (k, n), places: (k, 3), m. name: what to call
-    the run.
+    ways: how far from its begin, m or what else it is counted in, shape (k,); joints: (k, n);
+    places: of the tool, (k, 3), m. at: returns the joints after other ways, shape (m,), to all
+    digits: shape (m, n). name: what to call the run.
     """
 
-    run: Run
     name: str
     kinematics: Kinematics
     ways: Array
     joints: Array
     places: Array
+    at: Callable[[Array], Array]
 
     def where(self, index: int) -> str:
         """Return a place as a clause."""
         at = ', '.join(f'{value * 1e3:.1f}' for value in self.places[index])
         return f'{self.ways[index] / self.ways[-1] * 100.0:.0f} % of {self.name}, at ({at}) mm'
 
-    def at(self, ways: Array) -> Array:
-        """Return the joints after other ways, shape (m,), to all digits: shape (m, n)."""
-        near = np.array([np.interp(ways, self.ways, column) for column in self.joints.T]).T
-        found = [
-            self.kinematics.inverse(self.run.pose(way), guess)
-            for way, guess in zip(ways.tolist(), near, strict=True)
-        ]
-        for index, solutions in enumerate(found):
-            if not len(solutions) or np.max(np.abs(solutions[0] - near[index])) > MAX_JOINT_STEP:
-                share = ways[index] / self.ways[-1]
-                raise PathError(f'no solution at {share * 100.0:.3g} % of {self.name}')
-        return np.array([solutions[0] for solutions in found])
 
-
-def joint_path(kinematics: Kinematics, start: Array, run: Run, name: str = 'the way') -> JointPath:
+def joint_path(
+    kinematics: Kinematics,
+    start: Array,
+    run: Run,
+    name: str = 'the way',
+    given_up: GivenUp = never,
+) -> JointPath:
     """Return the joints along a run that begins where the joints `start`, shape (n,), are.
 
     Raises PathError for a pose without a solution within the joint limits near the one before:
@@ -83,9 +94,24 @@ def joint_path(kinematics: Kinematics, start: Array, run: Run, name: str = 'the 
     ways = np.concatenate([*looks, run.seams[-1:]])
     poses = [run.pose(way) for way in ways.tolist()]
     joints = np.empty((len(ways), len(start)))
-    found = JointPath(run, name, kinematics, ways, joints, np.array(poses)[:, :3, 3])
+
+    def at(others: Array) -> Array:
+        near = np.array([np.interp(others, ways, column) for column in joints.T]).T
+        exact = np.empty_like(near)
+        for index, (way, guess) in enumerate(zip(others.tolist(), near, strict=True)):
+            if given_up():
+                raise GivenUpError
+            solutions = kinematics.inverse(run.pose(way), guess)
+            if not len(solutions) or np.max(np.abs(solutions[0] - guess)) > MAX_JOINT_STEP:
+                raise PathError(f'no solution at {way / ways[-1] * 100.0:.3g} % of {name}')
+            exact[index] = solutions[0]
+        return exact
+
+    found = JointPath(name, kinematics, ways, joints, np.array(poses)[:, :3, 3], at)
     before = start
     for index, pose in enumerate(poses):
+        if given_up():
+            raise GivenUpError
         solutions = kinematics.inverse(pose, before)
         if not len(solutions):
             if why := kinematics.hindrance(pose):
@@ -100,7 +126,7 @@ def joint_path(kinematics: Kinematics, start: Array, run: Run, name: str = 'the 
                 f'have to jump from {before[joint]:.4g} to {solutions[0][joint]:.4g} '
                 f'{units[joint]}'
             )
-        before = found.joints[index] = solutions[0]
+        before = joints[index] = solutions[0]
     return found
 
 

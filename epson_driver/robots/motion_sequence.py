@@ -2,23 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sequence of motions, straight in joint space, in space or on circles, as one trajectory.
 
-All of it is planned, and refused, before any of it is sent. The arm rests at the end of each.
+All of it is planned, and refused, before any of it is sent. The arm rests at the end of each
+motion that has no blend radius; those that have one go over into the next, as way points of paths
+do.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, Trajectory, go
+from epson_driver.motion.blended_path import BlendError, runs
 from epson_driver.motion.cartesian import PosePath, arc, line
-from epson_driver.robots.cartesian_motion import ToolLimits, cartesian_trajectory
+from epson_driver.robots.cartesian_motion import ToolLimits, timed_run
+from epson_driver.robots.joint_blend import blended_joints
+from epson_driver.robots.joint_path import GivenUp, GivenUpError, never
 from epson_driver.robots.kinematics import Kinematics
-
-PERIOD_S = 0.05
-"""Time between two points of a motion in joint space."""
+from epson_driver.robots.path_timing import PERIOD_S, TimedRun, joined
 
 SHORTEST_MOVE_S = 0.01
 """The time of a motion to where the arm is."""
@@ -81,58 +85,130 @@ def plan_sequence(
     primitives: Sequence[Primitive],
     *,
     sampled: bool = True,
-    given_up: Callable[[], bool] = lambda: False,
+    given_up: GivenUp = never,
 ) -> PlannedSequence:
     """Return the way through all motions from joint positions `start`, shape (n,), at rest.
 
     sampled: also a single motion in joint space as many points, not as its end alone. given_up: is
-    asked between the motions, which take up to seconds each. Raises SequenceError.
+    asked all the time, as motions take up to seconds each. Raises SequenceError.
     """
-    parts: list[Trajectory] = []
+    groups = list(_groups(primitives))
+    runs_of: list[TimedRun] = []
     at = start
-    for index, primitive in enumerate(primitives):
-        if given_up():
-            raise SequenceError('given up before it began')
+    for first, group in groups:
         try:
-            _check_blend(primitive)
-            if primitive.kind is Kind.LINEAR_JOINT:
-                alone = not sampled and len(primitives) == 1
-                part = _joint_motion(kinematics.model.limits, at, primitive, alone=alone)
-            else:
-                part = _tool_motion(kinematics, at, primitive)
+            if given_up():
+                raise GivenUpError
+            found = _run(kinematics, at, group, given_up)
+        except BlendError as error:
+            index = first + error.index
+            raise SequenceError(f'{_name(index, primitives[index])}: {error}') from error
         except (ValueError, ModuleNotFoundError) as error:
-            raise SequenceError(f'motions[{index}], {primitive.kind.name}: {error}') from error
-        parts.append(part)
-        at = part.positions[-1]
-    ends = np.cumsum([part.duration for part in parts])
-    return PlannedSequence(_joined(parts), ends)
+            last = first + len(group) - 1
+            name = _name(first, group[0]) if last == first else f'motions[{first}] to [{last}]'
+            raise SequenceError(f'{name}: {error}') from error
+        runs_of.append(found)
+        at = found.positions[-1]
+    names = kinematics.model.limits.names
+    if not sampled and len(primitives) == 1 and primitives[0].kind is Kind.LINEAR_JOINT:
+        (only,) = runs_of
+        end = Trajectory(names, only.ends, primitives[0].target[None, :])
+        return PlannedSequence(end, only.ends)
+    return PlannedSequence(*joined(names, runs_of))
 
 
-def _check_blend(primitive: Primitive) -> None:
-    """Raise ValueError for what is not there yet: one motion that begins within another."""
-    if primitive.blend_radius != 0.0:
-        raise ValueError(
-            f'blend_radius = {primitive.blend_radius:g} m: must be 0, as motions are not blended '
-            'yet: the arm rests at the end of each'
+def _name(index: int, primitive: Primitive) -> str:
+    return f'motions[{index}], {primitive.kind.name}'
+
+
+def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primitive]]]:
+    """Yield the motions that go over into each other, and the index of the first of them.
+
+    Raises SequenceError for what cannot be blended.
+    """
+    first = 0
+    for index, primitive in enumerate(primitives):
+        if primitive.blend_radius == 0.0:
+            group = list(primitives[first : index + 1])
+            if len(group) > 1:
+                _check_group(first, group)
+            yield first, group
+            first = index + 1
+    if first < len(primitives):
+        index = len(primitives) - 1
+        radius = primitives[index].blend_radius
+        raise SequenceError(
+            f'{_name(index, primitives[index])}: blend_radius = {radius:g} m: must be 0, as '
+            'nothing follows the last motion'
         )
 
 
-def _joint_motion(
-    limits: JointLimits, start: Array, primitive: Primitive, *, alone: bool
-) -> Trajectory:
+def _check_group(first: int, group: Sequence[Primitive]) -> None:
+    """Raise SequenceError unless motions can go over into each other."""
+    for index, primitive in enumerate(group, first):
+        if primitive.move_time:
+            raise SequenceError(
+                f'{_name(index, primitive)}: move_time = {primitive.move_time:g} s: a motion that '
+                'is blended does not begin and end at a time of its own; give velocity and '
+                'acceleration'
+            )
+    joints = Kind.LINEAR_JOINT
+    for index, (one, other) in enumerate(pairwise(group), first):
+        if (one.kind is joints) != (other.kind is joints):
+            raise SequenceError(
+                f'{_name(index, one)}: blend_radius = {one.blend_radius:g} m: must be 0, as '
+                f'motions[{index + 1}] is {other.kind.name}: a motion that is straight in joint '
+                'space is not blended with one of the tool'
+            )
+
+
+def _run(
+    kinematics: Kinematics, start: Array, group: Sequence[Primitive], given_up: GivenUp
+) -> TimedRun:
+    """Return the way through motions that go over into each other, or of a single one."""
+    radii = [primitive.blend_radius for primitive in group[:-1]]
+    if group[0].kind is Kind.LINEAR_JOINT:
+        if not radii:
+            return _joint_motion(kinematics.model.limits, start, group[0])
+        limits = [_lowered(kinematics.model.limits, primitive) for primitive in group]
+        targets = [primitive.target for primitive in group]
+        return blended_joints(kinematics, start, targets, radii, limits, given_up)
+    segments: list[PosePath] = []
+    pose = kinematics.forward(start)
+    for index, primitive in enumerate(group):
+        try:
+            segments.append(_segment(pose, primitive))
+        except ValueError as error:
+            raise BlendError(index, str(error)) from error
+        pose = primitive.target
+    (run,) = runs(segments, radii)
+    if not group[0].move_time:
+        tools = [_tool_limits(primitive) for primitive in group]
+        return timed_run(kinematics, start, run, tools, given_up=given_up)
+    move_time = group[0].move_time
+    for share in MOVE_SHARES:
+        tool = _tool_limits_of_time(segments[0], share * move_time)
+        found = timed_run(kinematics, start, run, [tool], given_up=given_up)
+        if found.ends[-1] <= move_time:
+            return found.stretched(move_time / float(found.ends[-1]))
+    raise ValueError(f'move_time = {move_time:.4g} s: too short for a smooth motion of the tool')
+
+
+def _segment(begin: Array, primitive: Primitive) -> PosePath:
+    if primitive.via is None:
+        return line(begin, primitive.target)
+    return arc(begin, primitive.via, primitive.target)
+
+
+def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> TimedRun:
     motion = go(_lowered(limits, primitive), start, primitive.target)
     duration = max(motion.duration, SHORTEST_MOVE_S)
     stretch = _stretch(duration, primitive)
-    if alone:
-        return Trajectory(limits.names, np.array([duration * stretch]), primitive.target[None, :])
     times = np.linspace(0.0, duration, ceil(duration * stretch / PERIOD_S) + 1)
     states = [motion.at(float(time)) for time in times]
-    return Trajectory(
-        limits.names,
-        times * stretch,
-        np.array([position for position, _, _ in states]),
-        np.array([velocity for _, velocity, _ in states]) / stretch,
-    )
+    positions = np.array([position for position, _, _ in states])
+    velocities = np.array([velocity for _, velocity, _ in states])
+    return TimedRun(times, positions, velocities, times[-1:]).stretched(stretch)
 
 
 def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:
@@ -161,27 +237,13 @@ def _stretch(duration: float, primitive: Primitive) -> float:
     return primitive.move_time / duration
 
 
-def _tool_motion(kinematics: Kinematics, start: Array, primitive: Primitive) -> Trajectory:
-    first = kinematics.forward(start)
-    if primitive.via is None:
-        path = line(first, primitive.target)
-    else:
-        path = arc(first, primitive.via, primitive.target)
-    if not primitive.move_time:
-        tool = ToolLimits()
-        if primitive.velocity is not None:
-            tool = replace(tool, speed=primitive.velocity)
-        if primitive.acceleration is not None:
-            tool = replace(tool, acceleration=primitive.acceleration)
-        return cartesian_trajectory(kinematics, start, path, tool)
-    for share in MOVE_SHARES:
-        tool = _tool_limits_of_time(path, share * primitive.move_time)
-        part = cartesian_trajectory(kinematics, start, path, tool)
-        if part.duration <= primitive.move_time:
-            return _stretched(part, primitive.move_time / part.duration)
-    raise ValueError(
-        f'move_time = {primitive.move_time:.4g} s: too short for a smooth motion of the tool'
-    )
+def _tool_limits(primitive: Primitive) -> ToolLimits:
+    tool = ToolLimits()
+    if primitive.velocity is not None:
+        tool = replace(tool, speed=primitive.velocity)
+    if primitive.acceleration is not None:
+        tool = replace(tool, acceleration=primitive.acceleration)
+    return tool
 
 
 def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
@@ -196,27 +258,4 @@ def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
         acceleration=max(3.0 * speed / time, tiny),
         turn_speed=max(turn, tiny),
         turn_acceleration=max(3.0 * turn / time, tiny),
-    )
-
-
-def _stretched(part: Trajectory, factor: float) -> Trajectory:
-    velocities = None if part.velocities is None else part.velocities / factor
-    return Trajectory(part.joint_names, part.times * factor, part.positions, velocities)
-
-
-def _joined(parts: Sequence[Trajectory]) -> Trajectory:
-    """Return motions, each from where the one before rests, as one trajectory."""
-    if len(parts) == 1:
-        return parts[0]
-    times, begin = [parts[0].times], parts[0].duration
-    for part in parts[1:]:
-        times.append(begin + part.times[1:])
-        begin += part.duration
-    rows = [slice(0, None), *[slice(1, None)] * (len(parts) - 1)]
-    velocities = [part.velocities for part in parts if part.velocities is not None]
-    return Trajectory(
-        parts[0].joint_names,
-        np.concatenate(times),
-        np.vstack([part.positions[row] for part, row in zip(parts, rows, strict=True)]),
-        np.vstack([each[row] for each, row in zip(velocities, rows, strict=True)]),
     )

@@ -115,6 +115,30 @@ def test_joints_that_are_too_old_are_not_told_and_newer_ones_are_caught_up_with(
     run(scenario())
 
 
+@pytest.mark.invariant(6)
+def test_what_is_measured_is_as_of_when_it_came_however_long_the_process_is_held_up():
+    """Between catching up and reading, too; the joints of a silent controller are still old."""
+
+    async def scenario():
+        async with robot_cell() as (robot, controller):
+
+            def held_up():
+                stand_still(1.0)
+                return robot.joints
+
+            stand_still(1.0)
+            assert len(await robot.measured(held_up)) == 6
+            with pytest.raises(RobotError, match=r'the newest joint state is .* s old'):
+                held_up()
+            await robot.catch_up()
+            controller.faults.start(parse('half_open port=state for=30'))
+            await asyncio.sleep(0.5)
+            with pytest.raises(RobotError, match=r'the newest joint state is .* s old'):
+                await robot.measured(lambda: robot.joints)
+
+    run(scenario())
+
+
 def test_progress_grows_and_canceling_stops_the_arm():
     async def scenario():
         async with robot_cell() as (robot, _):
@@ -364,9 +388,9 @@ def test_a_driver_that_ends_by_itself_is_said_and_the_motion_has_its_outcome(mon
             def fail(_sample, _now):
                 raise ZeroDivisionError('a defect')
 
-            monkeypatch.setattr(robot._driver.goal_queue, 'on_joints', fail)
+            monkeypatch.setattr(robot._connection.driver.goal_queue, 'on_joints', fail)
             await motion_error(motion.wait())
-            await until(lambda: robot._task.done())
+            await until(lambda: robot._connection.task.done())
             with pytest.raises(RobotError, match=r'the driver has ended .*a defect'):
                 await robot.enable()
             assert reported
@@ -459,7 +483,7 @@ def test_io_is_the_same_by_every_way_to_it(profile):
     async def scenario():
         async with robot_cell(profile=profile, enabled=False) as (robot, controller):
             controller.io.set_input(IoType.DIGITAL_INPUT, 3, 1)
-            await until(lambda: not robot._driver.io.reason)
+            await until(lambda: not robot._connection.driver.io.reason)
             assert await robot.io.read('DI', 3) == 1
             await robot.io.write('DO', 3, 1)
             assert await robot.io.read('DO', 3) == 1
@@ -505,9 +529,9 @@ def test_a_point_that_the_controller_refuses_ends_the_motion_with_its_words():
         async with ScriptedController(reply=lambda sequence: answer(2, sequence)) as controller:
             ports = controller.ports
             async with Robot(motion_port=ports.motion, state_port=ports.state, io_port=0) as robot:
-                robot._driver.stopper.goal_reached()
-                with robot._driver.gate.enabling() as enabling:
-                    robot._driver.gate.open(enabling)
+                robot._connection.driver.stopper.goal_reached()
+                with robot._connection.driver.gate.enabling() as enabling:
+                    robot._connection.driver.gate.open(enabling)
                 error = await motion_error(robot.move_joints([0.2, 0, 0, 0, 0, 0]))
                 assert 'the controller refused point 0 of 1' in str(error)
 
@@ -535,7 +559,7 @@ def test_the_public_names_are_those_of_the_synchronous_door():
     def public(kind):
         return {name for name in dir(kind) if not name.startswith('_')}
 
-    own = {'catch_up', 'on_joints', 'on_status', 'on_link_state', 'callback_failed'}
+    own = {'catch_up', 'measured', 'callback_failed'}
     for name in ('Robot', 'Motion', 'Io', 'Gripper'):
         missing = public(getattr(aio, name)) - public(getattr(robot, name)) - own
         assert missing <= {'begin'}, name

@@ -312,7 +312,9 @@ def test_closing_from_a_callback_and_from_the_block_at_once(ports):
                 robot.close()
 
             robot.on_link(close)
-            robot._call(lambda robot=robot: robot._robot.on_link_state('connected', 'a test'))
+            robot._call(
+                lambda robot=robot: robot._robot._connection.on_link_state('connected', 'a test')
+            )
             told.wait(PATIENCE)
         with pytest.raises(RobotError, match='no connection'):
             robot.enable()

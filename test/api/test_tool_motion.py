@@ -105,7 +105,6 @@ def bound(robot, ends, path, speed):
     [
         3,
         pytest.param(15, marks=pytest.mark.slow),
-        pytest.param(100, marks=pytest.mark.soak),
     ],
 )
 def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos_lag(arm, count):
@@ -251,10 +250,7 @@ def test_a_line_that_is_cancelled_stops_on_the_line():
 
 @pytest.mark.invariant(2)
 @BOTH
-@pytest.mark.parametrize(
-    'count',
-    [pytest.param(15, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.soak)],
-)
+@pytest.mark.parametrize('count', [pytest.param(15, marks=pytest.mark.slow)])
 def test_near_singular_requests_are_refused_or_driven_inside_all_limits(arm, count):
     robot, ready = arm
     limits = robot.model.limits

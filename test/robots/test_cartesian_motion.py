@@ -3,6 +3,7 @@
 """Lines and arcs of the tool: the path itself, joint limits all the way, and what is refused."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from epson_driver.motion.blended_path import runs
 from epson_driver.motion.cartesian import arc, distance_from, line
 from epson_driver.motion.smoothed import smoothed
-from epson_driver.robots import load_robot_model
+from epson_driver.robots import load_robot_model, path_timing
 from epson_driver.robots.cartesian_motion import ToolLimits, cartesian_trajectory, runs_trajectory
 from epson_driver.robots.joint_path import PathError
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
@@ -110,6 +111,8 @@ def test_random_paths_are_refused_with_the_reason_or_keep_every_limit(count):
         change = np.diff(trajectory.velocities, axis=0) / steps
         assert np.all(np.abs(change) <= LIMITS.acceleration * 1.02)
         assert np.all(np.abs(np.diff(trajectory.positions, axis=0)) < 1.0)  # none jumps
+        wrist = np.sign(trajectory.positions[:, 4])
+        assert len(set(wrist[wrist != 0.0])) == 1  # the wrist does not flip
         assert np.allclose(ARM.forward(trajectory.positions[-1]), path.pose(1.0), atol=1e-5)
     assert len(outcomes) >= count / 5
     assert all('% of the way' in reason or 'accuracy' in reason for reason in reasons)
@@ -165,6 +168,50 @@ def test_too_fast_is_refused_with_joint_and_limit_or_slowed_if_asked():
         ARM, READY, path, ToolLimits(speed=20.0, acceleration=500.0, accuracy=1e-3, slow=True)
     )
     assert np.all(np.abs(slowed.velocities) <= LIMITS.velocity)
+
+
+PAST_THE_STRAIGHT_WRIST = np.array([-0.404, 0.106, 0.278, -1.554, -0.378, 1.407])
+"""From there 0.24 m along y the wrist is nearly straight in the middle."""
+
+
+@pytest.mark.invariant(2)
+def test_it_is_slow_only_where_a_joint_limit_asks_for_it(monkeypatch):
+    joints = PAST_THE_STRAIGHT_WRIST
+    start = ARM.forward(joints)
+    path = line(start, moved(start, (0.0, 0.24, 0.0)))
+    tool = ToolLimits(speed=0.3, acceleration=3.0, accuracy=1e-3)
+    with pytest.raises(PathError, match='near a singularity, or too fast'):
+        cartesian_trajectory(ARM, joints, path, tool)
+    trajectory = cartesian_trajectory(ARM, joints, path, replace(tool, slow=True))
+    motion = smoothed(trajectory, LIMITS)
+    assert np.all(np.abs(motion.velocities) <= LIMITS.velocity * (1 + 1e-6))
+    assert np.all(np.abs(motion.accelerations) <= LIMITS.acceleration * (1 + 1e-6))
+    places = np.array([ARM.forward(each)[:3, 3] for each in motion.positions])
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(motion.times)
+    assert speeds.max() > 0.8 * tool.speed
+    shares = np.linspace(0.0, 1.0, 501)
+    poses = [path.pose(share)[:3, 3] for share in shares]
+    assert max(distance_from(each, np.array(poses)) for each in places) < 2e-3
+    monkeypatch.setattr(path_timing, 'LEVELS', ())  # as slow everywhere as at the slowest place
+    as_a_whole = cartesian_trajectory(ARM, joints, path, replace(tool, slow=True))
+    assert trajectory.duration < 0.7 * as_a_whole.duration
+    print(f'{trajectory.duration:.2f} s; as a whole {as_a_whole.duration:.2f} s')
+
+
+def test_the_accuracy_is_kept_between_the_points_that_are_sent():
+    start = ARM.forward(READY)
+    path = line(start, moved(start, (0.0, 0.15, 0.0)))
+    ends = np.array([path.pose(0.0)[:3, 3], path.pose(1.0)[:3, 3]])
+    counts = []
+    for accuracy in (1e-3, 2e-5):
+        tool = ToolLimits(speed=0.3, acceleration=2.0, accuracy=accuracy)
+        positions = cartesian_trajectory(ARM, READY, path, tool).positions
+        for share in (0.25, 0.5, 0.75):
+            between = positions[:-1] + share * np.diff(positions, axis=0)
+            places = [ARM.forward(each)[:3, 3] for each in between]
+            assert max(distance_from(place, ends) for place in places) < 1.01 * accuracy
+        counts.append(len(positions))
+    assert counts[0] < counts[1]
 
 
 def test_no_way_and_no_turn_is_no_motion():

@@ -2,11 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sequences of motions as one trajectory: rests, times, limits, and what is refused as a whole."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
+from epson_driver.api.moves import PathPoint, path_runs
+from epson_driver.api.poses import Target
+from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.trajectory import problems
 from epson_driver.robots import load_robot_model
+from epson_driver.robots.cartesian_motion import ToolLimits, runs_trajectory
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.robots.motion_sequence import Kind, Primitive, SequenceError, plan_sequence
 
@@ -105,7 +112,22 @@ def test_a_move_time_is_kept_whatever_velocity_says(make, seconds):
 
 
 REFUSED = {
-    'blending': (to_joints(blend_radius=0.01), 'blend_radius = 0.01 m: must be 0'),
+    'joints, then the tool': (
+        to_pose(blend_radius=0.01),
+        r'blend_radius = 0.01 m: must be 0, as motions\[2\] is LINEAR_JOINT',
+    ),
+    'a time of its own': (
+        to_joints(blend_radius=0.01, move_time=1.0),
+        'move_time = 1 s: a motion that is blended does not begin and end at a time of its own',
+    ),
+    'only the wrist turns': (
+        to_joints(READY + np.eye(6)[5], blend_radius=0.01),
+        r'a blend of 0.01 m is longer than the way of the tool, which is .* m at most',
+    ),
+    'longer than the way': (
+        to_joints(READY + 0.1 * np.eye(6)[0], blend_radius=0.2),
+        'a blend of 0.2 m is longer than the way of the tool, which is 0.0',
+    ),
     'too short': (
         to_joints(move_time=0.01),
         r'move_time = 0.01 s: the joint limits allow no less',
@@ -142,6 +164,24 @@ def test_a_scara_goes_straight_too_and_does_not_lean():
         plan_sequence(scara, target, [Primitive(Kind.LINEAR_CARTESIAN, pose)])
 
 
+@pytest.mark.usefixtures('opw')
+def test_it_is_given_up_in_the_middle_of_a_motion():
+    asked = []
+
+    def given_up():
+        asked.append(None)
+        return len(asked) > 20
+
+    with pytest.raises(SequenceError, match='given up'):
+        plan_sequence(ARM, READY, [to_pose()], given_up=given_up)
+    assert len(asked) == 21
+    asked.clear()
+    corner = [to_joints(blend_radius=0.02), to_joints(READY + 0.2)]
+    with pytest.raises(SequenceError, match='given up'):
+        plan_sequence(ARM, READY, corner, given_up=given_up)
+    assert len(asked) == 21
+
+
 def test_it_is_given_up_between_two_motions():
     asked = iter([False, True])
     with pytest.raises(SequenceError, match='given up'):
@@ -153,3 +193,145 @@ def test_a_single_motion_may_be_its_end_alone():
     assert trajectory.positions.shape == (1, 6)
     sampled = plan_sequence(ARM, READY, [to_joints()]).trajectory
     assert trajectory.duration == pytest.approx(sampled.duration)
+
+
+STEPS = [(0.0, 0.06, 0.0), (-0.05, 0.06, 0.02), (-0.05, 0.0, 0.02)]
+RADII = [0.02, 0.01, 0.0]
+
+
+def path(**more):
+    """Return lines with blends between them, and the same as way points of the API."""
+    lines = [
+        to_pose(step, blend_radius=radius, **more)
+        for step, radius in zip(STEPS, RADII, strict=True)
+    ]
+    points = [PathPoint(Target(each.target), None, each.blend_radius) for each in lines]
+    return lines, points
+
+
+@pytest.mark.usefixtures('opw')
+def test_blended_lines_are_the_path_that_way_points_with_these_blends_are():
+    lines, points = path(velocity=0.2)
+    planned = plan_sequence(ARM, READY, lines)
+    runs = path_runs(points, ARM.forward(READY))
+    expected = runs_trajectory(ARM, READY, runs, ToolLimits(speed=0.2))
+    assert np.array_equal(planned.trajectory.times, expected.times)
+    assert np.array_equal(planned.trajectory.positions, expected.positions)
+    assert np.array_equal(planned.trajectory.velocities, expected.velocities)
+    resting = plan_sequence(ARM, READY, [replace(each, blend_radius=0.0) for each in lines])
+    assert planned.trajectory.duration < 0.8 * resting.trajectory.duration
+
+
+@pytest.mark.usefixtures('opw')
+def test_each_blended_line_has_its_own_velocity_and_ends_at_its_corner():
+    lines, _ = path()
+    speeds = [0.05, 0.1, 0.08]
+    lines = [replace(each, velocity=speed) for each, speed in zip(lines, speeds, strict=True)]
+    planned = plan_sequence(ARM, READY, lines)
+    motion = smoothed(planned.trajectory, LIMITS)
+    places = np.array([ARM.forward(row)[:3, 3] for row in motion.positions])
+    seen = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(motion.times)
+    for index, (begin, end) in enumerate(pairwise([0.0, *planned.ends])):
+        during = (motion.times[1:] > begin + 0.02) & (motion.times[1:] < end - 0.02)
+        assert seen[during].max() == pytest.approx(speeds[index], rel=0.05)
+        share = (begin + end) / 2.0 / planned.trajectory.duration
+        assert planned.index(share) == index
+    for end, line, radius in zip(planned.ends[:-1], lines, RADII, strict=False):
+        place = places[np.searchsorted(motion.times, end)]
+        corner = line.target[:3, 3]
+        nearest = np.linalg.norm(places - corner, axis=1).min()
+        assert np.linalg.norm(place - corner) < nearest + 0.1 * radius
+
+
+CORNER = READY + np.array([0.5, 0.2, -0.2, 0.1, 0.2, 0.5])
+BEHIND = CORNER + np.array([-0.1, 0.3, 0.2, 0.4, 0.0, -0.8])
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize(
+    'radius', [0.02, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.002, 0.1))]
+)
+@pytest.mark.parametrize('arguments', [{}, {'velocity': 0.5, 'acceleration': 2.0}])
+def test_blended_joint_moves_cut_the_corner_within_the_radius_and_keep_every_limit(
+    radius, arguments
+):
+    moves = [to_joints(CORNER, blend_radius=radius, **arguments), to_joints(BEHIND, **arguments)]
+    planned = plan_sequence(ARM, READY, moves)
+    trajectory = planned.trajectory
+    assert list(problems(trajectory, LIMITS)) == []
+    assert np.allclose(trajectory.positions[0], READY)
+    assert np.allclose(trajectory.positions[-1], BEHIND)
+    assert planned.ends[-1] == pytest.approx(trajectory.duration)
+    motion = smoothed(trajectory, LIMITS)
+    slack = 1.0 + 1e-6
+    assert np.all(np.abs(motion.velocities) <= LIMITS.velocity * slack)
+    assert np.all(np.abs(motion.accelerations) <= LIMITS.acceleration * slack)
+    if arguments:
+        assert np.abs(motion.velocities).max() <= 0.5 * 1.01
+    corner = ARM.forward(CORNER)[:3, 3]
+    away = [np.linalg.norm(ARM.forward(each)[:3, 3] - corner) for each in motion.positions]
+    assert 0.0 < min(away) < radius
+    for index, (at, place) in enumerate(zip(motion.positions, away, strict=True)):
+        if place > radius * 1.05:  # straight in joint space there
+            begin, end = (
+                (READY, CORNER)
+                if motion.times[index] < planned.ends[0]
+                else (
+                    CORNER,
+                    BEHIND,
+                )
+            )
+            share = (at - begin) @ (end - begin) / ((end - begin) @ (end - begin))
+            assert np.abs(at - begin - share * (end - begin)).max() < 0.1 * radius
+    resting = plan_sequence(ARM, READY, [replace(moves[0], blend_radius=0.0), moves[1]])
+    if radius > 0.01:  # as tight as that a blend at full speed takes as long as a rest
+        assert trajectory.duration < resting.trajectory.duration
+    assert planned.index(0.0) == 0
+    assert planned.index(1.0) == 1
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('count', [2, pytest.param(100, marks=pytest.mark.slow)])
+def test_random_joint_blends_are_refused_with_the_reason_or_keep_every_limit(count):
+    random = np.random.default_rng(18)
+    driven, reasons = 0, []
+    for _ in range(count):
+        corners = READY + random.uniform(-0.6, 0.6, (4, 6))
+        radii = random.uniform(0.001, 0.15, 2)
+        start, *targets = np.clip(corners, LIMITS.position_min, LIMITS.position_max)
+        moves = [
+            to_joints(target, blend_radius=radius)
+            for target, radius in zip(targets, [*radii, 0.0], strict=True)
+        ]
+        try:
+            planned = plan_sequence(ARM, start, moves)
+        except SequenceError as error:
+            reasons.append(str(error))
+            continue
+        driven += 1
+        assert list(problems(planned.trajectory, LIMITS)) == []
+        assert np.all(np.diff(planned.ends) > 0.0)
+        motion = smoothed(planned.trajectory, LIMITS)
+        assert np.all(np.abs(motion.velocities) <= LIMITS.velocity * (1.0 + 1e-6))
+        assert np.all(np.abs(motion.accelerations) <= LIMITS.acceleration * (1.0 + 1e-6))
+        for target, radius in zip(targets[:-1], radii, strict=True):
+            corner = ARM.forward(target)[:3, 3]
+            places = (ARM.forward(each)[:3, 3] for each in motion.positions)
+            assert min(np.linalg.norm(place - corner) for place in places) < radius
+    assert count < 10 or driven >= count / 2
+    assert all('longer than the way' in each or 'overlap' in each for each in reasons)
+
+
+def test_nothing_follows_the_last_motion():
+    with pytest.raises(SequenceError, match=r'^motions\[1\], .*blend_radius = 0.1 m: must be 0'):
+        plan_sequence(ARM, READY, [to_joints(), to_joints(READY, blend_radius=0.1)])
+
+
+def test_two_blends_may_not_overlap():
+    moves = [
+        to_joints(CORNER, blend_radius=0.05),
+        to_joints(CORNER + 0.1 * np.eye(6)[0], blend_radius=0.03),
+        to_joints(BEHIND),
+    ]
+    with pytest.raises(SequenceError, match=r'^motions\[1\], LINEAR_JOINT: .*(overlap|longer)'):
+        plan_sequence(ARM, READY, moves)

@@ -27,10 +27,12 @@ def ports_of(ports):
 
 
 @contextlib.asynccontextmanager
-async def robot_cell(*, enabled=True, profile='rc620', model='c3_a601s', settings=None):
+async def robot_cell(
+    *, enabled=True, profile='rc620', model='c3_a601s', settings=None, smooth=False
+):
     """Run a simulated controller in this process; yield a connected robot, and the controller."""
     async with (
-        simulated(profile=profile, model=model) as (controller, ports),
+        simulated(profile=profile, model=model, smooth=smooth) as (controller, ports),
         aio.Robot(controller=profile, model=model, settings=settings, **ports_of(ports)) as robot,
     ):
         if enabled:

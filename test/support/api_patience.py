@@ -7,7 +7,8 @@ from importlib import import_module
 LONG = 45.0
 
 TIMEOUTS = {
-    'epson_driver.aio': ('FRESH_POSE_TIMEOUT_S', 'READY_TIMEOUT_S'),
+    'epson_driver.aio': ('READY_TIMEOUT_S',),
+    'epson_driver.api.connection': ('FRESH_POSE_TIMEOUT_S',),
     'epson_driver.driver.arm_commands': ('ANSWER_TIMEOUT_S',),
     'epson_driver.driver.driver': ('STATUS_TIMEOUT_S',),
     'epson_driver.driver.goal.goal_execution': ('SETTLE_TIME_S',),

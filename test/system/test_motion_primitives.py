@@ -164,14 +164,76 @@ def test_a_joint_move_a_line_and_an_arc_are_executed_with_feedback(cell: Cell) -
     assert max(distance_from(place, line) for place in places[begin : end + 1]) < ACCURACY_M
 
 
+def with_blend(motion: MotionPrimitive, radius: float) -> MotionPrimitive:
+    motion.blend_radius = radius
+    return motion
+
+
+@pytest.mark.slow
+def test_blended_motions_cut_the_corner_without_a_rest_and_feedback_follows(cell: Cell) -> None:
+    to_ready(cell)
+    peer = cell.peer
+    first = len(peer.joint_states)
+    side = (0.0, 0.08, 0.0)
+    sequence = Sequence(
+        peer,
+        [
+            with_blend(tool_move(side, velocity=0.1), 0.02),
+            with_blend(tool_move((-0.05, 0.08, 0.0), velocity=0.1), 0.01),
+            tool_move((-0.05, 0.0, 0.02), velocity=0.1),
+            with_blend(joint_move([0.3, 0.2, 0.1, 0.0, -1.7, 0.0]), 0.03),
+            joint_move(READY),
+        ],
+    )
+    ended, code, text = sequence.result()
+    assert (ended, code) == ('succeeded', 0), text
+    assert np.abs(peer.assert_still() - READY).max() < 1e-3
+    assert sequence.indices == sorted(sequence.indices)
+    assert set(sequence.indices) == {0, 1, 2, 3, 4}
+    states = [np.array(state.position) for state in peer.joint_states[first:]]
+    places = np.array([ARM.forward(joints)[:3, 3] for joints in states])
+    home = ARM.forward(np.array(READY))[:3, 3]
+    for corner, radius in ((side, 0.02), ((-0.05, 0.08, 0.0), 0.01)):
+        nearest = np.linalg.norm(places - home - corner, axis=1).min()
+        assert 0.1 * radius < nearest < radius
+
+
+LONG = [tool_move((0.0, 0.08 * (1 - n % 2), 0.0), velocity=0.1) for n in range(256)]
+"""A sequence that takes a while to plan."""
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(4, 5)
+@pytest.mark.parametrize('how', ['cancel', 'stop', 'disable'])
+def test_a_sequence_that_is_ended_while_it_is_planned_is_answered_and_never_moves(
+    cell: Cell, how: str
+) -> None:
+    to_ready(cell)
+    sequence = Sequence(cell.peer, LONG)
+    if how == 'cancel':
+        sequence.cancel()
+        assert sequence.result() == ('canceled', 0, 'canceled before it could start')
+    else:
+        assert cell.peer.call(how)[0]
+        ended, code, text = sequence.result()
+        assert (ended, code) == ('aborted', INVALID_GOAL)
+        assert {'stop': 'stopped by ~/stop', 'disable': 'disabled by ~/disable'}[how] in text
+        if how == 'disable':
+            cell.peer.enable()
+    assert np.abs(cell.peer.assert_still() - READY).max() < 1e-3
+    assert sequence.indices == []
+    to_ready(cell)
+
+
 @pytest.mark.slow
 def test_what_cannot_be_is_refused_as_a_whole_and_nothing_moves(cell: Cell) -> None:
     to_ready(cell)
-    blended = joint_move(FAR)
+    blended = tool_move((0.0, 0.05, 0.0))
     blended.blend_radius = 0.01
     for bad, words in (
         ([joint_move(FAR), tool_move((2.0, 0.0, 0.0))], 'motions[1], LINEAR_CARTESIAN: '),
-        ([blended], 'blend_radius = 0.01 m: must be 0'),
+        ([blended], 'blend_radius = 0.01 m: must be 0, as nothing follows'),
+        ([blended, joint_move(FAR)], 'motions[0], LINEAR_CARTESIAN: blend_radius = 0.01 m'),
         ([joint_move([45.0, -30.0, 20.0, 0.0, 10.0, 0.0])], 'look like degrees'),
         ([], 'trajectory has 0 motions'),
     ):

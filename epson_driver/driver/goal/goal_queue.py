@@ -8,7 +8,6 @@ runs in the driver's loop.
 """
 
 import asyncio
-import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from dataclasses import dataclass, replace
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_checks import check_goal, check_start
 from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_plan import GoalPlans
 from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
 from epson_driver.driver.goal.pace import Pace, Timing
@@ -25,6 +25,7 @@ from epson_driver.driver.smoothing.smoothing_process import SmoothingError, Smoo
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
+from epson_driver.driver.tasks.fresh_moment import MAX_READING_TURNS, fresh_moment
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.motion import JointLimits, Trajectory
@@ -34,10 +35,6 @@ REPLACED = 'replaced by a newer goal before it could start'
 FRESH_POSE_TIMEOUT_S = 0.2
 """How long a goal waits for joints if those that are there are too old, s: when the machine was
 busy, they are about to come, or wait in the socket."""
-
-READING_TURNS = 100
-"""Turns of the event loop that are then given to reading: 5000 state messages, which take 25 s to
-come. If there is nothing to read, they take about a millisecond."""
 
 _log = logging.getLogger(__name__)
 
@@ -98,6 +95,8 @@ class GoalQueue:
         self._next: GoalHandle | None = None
         self._unread: GoalHandle | None = None
         self._preparations: set[asyncio.Task[None]] = set()
+        self.plans = GoalPlans()
+        """Goals of which there is no trajectory yet. One that is submitted ends them."""
 
     @property
     def settings(self) -> GoalSettings:
@@ -152,13 +151,14 @@ class GoalQueue:
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
+        self.plans.end(REPLACED)
         now = _now()
         if self._gate.reason is None and self._robot.stale(now):
             if self._unread is not None:
                 self._end_unstarted(self._unread, REPLACED)
             self._unread = handle
             asyncio.get_running_loop().call_later(
-                FRESH_POSE_TIMEOUT_S, self._wait_no_longer, handle, READING_TURNS
+                FRESH_POSE_TIMEOUT_S, self._wait_no_longer, handle, MAX_READING_TURNS
             )
         else:
             self._submit(handle, now)
@@ -206,7 +206,8 @@ class GoalQueue:
             handle.execution.cancel(_now())
 
     def end_waiting(self, why: str) -> None:
-        """End the goals that wait to be started."""
+        """End the goals that wait to be started, or for their plan."""
+        self.plans.end(why)
         for handle in (self._unread, self._next):
             if handle is not None:
                 self._end_unstarted(handle, why)
@@ -350,9 +351,9 @@ class GoalQueue:
                 planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
             finally:
                 smoother.make_ready()
-            await self._fresh_pose()
+            now = await fresh_moment(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
             if execution.state is GoalState.PREPARING:
-                sample = self._sample_at_start(planned, _now())
+                sample = self._sample_at_start(planned, now)
         except SmoothingError as error:
             self.unsmoothed += 1
             rejection = GoalRejectedError(ErrorCode.INVALID_GOAL, str(error))
@@ -364,17 +365,6 @@ class GoalQueue:
             execution.fault(str(rejection), rejection.code)
         elif planned is not None:
             self._execute(execution, planned, sample)
-
-    async def _fresh_pose(self) -> None:
-        """Wait for a moment for a newer pose if it is too old, as in `submit`."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(FRESH_POSE_TIMEOUT_S):
-                while self._robot.stale(_now()):
-                    await self._changed.wait()
-        for _ in range(READING_TURNS):
-            if not self._robot.stale(_now()):
-                return
-            await asyncio.sleep(0)
 
     def _execute(
         self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample

@@ -320,6 +320,7 @@ class Servo:
         )
         first = self._message(session, start, session.sent_velocity, 0.0)
         self._session = session
+        self._goals.plans.end('setpoints moved the arm, while the motion was planned')
         self._refused.pop(setpoint.source, None)
         self._note_beyond(setpoint, session, now)
         _log.info('following the stream of %ss on %s', setpoint.mode, setpoint.source)
