@@ -80,18 +80,22 @@ def listening(novelty: Novelty) -> Iterator[None]:
 
 @contextlib.contextmanager
 def no_longer_than(seconds: float) -> Iterator[None]:
-    """Raise HangError if the block takes longer; only in the main thread."""
+    """Raise HangError if the block takes longer; only in the main thread.
+
+    An alarm that was set before goes on afterwards, though not meanwhile.
+    """
 
     def ring(_number: int, _frame: FrameType | None) -> None:
         raise HangError(f'not done after {seconds:g} s')
 
     before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    left, _ = signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_REAL, left)
 
 
 def seeded(seed: int, name: str, number: int) -> random.Random:
