@@ -39,7 +39,7 @@ def figures_of(cell: Any) -> dict[str, Any]:
     try:
         run(one())
     except (AssertionError, TimeoutError, asyncio.CancelledError) as error:
-        known['failure'] = f'{type(error).__name__}: {error}' or type(error).__name__
+        known['failure'] = f'{type(error).__name__}: {error}'
     for name in ('rest', 'recovery'):
         if name in known:
             known[name] = round(known[name], 4)

@@ -89,9 +89,7 @@ def soak(figures: Figures) -> Iterator[str]:
         ('tasks', '', 0),
     ):
         values = figures['flat'][name]
-        shown = (
-            f'{values[when]:.{digits}f} {unit}'.strip() for when in ('warm', 'last', 'most')
-        )
+        shown = (f'{values[when]:.{digits}f} {unit}'.strip() for when in ('warm', 'last', 'most'))
         yield _row(name, *shown)
     yield '\n'
     yield _row('what happened', 'times', 'outcomes of the goals')

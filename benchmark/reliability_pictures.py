@@ -65,7 +65,7 @@ def _heat(
             longest = max((cell[key] for cell in found), default=math.nan)
             row.append(max(longest, QUICK_S))
             if found:
-                dark = longest > 0.5  # noqa: PLR2004 - on the scale's dark half
+                dark = longest > 0.5
                 axes.text(
                     x, y, f'{longest:.2g}' if longest >= 0.01 else '0',
                     ha='center', va='center', fontsize=8, color='white' if dark else 'black',

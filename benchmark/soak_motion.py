@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An hour of motion in which everything happens: does the driver stay as it was?
+"""An hour of motion in which everything happens, and the driver stays as it was.
 
 `make soak-motion` (`python -m benchmark.soak_motion --minutes 60`): the real client, a simulated
 controller, and a user who sends goals, cancels and replaces them, streams setpoints, calls
@@ -99,36 +99,43 @@ class Episodes:
         return self._user.goal(self._chance.uniform(0.2, 1.0), self._chance.uniform(-0.4, 0.4))
 
     def finished(self) -> list[Any]:
+        """Let a goal run to its end."""
         return [(self._goal(), ('succeeded',))]
 
     def canceled(self) -> list[Any]:
+        """Cancel a goal."""
         goal = self._goal()
         self._pause()
         self._user.cancel(goal)
         return [(goal, ('canceled', 'succeeded'))]
 
     def replaced(self) -> list[Any]:
+        """Replace a goal by another one."""
         first = self._goal()
         self._pause()
         return [(first, ('aborted', 'succeeded')), (self._goal(), ('succeeded',))]
 
     def streamed(self) -> list[Any]:
+        """Stream setpoints."""
         self._user.stream(self._chance.uniform(0.3, 1.5), self._chance.uniform(-0.3, 0.3))
         return []
 
     def stopped(self) -> list[Any]:
+        """Call ~/stop."""
         goal = self._goal()
         self._pause()
         self._user.call('stop')
         return [(goal, ('aborted', 'succeeded'))]
 
     def disabled(self) -> list[Any]:
+        """Call ~/disable."""
         goal = self._goal()
         self._pause()
         self._user.call('disable')
         return [(goal, ('aborted', 'succeeded'))]
 
     def estop(self) -> list[Any]:
+        """Press the E-stop, and release it when the arm stands."""
         goal = self._goal()
         self._pause()
         self._user.pendant('Sim,estop,press')
@@ -138,6 +145,7 @@ class Episodes:
         return [(goal, ('aborted', 'succeeded'))]
 
     def cut(self) -> list[Any]:
+        """Cut the cable for a moment."""
         goal = self._goal()
         self._pause()
         ports = self._chance.choice(('motion', 'state', 'motion+state', 'motion+state+io'))
@@ -146,12 +154,14 @@ class Episodes:
         return [(goal, ('aborted', 'succeeded'))]
 
     def parameters(self) -> list[Any]:
+        """Change parameters while a goal runs."""
         goal = self._goal()
         self._user.set_parameter('servo.scale', self._chance.uniform(0.1, 0.5))
         self._user.set_parameter('constraints.joint_1.goal', self._chance.uniform(0.01, 0.02))
         return [(goal, ('succeeded',))]
 
     def slowed(self) -> list[Any]:
+        """Slow a goal down."""
         goal = self._goal()
         self._user.speed(self._chance.uniform(0.3, 0.9))
         self._user.result(goal)
@@ -159,6 +169,7 @@ class Episodes:
         return [(goal, ('succeeded',))]
 
     def inputs(self) -> list[Any]:
+        """Read I/O."""
         for _ in range(10):
             self._user.read()
         return []
@@ -186,7 +197,9 @@ def resident(process: Process) -> int:
     return int(text.split()[1]) * PAGE_BYTES
 
 
-def measured(seconds: float, goals: int, client: Process, controller: Process, tasks: Path) -> Sample:
+def measured(
+    seconds: float, goals: int, client: Process, controller: Process, tasks: Path
+) -> Sample:
     """Return what the processes take now."""
     folder = Path(f'/proc/{client.process_id}')
     status = (folder / 'status').read_text(encoding='ascii')

@@ -67,7 +67,9 @@ class SoakUser:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         node, driver = self._node, 'epson_driver'
-        self._action = ActionClient(node, FollowJointTrajectory, f'{driver}/follow_joint_trajectory')
+        self._action = ActionClient(
+            node, FollowJointTrajectory, f'{driver}/follow_joint_trajectory'
+        )
         self._triggers = {
             name: node.create_client(Trigger, f'{driver}/{name}')
             for name in ('stop', 'enable', 'disable', 'reset_error')
@@ -83,7 +85,10 @@ class SoakUser:
         self._twice: list[str] = []
         node.create_subscription(JointState, 'joint_states', self._on_joints, 10)
         node.create_subscription(
-            GoalStatusArray, f'{driver}/follow_joint_trajectory/_action/status', self._on_status, 10
+            GoalStatusArray,
+            f'{driver}/follow_joint_trajectory/_action/status',
+            self._on_status,
+            10,
         )
         self._thread = threading.Thread(target=self._executor.spin, daemon=True)
         self._thread.start()

@@ -19,9 +19,9 @@ from benchmark.fuzz.runner import (
     MAX_GROWTH_BYTES,
     Figures,
     Fuzzer,
+    Novelty,
     as_data,
     listening,
-    Novelty,
     resident,
     why_it_fails,
 )
@@ -46,9 +46,13 @@ def main() -> int:
     parser.add_argument('--only', default='', metavar='TEXT', help='targets whose names have it')
     parser.add_argument('--no-sockets', action='store_true', help='nothing through real sockets')
     parser.add_argument('--no-results', action='store_true', help='write no figures')
-    parser.add_argument('--case', type=Path, metavar='FILE', help='repeat a case, and nothing else')
+    parser.add_argument(
+        '--case', type=Path, metavar='FILE', help='repeat a case, and nothing else'
+    )
     arguments = parser.parse_args()
-    shares = {target: share for target, share in in_process().items() if arguments.only in target.name}
+    shares = {
+        target: share for target, share in in_process().items() if arguments.only in target.name
+    }
     if arguments.case is not None:
         case = Case.read(arguments.case)
         target = next(each for each in shares if each.name == case.target)

@@ -249,12 +249,19 @@ class _World:
             controller.reboot(0.1)
         self._step(1.0)
         self._next('state', b'')
-        ping = messages.frame(1, messages.REQUEST, 0, b'', self._profile.byte_order.value)
-        self._next('motion', ping)
+        self._next('motion', self._question())
         controller.apply(Event.ESTOP_PRESS)
         self._step(BRAKING_S)
         if controller.in_motion:
             raise FoundError(f'the arm still moves {BRAKING_S:g} s after the E-stop')
+
+    def _question(self) -> bytes:
+        """Return what the controller's motion port answers: STOP, or a PING."""
+        order = self._profile.byte_order.value
+        if self._profile.program.kind == 'motoman':
+            return messages.frame(1, messages.REQUEST, 0, b'', order)
+        stop = struct.pack(order + 'i12f', messages.STOP, *[0.0] * 12)
+        return messages.frame(messages.POINT, messages.REQUEST, 0, stop, order)
 
     def _next(self, port: str, ask: bytes) -> None:
         """See that the next client of a port hears something."""

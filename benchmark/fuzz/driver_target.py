@@ -109,10 +109,13 @@ class DriverTarget:
 
 
 def _cancel_all(loop: asyncio.AbstractEventLoop) -> None:
-    tasks = asyncio.all_tasks(loop)
-    for task in tasks:
-        task.cancel()
-    loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
+    async def cancel() -> None:
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    loop.run_until_complete(cancel())
 
 
 CONTROLLER = (
@@ -194,9 +197,7 @@ class _World:
         profile = self._target.profile
         defaults = profile_defaults(profile)
         options = {
-            'delivery': delivery_rules(
-                profile, defaults['interface'], defaults['point_message']
-            ),
+            'delivery': delivery_rules(profile, defaults['interface'], defaults['point_message']),
             'usual_byte_order': profile.byte_order,
             'io_port': PORTS.io,
             'io': profile.io,
@@ -303,9 +304,7 @@ class _World:
             if isinstance(message, MotionCtrl | JointTrajPtFull):
                 command = getattr(message, 'command', messages.POINT_FULL)
                 result = 0 if self._answers == 1 else 3
-                body = struct.pack(
-                    order + '5i10f', 0, sequence, command, result, 0, *[0.0] * 10
-                )
+                body = struct.pack(order + '5i10f', 0, sequence, command, result, 0, *[0.0] * 10)
                 answer = messages.frame(2002, messages.REPLY, self._answers, body, order)
             else:
                 body = struct.pack(order + 'i10f', sequence, *[0.0] * 10)
@@ -352,7 +351,9 @@ class _World:
         """See that the driver works with a controller that is good again."""
         self._takes = self._shows = True
         self._answers = 1
-        self._joints = [min(max(each, -1.0), 1.0) if each == each else 0.0 for each in self._joints]
+        self._joints = [
+            min(max(each, -1.0), 1.0) if each == each else 0.0 for each in self._joints
+        ]
         for end in tuple(self._ends.values()):
             end.hang_up()
         driver, ends = harness.driver, self._loop.now + RECOVERY_S

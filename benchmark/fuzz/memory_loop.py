@@ -51,31 +51,39 @@ class MemoryTransport(asyncio.Transport):
     # what asyncio calls
 
     def write(self, data: Any) -> None:
+        """Hand bytes to the other end."""
         if not self._closing:
             self.on_bytes(bytes(data))
 
     def close(self) -> None:
+        """End the connection."""
         self._end(None)
 
     def abort(self) -> None:
+        """End the connection."""
         self._end(None)
 
     def is_closing(self) -> bool:
+        """Return whether it has ended."""
         return self._closing
 
     def get_write_buffer_size(self) -> int:
+        """Return 0: the other end has everything at once."""
         return 0
 
     def pause_reading(self) -> None:
+        """Keep what arrives."""
         self._paused = True
 
     def resume_reading(self) -> None:
+        """Hand on what was kept."""
         self._paused = False
         waiting, self._waiting = self._waiting, []
         for data in waiting:
             self.feed(data)
 
     def is_reading(self) -> bool:
+        """Return whether what arrives is handed on."""
         return not self._paused
 
     def _end(self, error: Exception | None) -> None:
@@ -109,6 +117,7 @@ class MemoryLoop(asyncio.SelectorEventLoop):
         super().__init__(selector)
 
     def time(self) -> float:
+        """Return the virtual time, s."""
         return self.now
 
     async def create_connection(self, protocol_factory: Any, *address: Any, **_: Any) -> Any:

@@ -45,8 +45,8 @@ BODIES: dict[int, tuple[str, ...]] = {
 
 INTS = (
     *range(-5, 15),
-    16, 32, 63, 64, 100, 199, 200, 201, 255, 256, 1000, 1001, 32767, 65535, 65536, 200_101, 200_111,
-    200_112, 200_113, 200_114, 200_115, 200_120, 200_121, 200_130, 2**31 - 1, -(2**31), -65536,
+    16, 32, 63, 64, 100, 199, 200, 201, 255, 256, 1000, 1001, 32767, 65535, 65536, 200_101,
+    200_111, 200_112, 200_113, 200_114, 200_115, 200_120, 200_121, 200_130, 2**31 - 1, -(2**31), -65536,
 )  # fmt: skip
 REALS = (
     0.0, -0.0, 0.01, 0.05, 0.1, -0.1, 0.3, 0.5, 1.0, -1.0, 1.5, 3.1, -3.1, 100.0, 1e6, -1e6, 1e30,
@@ -74,9 +74,7 @@ def body_of(chance: Chance, form: str, order: str, real: str, *, calm: bool) -> 
             continue
         count, number = int(number or '1'), ''
         if sign == 'i':
-            ints = [
-                chance.randrange(-4, 4) if calm else chance.choice(INTS) for _ in range(count)
-            ]
+            ints = [chance.randrange(-4, 4) if calm else chance.choice(INTS) for _ in range(count)]
             parts.append(struct.pack(f'{order}{count}i', *ints))
         else:
             reals = [
@@ -94,7 +92,7 @@ def message(chance: Chance, kinds: tuple[int, ...] = (), order: str = '<') -> by
     real = 'd' if chance.random() < 0.05 else 'f'
     form = chance.choice(BODIES[kind])
     body = body_of(chance, form, order, real, calm=chance.random() < 0.6)
-    if kind == 13 and chance.random() < 0.7:  # noqa: PLR2004 - a STATUS: everything in order
+    if kind == 13 and chance.random() < 0.7:
         body = struct.pack(order + '7i', 1, 0, 0, 0, chance.randrange(2), 2, 1)
     return frame(kind, comm, code, body, order)
 
@@ -207,11 +205,11 @@ MUTATIONS: tuple[Callable[[Chance, bytes], bytes], ...] = (
 # --- Remote Ethernet ----------------------------------------------------------------------------
 
 WORDS = (
-    '', '0', '1', '-1', '16', '99999999999999999999', '0x10', 'F', 'on', 'off', '1.5', 'nan', 'inf',
-    '"Print Tmr(0)"', '"Motor On"', '"Power High"', '"Speed 50"', '"Accel 50, 50"', '"On 1"', '"',
-    '"Go P1"', '"' + 'x' * 300 + '"', 'press', 'open', 'close', 'auto', 'manual', 'high', 'low', 'DI',
-    'DO', 'AI', 'flag', 'list', 'clear', 'cut', 'delay', 'for=1', 'port=state', 'seconds=1e9', ' ', 'é',
-    '\x00', '$', '#', '!', 'why',
+    '', '0', '1', '-1', '16', '99999999999999999999', '0x10', 'F', 'on', 'off', '1.5', 'nan',
+    'inf', '"Print Tmr(0)"', '"Motor On"', '"Power High"', '"Speed 50"', '"Accel 50, 50"', '"On 1"',
+    '"', '"Go P1"', '"' + 'x' * 300 + '"', 'press', 'open', 'close', 'auto', 'manual', 'high',
+    'low', 'DI', 'DO', 'AI', 'flag', 'list', 'clear', 'cut', 'delay', 'for=1', 'port=state', 'seconds=1e9',
+    ' ', 'é', '\x00', '$', '#', '!', 'why',
 )  # fmt: skip
 """Parameters of commands, right and wrong."""
 

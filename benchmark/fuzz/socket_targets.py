@@ -37,7 +37,16 @@ LINES_AT_ONCE, LINES_PER_S = 2_000, 60.0
 """A place in the code logs 20 lines, then one a second; there are some dozens of places."""
 
 PER_CONNECTION = 60
-SAFE_COMMANDS = ('Login', 'Logout', 'GetStatus', 'GetIO', 'SetIO', 'GetMotor', 'Sim,io', 'Nonsense')
+SAFE_COMMANDS = (
+    'Login',
+    'Logout',
+    'GetStatus',
+    'GetIO',
+    'SetIO',
+    'GetMotor',
+    'Sim,io',
+    'Nonsense',
+)
 """Those that switch no motors on."""
 
 
@@ -88,7 +97,7 @@ def _joints(port: int) -> bytes:
             while data := sock.recv(4096):
                 framer.receive_data(data)
                 while (frame := framer.next_frame()) is not None:
-                    if frame.msg_type == 10:  # noqa: PLR2004 - JOINT_POSITION
+                    if frame.msg_type == 10:
                         return frame.body
         if time.monotonic() > until:
             raise TimeoutError(f'no joint position on port {port}')
@@ -119,10 +128,11 @@ async def _fuzz_client(inputs: int, chance: Chance, figures: Figures, folder: Pa
     with processes.ended_at_exit(process):
         async with asyncio.timeout(PATIENCE_S):
             await peer.came.wait()
-        while figures.inputs < max(inputs // 10, 200):
+        warm = max(inputs // 10, 200)
+        while figures.inputs < warm:  # noqa: ASYNC110 - there is nothing to wait for but a count
             await asyncio.sleep(0.05)
         before, figures.inputs, began = _resident(process), 0, time.monotonic()
-        while figures.inputs < inputs and process.returncode is None:
+        while figures.inputs < inputs and process.returncode is None:  # noqa: ASYNC110
             await asyncio.sleep(0.05)
         figures.seconds = time.monotonic() - began
         _check(process, before, figures)
@@ -171,9 +181,10 @@ class _FuzzingController:
         writer.close()
 
     def _look(self, message: object) -> None:
-        if isinstance(message, JointTrajPt | JointTrajPtFull):
-            if message.sequence != SpecialSequence.STOP_TRAJECTORY:
-                self._figures.found.append(f'nobody commanded it, and the client sent {message}')
+        if not isinstance(message, JointTrajPt | JointTrajPtFull):
+            return
+        if message.sequence != SpecialSequence.STOP_TRAJECTORY:
+            self._figures.found.append(f'nobody commanded it, and the client sent {message}')
 
     async def remote(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer lines, more or less."""
@@ -214,8 +225,8 @@ REQUEST = (
 )
 TEXTS = (
     b'POST', b'../../etc/passwd', b'HTTP/9.9', b'Host: evil.example', b'Content-Length: -1',
-    b'Content-Length: 99999999', b'Transfer-Encoding: chunked', b'\r\n\r\n', b'\x00' * 64, b'A' * 70_000,
-    b'Cookie: token=' + b'x' * 5000, b'Origin: null',
+    b'Content-Length: 99999999', b'Transfer-Encoding: chunked', b'\r\n\r\n', b'\x00' * 64,
+    b'A' * 70_000, b'Cookie: token=' + b'x' * 5000, b'Origin: null',
 )  # fmt: skip
 
 
@@ -242,7 +253,7 @@ def panel(inputs: int, seed: int) -> Figures:
                     sock.sendall(head + chance.randbytes(chance.choice((4, 200, 5000))))
         connection = http.client.HTTPConnection(HERE, server.port, timeout=PATIENCE_S)
         connection.request('GET', '/')
-        if (status := connection.getresponse().status) != 200:  # noqa: PLR2004
+        if (status := connection.getresponse().status) != 200:
             figures.found.append(f'the page answers {status} afterwards')
         connection.close()
         if not server.alive:

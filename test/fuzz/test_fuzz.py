@@ -53,7 +53,7 @@ def test_real_processes_stand_it(name: str) -> None:
     assert not figures.found, figures.found[0]
 
 
-# --- the fuzzer itself ----------------------------------------------------------------------------
+# --- the fuzzer itself ------------------------------------------------------------------------
 
 
 class Faulty:
@@ -87,9 +87,7 @@ def test_what_it_finds_is_made_small_and_kept_so_that_it_can_be_repeated(tmp_pat
 
 def test_the_same_seed_gives_the_same_inputs() -> None:
     target = TARGETS['framer and decoder']
-    one, again, other = (
-        target.case(runner.seeded(seed, 'x', 3), [b'abcd']) for seed in (1, 1, 2)
-    )
+    one, again, other = (target.case(runner.seeded(seed, 'x', 3), [b'abcd']) for seed in (1, 1, 2))
     assert one == again
     assert one != other
 

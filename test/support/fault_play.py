@@ -31,7 +31,7 @@ from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
-from epson_driver.sim_controller.condition.states import RejectedError
+from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.faults import parse
 from epson_driver.simple_message import (
     Framer,
@@ -284,8 +284,7 @@ async def _play(cell: Cell, harness: Any, controller: Any, sent: list[Any]) -> P
         outcome = None if goal is None else await goal.end()
         await until(lambda: harness.gate is not None)
         points = len(sent)
-        assert re.search(row.gate, harness.gate), harness.gate
-        reason = harness.gate
+        reason = await _reason(harness, row.gate)
         if harness.driver.robot.sample is not None:
             refused = harness.submit(harness.at).outcome
             assert refused.code is ErrorCode.INVALID_GOAL
@@ -323,11 +322,19 @@ async def _play(cell: Cell, harness: Any, controller: Any, sent: list[Any]) -> P
     assert (await again.end()).end is End.SUCCEEDED, again.outcome
     if goal is not None and outcome is not None:
         assert len(goal.outcomes) == 1
-        return Played(
-            outcome.end.value, int(outcome.code), outcome.text, reason, rest, recovery
-        )
+        return Played(outcome.end.value, int(outcome.code), outcome.text, reason, rest, recovery)
     ended = 'stream ended' if cell.interface == 'setpoints' else 'no goal'
     return Played(ended, None, '', reason, rest, recovery)
+
+
+async def _reason(harness: Any, pattern: str) -> str:
+    """Return why the gate is closed: what the controller says of it later is added."""
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(LONG_CAUSE_TIME):
+            await until(lambda: re.search(pattern, harness.gate))
+    assert re.search(pattern, harness.gate), harness.gate
+    reason: str = harness.gate
+    return reason
 
 
 async def _reach(
@@ -355,9 +362,7 @@ async def _reach(
         end = row.points[-1]
         await until(lambda: goal.outcomes or np.abs(where(controller) - end).max() < NEARLY)
     else:
-        await until(
-            lambda: goal.outcomes or np.abs(where(controller) - begin).max() > ON_ITS_WAY
-        )
+        await until(lambda: goal.outcomes or np.abs(where(controller) - begin).max() > ON_ITS_WAY)
     return goal
 
 

@@ -263,7 +263,7 @@ class Stopper:
             self._acknowledged = False
             self._rejection = None
             self._standstill = Standstill(now)
-            # not before the answer is overdue: a network that was held up may bring the state first
+            # not before an answer is overdue: a network that was held up may bring the state first
             self._standstill.expect(now, max(UNCONFIRMED_REST_TIME_S, ANSWER_TIMEOUT_S))
             self._look_no_more()
             self._looks = 0
