@@ -5,7 +5,8 @@
 `python -m benchmark.faults` runs all cells of test/support/fault_cells.py: real driver, simulated
 controller and TCP in virtual time, so its times do not depend on the machine. It writes
 results/faults.json, the picture and the table of docs/reliability.md. Exit code 1 if anything did
-not hold anywhere. `--only PATTERN` runs the cells whose names match, and writes nothing.
+not hold anywhere. `--only PATTERN` runs the cells whose names match, and writes nothing unless
+`--results` is there, too.
 """
 
 import argparse
@@ -50,6 +51,7 @@ def main() -> int:
     """Run the cells; return 1 if one failed."""
     parser = argparse.ArgumentParser(prog='benchmark.faults', description=__doc__)
     parser.add_argument('--only', metavar='PATTERN', default='', help='cells whose names match')
+    parser.add_argument('--results', action='store_true', help='write the figures of those, too')
     parser.add_argument('--render', action='store_true', help='draw the stored figures again')
     arguments = parser.parse_args()
     logging.disable(logging.CRITICAL)
@@ -67,7 +69,7 @@ def main() -> int:
             print(f'\r{number}/{len(chosen)} {cell.name:40}', end='', flush=True)
     failed = sum(bool(figures['failure']) for figures in found)
     print(f'\n{len(found)} cells, {failed} failed')
-    if not arguments.only:
+    if arguments.results or not arguments.only:
         run_data = provenance(command_of('benchmark.faults'))
         write_figures(FAULTS, {'run': run_data, 'cells': found})
         render()

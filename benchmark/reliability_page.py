@@ -7,6 +7,7 @@ page is made of one file; a file that is not there leaves its part empty.
 """
 
 import json
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from statistics import median
@@ -21,6 +22,8 @@ PAGE = ROOT / 'docs' / 'reliability.md'
 FAULTS, SOAK, FUZZ = 'faults.json', 'soak.json', 'fuzz.json'
 
 Figures = dict[str, Any]
+
+NAMES = {'memory': 'memory of the driver', 'controller_memory': 'memory of the controller'}
 
 
 def write_figures(name: str, figures: Figures, folder: Path = RESULTS) -> None:
@@ -50,8 +53,10 @@ def faults(figures: Figures) -> Iterator[str]:
     """Yield the table of the fault matrix: a row for each fault and phase."""
     cells = figures['cells']
     failed = [cell for cell in cells if cell['failure']]
-    yield f'{len(cells)} cells; in {len(failed)} of them something did not hold.\n'
-    yield f'{sentence(figures["run"])}.\n\n'
+    yield _text(
+        f'{len(cells)} cells; in {len(failed)} of them something did not hold. '
+        f'{sentence(figures["run"])}.'
+    )
     yield _row('fault', 'phase', 'cells', 'how the goal ended', 'rest [s]', 'recovery [s]')
     yield _row('---', '---', '---:', '---', '---:', '---:')
     names = list(dict.fromkeys((cell['fault'], cell['phase']) for cell in cells))
@@ -79,18 +84,19 @@ def _first(cells: list[Figures], fault: str) -> int:
 
 def soak(figures: Figures) -> Iterator[str]:
     """Yield the table of the long run: what was done, and what the process took."""
-    yield f'{sentence(figures["run"])}.\n\n'
+    yield _text(f'{sentence(figures["run"])}; seed {figures["seed"]}.')
     yield _row('what', 'after the warm-up', 'at the end', 'most')
     yield _row('---', '---:', '---:', '---:')
     for name, unit, digits in (
         ('memory', 'MB', 2),
+        ('controller_memory', 'MB', 2),
         ('descriptors', '', 0),
         ('threads', '', 0),
         ('tasks', '', 0),
     ):
         values = figures['flat'][name]
         shown = (f'{values[when]:.{digits}f} {unit}'.strip() for when in ('warm', 'last', 'most'))
-        yield _row(name, *shown)
+        yield _row(NAMES.get(name, name), *shown)
     yield '\n'
     yield _row('what happened', 'times', 'outcomes of the goals')
     yield _row('---', '---:', '---')
@@ -99,13 +105,12 @@ def soak(figures: Figures) -> Iterator[str]:
         yield _row(name, str(sum(outcomes.values())), told)
     yield '\n'
     problems = figures['problems']
-    yield f'{figures["minutes"]:.0f} minutes, {figures["goals"]} goals, '
-    yield f'{len(problems)} of them not as they should have ended.\n'
+    yield f'{figures["minutes"]:.0f} minutes, {figures["goals"]} goals; {len(problems)} things did not hold.\n'
 
 
 def fuzz(figures: Figures) -> Iterator[str]:
     """Yield the table of what was fuzzed: inputs, how many a second, and what was found."""
-    yield f'{sentence(figures["run"])}; seed {figures["seed"]}.\n\n'
+    yield _text(f'{sentence(figures["run"])}; seed {figures["seed"]}.')
     yield _row('what', 'inputs', 'inputs/s', 'kept in the corpus', 'found')
     yield _row('---', '---:', '---:', '---:', '---:')
     for name, target in figures['targets'].items():
@@ -125,6 +130,11 @@ def _spread(values: Iterator[float]) -> str:
     """Return median and most, s."""
     found = list(values)
     return f'{median(found):.2f} … {max(found):.2f}' if found else ''
+
+
+def _text(words: str) -> str:
+    """Return a paragraph."""
+    return textwrap.fill(words, 120, break_on_hyphens=False) + '\n\n'
 
 
 def _row(*cells: str) -> str:

@@ -34,6 +34,9 @@ WARM_CASES = 3
 ROUNDS = 50
 """In how many portions each target gets its inputs, so that an interrupted run has seen all."""
 
+TOLD = 10
+"""After so many portions it says how far it is, where nobody sees a line change."""
+
 SOCKET_SHARE = 0.02
 """The part of all inputs that goes through real sockets to real processes, per process."""
 
@@ -105,7 +108,8 @@ def fuzz_in_process(
         done = sum(figures.inputs for figures in found.values())
         rate = done / max(time.monotonic() - began, 1e-9)
         bad = sum(len(figures.found) for figures in found.values())
-        show(f'{done:,} of {inputs:,} inputs, {rate:,.0f}/s, {bad} found', end=turn == ROUNDS)
+        text = f'{done:,} of {inputs:,} inputs, {rate:,.0f}/s, {bad} found'
+        show(text, end=turn == ROUNDS or (turn % TOLD == 0 and not sys.stderr.isatty()))
     gc.collect()
     grown = resident() - before
     print(f'memory: {grown / 1e6:+.1f} MB after the first {WARM_CASES} cases of each target')

@@ -17,8 +17,9 @@ from epson_driver.sim_controller.condition.states import Event
 from support.driver_harness import LIMITS, pose
 
 PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman', 'spel')
-DOWNLOADS = ('rc620', 'rc700a', 'thesis', 'spel')
-"""Controllers that take whole trajectories, too, although they usually get points."""
+DOWNLOADS = ('rc620', 'rc700a', 'spel')
+"""Controllers that take whole trajectories, too, although they usually get points. To the thesis'
+program every negative sequence is a STOP, the one that begins a download included."""
 
 SETPOINTS = ('rc620', 'generic', 'spel')
 """Controllers for which a stream of setpoints is interrupted."""
@@ -145,14 +146,6 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     # The points of a download are topics: STOP's reply can be lost; a refused one has none.
     ('lost_reply', 'download'): STOP_UNANSWERED,
     ('failure_reply', 'download'): {'text': f'{IN_ERROR_4001}|refused point'},
-    # It closes the connection when its tasks are aborted, which may be seen before the STATUS.
-    **{
-        (fault, 'thesis:download'): {
-            'text': f'{FAULTS[fault].text}|the motion link was lost',
-            'gate': f'{FAULTS[fault].gate}|the motion link was lost',
-        }
-        for fault in ('e_stop', 'motors_off', 'door')
-    },
     # Its servers are dead when their client is gone or the tasks were aborted.
     **{
         (fault, 'thesis'): {'boots': True}
@@ -193,7 +186,7 @@ class Cell:
     def row(self) -> Row:
         """What happens in it, and what is expected."""
         row = FAULTS[self.fault]
-        for key in (self.profile, self.interface, f'{self.profile}:{self.interface}'):
+        for key in (self.profile, self.interface):
             row = replace(row, **EXCEPTIONS.get((self.fault, key), {}))
         if self.phase == 'stopping':
             row = replace(row, **(STOP_UNANSWERED if self.fault == 'lost_reply' else {}))
