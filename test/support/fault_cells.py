@@ -98,7 +98,7 @@ FAULTS: dict[str, Row] = {
     'lost_reply': Row(
         fault='lost_reply count=1',
         text=r'no reply to point \d of 9: the arm has not moved for',
-        gate='no reply to point',
+        gate='no reply to (point|setpoint)',
     ),
     'silence': Row(
         fault=f'half_open for={STATE_TIMEOUT + 0.2}',

@@ -21,7 +21,7 @@ driver and the controller, however busy the machine is. In every cell
 import asyncio
 import contextlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -147,6 +147,8 @@ async def cell_of(profile, interface=USUAL):
         if not profile.ports.remote:
             options['remote_port'] = 0
         async with Harness(ports, **options) as harness:
+            servo = harness.driver.servo
+            servo.settings = replace(servo.settings, reply_timeout=REPLY_TIMEOUT)
             sent = watch(controller)
             await harness.ready()
             yield harness, controller, sent
