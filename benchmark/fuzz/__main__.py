@@ -11,6 +11,7 @@ import argparse
 import gc
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from benchmark.fuzz import socket_targets
@@ -25,7 +26,7 @@ from benchmark.fuzz.runner import (
     resident,
     why_it_fails,
 )
-from benchmark.fuzz.targets import in_process
+from benchmark.fuzz.targets import Target, in_process
 from benchmark.provenance import command_of, provenance
 from benchmark.reliability_page import FUZZ, ROOT, write_figures
 
@@ -90,10 +91,10 @@ def main() -> int:
 
 
 def fuzz_in_process(
-    shares: dict[object, float], inputs: int, seed: int, found: dict[str, Figures]
+    shares: dict[Target, float], inputs: int, seed: int, found: dict[str, Figures]
 ) -> None:
     """Give each target its share of the inputs, in turns, and watch this process's memory."""
-    fuzzers = {Fuzzer(target, seed, FOUND): share for target, share in shares.items()}  # type: ignore[arg-type]
+    fuzzers = {Fuzzer(target, seed, FOUND): share for target, share in shares.items()}
     total = sum(shares.values())
     for fuzzer in fuzzers:
         found[fuzzer.target.name] = fuzzer.figures
@@ -104,7 +105,7 @@ def fuzz_in_process(
         for fuzzer, share in fuzzers.items():
             wanted = inputs * share / total * turn / ROUNDS
             if fuzzer.figures.inputs < wanted and not fuzzer.figures.found:
-                fuzzer.run(lambda figures, wanted=wanted: figures.inputs >= wanted)  # type: ignore[misc]
+                fuzzer.run(reached(wanted))
         done = sum(figures.inputs for figures in found.values())
         rate = done / max(time.monotonic() - began, 1e-9)
         bad = sum(len(figures.found) for figures in found.values())
@@ -115,6 +116,11 @@ def fuzz_in_process(
     print(f'memory: {grown / 1e6:+.1f} MB after the first {WARM_CASES} cases of each target')
     if grown > MAX_GROWTH_BYTES:
         next(iter(found.values())).found.append(f'this process grew by {grown / 1e6:.0f} MB')
+
+
+def reached(inputs: float) -> Callable[[Figures], bool]:
+    """Return what says whether a target has had so many inputs."""
+    return lambda figures: figures.inputs >= inputs
 
 
 def show(text: str, *, end: bool) -> None:
