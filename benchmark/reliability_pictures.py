@@ -38,6 +38,7 @@ def faults(folder: Path) -> None:
         axes[1], cells, names, columns, 'recovery', 'Seconds until it was ready again, once mended'
     )
     axes[0].set_yticks(range(len(names)), [name.replace('_', ' ') for name in names], fontsize=11)
+    figure.supxlabel('grey: there is no such case, or it was not run', fontsize=9, x=0.9)
     bar = figure.colorbar(image, ax=axes, shrink=0.8, ticks=(0.02, 0.1, 0.5, 2.0, 5.0))
     bar.ax.set_yticklabels(['0.02 s', '0.1 s', '0.5 s', '2 s', '5 s'])
     figure.savefig(folder / 'faults.png', dpi=90)
