@@ -105,7 +105,12 @@ def soak(figures: Figures) -> Iterator[str]:
         yield _row(name, str(sum(outcomes.values())), told)
     yield '\n'
     problems = figures['problems']
-    yield f'{figures["minutes"]:.0f} minutes, {figures["goals"]} goals; {len(problems)} things did not hold.\n'
+    goals = f'{figures["minutes"]:.0f} minutes, {figures["goals"]} goals'
+    yield f'{goals}; {len(problems)} things did not hold{":" if problems else "."}\n'
+    if problems:
+        yield '\n'
+    for problem in problems:
+        yield textwrap.fill(f'* {problem}', 120, subsequent_indent='  ') + '\n'
 
 
 def fuzz(figures: Figures) -> Iterator[str]:

@@ -262,7 +262,7 @@ def soak(minutes: float, seed: int, folder: Path, warm_up: float = WARM_UP_S) ->
             state_timeout=30.0,
             io_timeout=30.0,
             reply_timeout=30.0,
-            start_tolerance=1.0,  # the goal that replaces another begins where the arm was seen last
+            start_tolerance=1.0,  # a goal that replaces another begins where the arm was last seen
         )
         with processes.ended_at_exit(client):
             user = SoakUser(domain, ports.remote)

@@ -15,11 +15,14 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
-from support.patient import be_patient
+from support.patient import LONG, TIMEOUTS, be_patient
 
 from epson_driver.cli.__main__ import main
 
 PERIOD_S = 1.0
+PATIENCE = {'epson_driver.driver.goal.goal_queue': {'FRESH_POSE_TIMEOUT_S': LONG}}
+"""A controller that is not scheduled sends no joints: goals wait for them, here for long."""
+
 loops: list[Any] = []
 
 
@@ -44,7 +47,7 @@ def count(path: Path) -> None:
 
 
 if __name__ == '__main__':
-    be_patient()
+    be_patient(timeouts=TIMEOUTS | PATIENCE)
     watch_loops()
     threading.Thread(target=count, args=(Path(sys.argv.pop(1)),), daemon=True).start()
     sys.exit(main())

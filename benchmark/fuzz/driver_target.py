@@ -26,6 +26,7 @@ from benchmark.fuzz.messages import Chance
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.io.io_driver import IoUnavailableError
+from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.network.servers import Ports
@@ -155,6 +156,7 @@ class _World:
         self._shows = True
         self._answers: int | None = 1
         self._commanded = False
+        self._gate: ArmGate | None = None
         self._found: list[str] = []
         self._goals: list[Any] = []
         self._actions: set[asyncio.Task[None]] = set()
@@ -167,6 +169,7 @@ class _World:
         log.addHandler(self._lines)
         try:
             async with Harness(PORTS, **self._options()) as harness:
+                self._gate = harness.driver.gate
                 state = asyncio.create_task(self._state())
                 for step in case.steps:
                     await self._take(step, harness)
@@ -295,6 +298,9 @@ class _World:
                 stop = sequence == SpecialSequence.STOP_TRAJECTORY
                 if not stop and not self._commanded:
                     self._found.append(f'nobody commanded it, and the driver sent {message}')
+                if not stop and self._gate is not None and self._gate.reason is not None:
+                    why = self._gate.reason
+                    self._found.append(f'the gate is closed ({why}), and it sent {message}')
                 if not stop and not isinstance(message, JointTraj):
                     given = getattr(message, 'joints', None) or getattr(message, 'positions', ())
                     self._joints = list(given)

@@ -120,7 +120,9 @@ class MemoryLoop(asyncio.SelectorEventLoop):
         """Return the virtual time, s."""
         return self.now
 
-    async def create_connection(self, protocol_factory: Any, *address: Any, **_: Any) -> Any:
+    async def create_connection(  # type: ignore[override]
+        self, protocol_factory: Any, *address: Any, **_: Any
+    ) -> Any:
         """Connect to the port in memory."""
         await asyncio.sleep(0)
         protocol = protocol_factory()

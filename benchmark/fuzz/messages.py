@@ -45,8 +45,9 @@ BODIES: dict[int, tuple[str, ...]] = {
 
 INTS = (
     *range(-5, 15),
-    16, 32, 63, 64, 100, 199, 200, 201, 255, 256, 1000, 1001, 32767, 65535, 65536, 200_101,
-    200_111, 200_112, 200_113, 200_114, 200_115, 200_120, 200_121, 200_130, 2**31 - 1, -(2**31), -65536,
+    16, 32, 63, 64, 100, 199, 200, 201, 255, 256, 1000, 1001, 32767, 65535, 65536,
+    200_101, 200_111, 200_112, 200_113, 200_114, 200_115, 200_120, 200_121, 200_130,
+    2**31 - 1, -(2**31), -65536,
 )  # fmt: skip
 REALS = (
     0.0, -0.0, 0.01, 0.05, 0.1, -0.1, 0.3, 0.5, 1.0, -1.0, 1.5, 3.1, -3.1, 100.0, 1e6, -1e6, 1e30,
@@ -206,10 +207,10 @@ MUTATIONS: tuple[Callable[[Chance, bytes], bytes], ...] = (
 
 WORDS = (
     '', '0', '1', '-1', '16', '99999999999999999999', '0x10', 'F', 'on', 'off', '1.5', 'nan',
-    'inf', '"Print Tmr(0)"', '"Motor On"', '"Power High"', '"Speed 50"', '"Accel 50, 50"', '"On 1"',
-    '"', '"Go P1"', '"' + 'x' * 300 + '"', 'press', 'open', 'close', 'auto', 'manual', 'high',
-    'low', 'DI', 'DO', 'AI', 'flag', 'list', 'clear', 'cut', 'delay', 'for=1', 'port=state', 'seconds=1e9',
-    ' ', 'é', '\x00', '$', '#', '!', 'why',
+    'inf', '"Print Tmr(0)"', '"Motor On"', '"Power High"', '"Speed 50"', '"Accel 50, 50"',
+    '"On 1"', '"', '"Go P1"', '"' + 'x' * 300 + '"', 'press', 'open', 'close', 'auto', 'manual',
+    'high', 'low', 'DI', 'DO', 'AI', 'flag', 'list', 'clear', 'cut', 'delay', 'for=1',
+    'port=state', 'seconds=1e9', ' ', 'é', '\x00', '$', '#', '!', 'why',
 )  # fmt: skip
 """Parameters of commands, right and wrong."""
 

@@ -29,28 +29,16 @@ MESSAGES = ('motion', 'state', 'io')
 
 def in_process() -> dict[Target, float]:
     """Return the targets that need no process of their own, with their shares of the inputs."""
-    off = {
-        ControllerTarget(name, MESSAGES, armed=False): 3.0
-        for name in ('rc620', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
-    }
-    armed = {
-        ControllerTarget(name, MESSAGES, armed=True): 3.0
-        for name in ('rc620', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
-    }
-    return {
-        DecodeTarget(): 20.0,
-        **off,
-        **armed,
-        ControllerTarget('rc620', ('motion', 'state'), armed=True, smooth=True): 1.0,
-        ControllerTarget('spel', MESSAGES, armed=False): 1.0,
-        ControllerTarget('spel', MESSAGES, armed=True): 1.0,
-        ControllerTarget('rc700a', ('remote',), armed=False): 6.0,
-        ControllerTarget('rc700a', ('remote', *MESSAGES), armed=True): 4.0,
-        ControllerTarget('spel', ('remote', *MESSAGES), armed=True): 1.0,
-        RemoteClientTarget(): 4.0,
-        **{
-            DriverTarget(name, used=used): 3.0
-            for name in ('rc620', 'abb', 'motoman')
-            for used in (False, True)
-        },
-    }
+    targets: dict[Target, float] = {DecodeTarget(): 20.0, RemoteClientTarget(): 4.0}
+    for armed in (False, True):
+        for name in ('rc620', 'thesis', 'generic', 'fanuc', 'abb', 'motoman'):
+            targets[ControllerTarget(name, MESSAGES, armed=armed)] = 3.0
+        targets[ControllerTarget('spel', MESSAGES, armed=armed)] = 1.0
+    targets[ControllerTarget('rc620', ('motion', 'state'), armed=True, smooth=True)] = 1.0
+    targets[ControllerTarget('rc700a', ('remote',), armed=False)] = 6.0
+    targets[ControllerTarget('rc700a', ('remote', *MESSAGES), armed=True)] = 4.0
+    targets[ControllerTarget('spel', ('remote', *MESSAGES), armed=True)] = 1.0
+    for name in ('rc620', 'abb', 'motoman'):
+        for used in (False, True):
+            targets[DriverTarget(name, used=used)] = 3.0
+    return targets
