@@ -34,7 +34,7 @@ def watch_loops() -> None:
         made(loop, *arguments)
         loops.append(loop)
 
-    asyncio.SelectorEventLoop.__init__ = init  # type: ignore[method-assign]
+    asyncio.SelectorEventLoop.__init__ = init  # type: ignore[method-assign, assignment]
 
 
 def count(path: Path) -> None:

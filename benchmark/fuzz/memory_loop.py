@@ -134,4 +134,4 @@ class MemoryLoop(asyncio.SelectorEventLoop):
     def _run_once(self) -> None:
         self.now += TURN_S
         self.turns += 1
-        super()._run_once()  # type: ignore[misc]
+        super()._run_once()
