@@ -30,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Otherwise Fast DDS would multicast on every network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo browser docs test test-all test-rest soak-tests coverage lint bench bench-motion soak generate pictures clean help
+.PHONY: demo browser docs test test-all test-rest soak-tests coverage lint bench bench-motion soak soak-motion faults fuzz generate pictures clean help
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
@@ -47,6 +47,9 @@ help:
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to benchmark/results"
 	@echo "make soak          send 2,000 goals and 20,000 service calls, and watch the driver's memory (ten minutes)"
+	@echo "make soak-motion   an hour in which everything happens to goals (ARGS='--minutes 5': less)"
+	@echo "make faults        every fault in every phase of a motion, on every controller (minutes)"
+	@echo "make fuzz          a million mutated messages to both roles and all ports (ARGS='--inputs 50000 --seed 1')"
 	@echo "make soak-tests    run 2,000 random plans, and new examples for every property (hours)"
 	@echo "make generate      regenerate meshes, URDFs and MoveIt files from config/robots"
 	@echo "make pictures      redraw the pictures of the robots in docs and the animation of the README (ten minutes)"
@@ -57,7 +60,7 @@ DEMO_EXTRAS := $(if $(filter --plan,$(ARGS)),planning) $(if $(filter --panel,$(A
 
 # ALSO: the steps after the driver, so that all sizes are announced before the first download
 demo: ALSO := $(DEMO_EXTRAS)
-test soak-tests coverage lint generate pictures: ALSO := dev
+test soak-tests coverage lint generate pictures soak-motion faults fuzz: ALSO := dev
 test-all test-rest: ALSO := dev docs
 bench bench-motion: ALSO := bench
 docs: ALSO := docs
@@ -110,6 +113,16 @@ bench-motion: $(VENV)/.bench
 # ten minutes; the tests have a short form of it
 soak: $(VENV)/.driver
 	$(BIN)/python -m benchmark.soak $(ARGS)
+
+# tables and pictures go to benchmark/results and docs/reliability.md
+soak-motion: $(VENV)/.dev
+	$(BIN)/python -m benchmark.soak_motion $(ARGS)
+
+faults: $(VENV)/.dev
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.faults $(ARGS)
+
+fuzz: $(VENV)/.dev
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.fuzz $(ARGS)
 
 # in this order: each uses the output of the one before
 generate: $(VENV)/.dev

@@ -310,6 +310,23 @@ class RosPeer:
             'motion',
         )
 
+    def wait_until_still(self, states: int = 30) -> np.ndarray:
+        """Wait until so many joint states in a row are the same and the controller says so, too.
+
+        One state without velocity may be that of an arm between two points, or of one whose next
+        point waits for a controller that is not scheduled. Returns the position.
+        """
+        begin = len(self.joint_states)
+
+        def still() -> bool:
+            last = self.joint_states[begin:][-states:]
+            if len(last) < states or self.robot_status[-1].in_motion.val != 0:
+                return False
+            return all(list(each.position) == list(last[0].position) for each in last)
+
+        self.wait_for(still, 'standstill')
+        return np.array(self.joint_states[-1].position)
+
     def assert_still(self, states: int = 30) -> np.ndarray:
         """Check that the next joint states are all the same; return the position."""
         first, *others = self.newer(states)

@@ -44,6 +44,10 @@ class Standstill:
         self._rest = rest
         self._since = None
 
+    def expect_rest(self, rest: float) -> None:
+        """Have the arm stand for so long, s, what it has stood already included."""
+        self._rest = rest
+
     def see(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
         """Take a sample. `stopped`: rad/s, shape (n,), below which a joint counts as standing."""
         if (

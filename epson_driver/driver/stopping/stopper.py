@@ -7,7 +7,8 @@ Rules (docs/invariants.md, 3 and 9):
 1. Every message for the motion port passes here, so it is known whether the arm may still have
    something of ours to do. After a STOP nothing new begins before that stop is over.
 2. A stop is over when the arm has stood for REST_TIME_S after STOP was acknowledged. Without an
-   acknowledgement the state decides: the arm must have stood for UNCONFIRMED_REST_TIME_S.
+   acknowledgement the state decides: the arm must have stood for UNCONFIRMED_REST_TIME_S, and, if
+   there can be an answer, for as long as that may take.
 3. A STOP that is refused, not answered in time, or not followed by rest in time raises the alarm:
    the owner closes the arm gate. As long as the arm then moves, STOP is sent again and again, and
    the motors are switched off where there is a way to.
@@ -225,13 +226,17 @@ class Stopper:
     def link_lost(self) -> None:
         """Take note that the motion link is gone: no reply will come on it any more."""
         if self._since is not None and not self.answered and self._unsent is None:
-            self._unsent = 'the motion link was lost'
+            self._not_sent('the motion link was lost')
 
     def see(self, now: float) -> None:
         """Look at the robot state, after new joints or a new status came."""
         sample = self._robot.sample
         if self._since is None or sample is None:
             return
+        if not self._powered():  # rule 4: no answer need come
+            self._standstill.expect_rest(
+                REST_TIME_S if self._acknowledged else UNCONFIRMED_REST_TIME_S
+            )
         stopped = np.full(self._joints, self.stopped_velocity)
         self._standstill.see(sample, self._robot, stopped, now)
         if self._standstill.reached(sample.measured):
@@ -258,7 +263,8 @@ class Stopper:
             self._acknowledged = False
             self._rejection = None
             self._standstill = Standstill(now)
-            self._standstill.expect(now, UNCONFIRMED_REST_TIME_S)
+            # not before an answer is overdue: a network that was held up may bring the state first
+            self._standstill.expect(now, max(UNCONFIRMED_REST_TIME_S, ANSWER_TIMEOUT_S))
             self._look_no_more()
             self._looks = 0
             self._look_later()
@@ -271,8 +277,14 @@ class Stopper:
         try:
             self._delivery.post(STOP, on_answer)
         except ConnectionError as error:
-            self._unsent = str(error)
+            self._not_sent(str(error))
             raise
+
+    def _not_sent(self, why: str) -> None:
+        """Take note that no answer will come: the state alone decides."""
+        self._unsent = why
+        if not self.answered:
+            self._standstill.expect_rest(UNCONFIRMED_REST_TIME_S)
 
     def _on_answer(self, packet: Packet, now: float) -> None:
         if self._since is None or self._acknowledged:

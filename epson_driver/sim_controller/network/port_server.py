@@ -72,8 +72,10 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
     replace = server.full == 'replace'
     return (
         PortRules('motion', 1, chunk=4096, share=None, replace=replace),  # its STOP is not held up
-        PortRules(  # its bytes are those of a third of a second
-            'state', server.state_clients, 4096, 16_384, half_closed=True, replace=replace
+        # what is sent at once after this process was not scheduled fits, and seconds more of a
+        # client that was not: a real controller would only wait until it reads again
+        PortRules(
+            'state', server.state_clients, 65_536, 16_384, half_closed=True, replace=replace
         ),
         PortRules('io', server.io_clients, 16_384),
         PortRules('remote', None, 16_384, chunk=128),  # a command may have two characters

@@ -333,6 +333,30 @@ def test_inv4_a_stop_that_is_never_answered_disables_the_arm_and_ends_the_goal_t
     run(scenario())
 
 
+def test_inv9_a_stop_that_is_answered_late_but_in_time_is_a_success(monkeypatch):
+    """docs/invariants.md, 9: an arm that stands meanwhile says nothing about the answer."""
+    for module in ('arm_commands', 'stopping.stopper'):
+        monkeypatch.setattr(f'epson_driver.driver.{module}.ANSWER_TIMEOUT_S', 10.0)
+
+    async def scenario():
+        async with (
+            ScriptedController(lambda number: b'' if number == STOP else answer(1, number)) as it,
+            Harness(it.ports) as harness,
+        ):
+            await harness.ready()
+            await harness.commands.enable()
+            stopping = asyncio.create_task(harness.commands.stop())
+            await until(lambda: STOP in it.received)
+            await asyncio.sleep(3.0)  # the arm stands all the time
+            assert harness.gate is None
+            it.motion.write(answer(1))
+            await stopping
+            assert harness.gate is None
+            assert harness.driver.stopper.alarm is None
+
+    run(scenario())
+
+
 def test_inv4_enable_has_the_controller_drop_what_it_may_still_have():
     """docs/invariants.md, 4: what it has in its queue, too."""
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import pytest
 from support.controller_harness import FAILURE, MODEL, PROFILE, STOP, SUCCESS, frame, point
-from support.event_loop import run, until
+from support.event_loop import run, stand_still, until
 
 from epson_driver.remote_ethernet.client import MAX_LOGINS, RemoteError, execute
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
@@ -18,6 +18,7 @@ from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event, Motors
 from epson_driver.sim_controller.network import tcp_connection
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
+from epson_driver.sim_controller.state.state_session import MAX_CATCH_UP_SLOTS
 
 HOST = '127.0.0.1'
 FREE = Ports(0, 0, 0, 0)
@@ -404,8 +405,36 @@ async def test_requests_on_the_io_port(served):
     assert (await read_frame(reader))[:3] == (13, 3, 2)
 
 
+@pytest.mark.parametrize('message', ['joint_position', 'joint_feedback'])
+def test_a_state_client_is_kept_that_was_not_scheduled_for_two_seconds(message):
+    """Nor was the controller: it makes up for its slots at once, into a buffer that is small."""
+    profile = replace(PROFILE, state=replace(PROFILE.state, message=message))
+
+    async def main():
+        async with serving(profile) as served:
+            sock = socket.socket()
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            sock.setblocking(False)
+            await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.state))
+            reader, writer = await asyncio.open_connection(sock=sock)
+            served.writers.append(writer)
+            await read_frame(reader)
+            writer.transport.pause_reading()
+            for _ in range(2):
+                stand_still(1.0)
+                await asyncio.sleep(0.01)
+            writer.transport.resume_reading()
+            for _ in range(3 * MAX_CATCH_UP_SLOTS):
+                await read_frame(reader)
+            assert served.servers.clients('state') == 1
+
+    run(main())
+
+
 @pytest.mark.invariant(6)
-def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog):
+def test_invariant_6_a_state_client_that_does_not_read_is_disconnected(caplog, monkeypatch):
+    monkeypatch.delitem(tcp_connection.KEEPALIVE, 'TCP_USER_TIMEOUT')  # or TCP gives up first
+
     async def main():
         profile = replace(PROFILE, state=replace(PROFILE.state, period=0.001))
         async with serving(profile) as served:

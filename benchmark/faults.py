@@ -1,0 +1,96 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What every fault does to every controller, in every phase of a motion.
+
+`python -m benchmark.faults` runs all cells of test/support/fault_cells.py: real driver, simulated
+controller and TCP in virtual time, so its times do not depend on the machine. It writes
+results/faults.json, the picture and the table of docs/reliability.md. Exit code 1 if anything did
+not hold anywhere. `--only PATTERN` runs the cells whose names match, and writes nothing unless
+`--results` is there, too.
+"""
+
+import argparse
+import asyncio
+import logging
+import re
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from support.event_loop import run
+from support.fault_cells import Cell, cells
+from support.fault_play import play
+
+from benchmark.provenance import command_of, provenance
+from benchmark.reliability_page import FAULTS, RESULTS, write_figures
+
+_log = logging.getLogger(__name__)
+
+
+def figures_of(cell: Any) -> dict[str, Any]:
+    """Run a cell; return its figures, with what did not hold in `failure`."""
+    known = asdict(cell) | {'failure': ''}
+
+    async def one() -> None:
+        known.update(asdict(await play(cell)))
+
+    try:
+        run(one())
+    except (AssertionError, TimeoutError, asyncio.CancelledError) as error:
+        known['failure'] = f'{type(error).__name__}: {error}'
+    for name in ('rest', 'recovery'):
+        if name in known:
+            known[name] = round(known[name], 4)
+    return known
+
+
+def main() -> int:
+    """Run the cells; return 1 if one failed."""
+    parser = argparse.ArgumentParser(prog='benchmark.faults', description=__doc__)
+    parser.add_argument('--only', metavar='PATTERN', default='', help='cells whose names match')
+    parser.add_argument('--results', action='store_true', help='write the figures of those, too')
+    parser.add_argument('--render', action='store_true', help='draw the stored figures again')
+    arguments = parser.parse_args()
+    logging.disable(logging.CRITICAL)
+    if arguments.render:
+        render()
+        return 0
+    chosen: list[Cell] = [cell for cell in cells() if re.search(arguments.only, cell.name)]
+    found = []
+    for number, cell in enumerate(chosen, 1):
+        figures = figures_of(cell)
+        found.append(figures)
+        if figures['failure'] or arguments.only:
+            print(f'{cell.name}: {_shown(figures)}', flush=True)
+        elif sys.stdout.isatty():
+            print(f'\r{number}/{len(chosen)} {cell.name:40}', end='', flush=True)
+    failed = sum(bool(figures['failure']) for figures in found)
+    print(f'\n{len(found)} cells, {failed} failed')
+    if arguments.results or not arguments.only:
+        run_data = provenance(command_of('benchmark.faults'))
+        write_figures(FAULTS, {'run': run_data, 'cells': found})
+        render()
+    return int(failed > 0)
+
+
+def _shown(figures: dict[str, Any]) -> str:
+    if figures['failure']:
+        return f'FAILED: {figures["failure"]}'
+    return (
+        f'{figures["end"]}; rest {figures["rest"]:.2f} s, recovery {figures["recovery"]:.2f} s; '
+        f'{figures["text"]}; gate: {figures["gate"]}'
+    )
+
+
+def render() -> None:
+    """Draw the stored figures."""
+    from benchmark import reliability_pictures  # here, so that the rest needs no matplotlib
+
+    reliability_pictures.faults(RESULTS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,72 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A case: what is done to a target, step by step, so that it can be kept and repeated.
+
+A step is a word and what goes with it: `send PORT BYTES`, `wait SECONDS`, `open PORT`, `do WHAT`.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+Step = tuple[Any, ...]
+"""A word, and what goes with it: text, numbers and bytes."""
+
+
+class FoundError(AssertionError):
+    """Something did not hold; the text says what."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is done to which target."""
+
+    target: str
+    steps: tuple[Step, ...]
+
+    @property
+    def inputs(self) -> int:
+        """How many messages, lines or pieces of them are in it."""
+        return sum(step[0] == 'send' for step in self.steps)
+
+    def as_text(self) -> str:
+        """Return it as JSON: bytes in hexadecimal, a step on a line."""
+        steps = ',\n  '.join(json.dumps([_written(part) for part in step]) for step in self.steps)
+        return f'{{"target": {json.dumps(self.target)},\n "steps": [\n  {steps}]}}\n'
+
+    @staticmethod
+    def read(path: Path) -> 'Case':
+        """Return the case of a file."""
+        data = json.loads(path.read_text(encoding='utf-8'))
+        steps = tuple(tuple(_read(part) for part in step) for step in data['steps'])
+        return Case(data['target'], steps)
+
+
+def _written(part: Any) -> Any:
+    return {'hex': part.hex()} if isinstance(part, bytes) else part
+
+
+def _read(part: Any) -> Any:
+    return bytes.fromhex(part['hex']) if isinstance(part, dict) else part
+
+
+def reduced(case: Case, fails: Callable[[Case], bool], most: int = 400) -> Case:
+    """Return a smaller case that fails as well, after at most so many trials."""
+    steps, share, trials = list(case.steps), 2, 0
+    while share <= 2 * len(steps) and trials < most:
+        size = max(len(steps) // share, 1)
+        for start in range(0, len(steps), size):
+            trials += 1
+            fewer = steps[:start] + steps[start + size :]
+            if fewer and fails(Case(case.target, tuple(fewer))):
+                steps = fewer
+                break
+            if trials >= most:
+                break
+        else:
+            if size == 1:
+                break
+            share *= 2
+    return Case(case.target, tuple(steps))

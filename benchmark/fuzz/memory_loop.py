@@ -1,0 +1,137 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""An event loop in virtual time whose connections are in memory: thousands of messages a second.
+
+A connection leads to whatever `accept` was set to. Nothing else is waited for: no sockets, no
+threads, no other processes.
+"""
+
+import asyncio
+import selectors
+from collections.abc import Callable
+from typing import Any
+
+START_S = 1000.0
+TURN_S = 1e-6
+"""What a turn of the loop takes, so that no timer is due again and again."""
+
+
+class MemoryTransport(asyncio.Transport):
+    """One end of a connection; at the other one are `on_bytes` and `on_end`."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, protocol: Any) -> None:
+        super().__init__()
+        self._loop = loop
+        self._protocol = protocol
+        self._closing = False
+        self._paused = False
+        self._waiting: list[bytes] = []
+        self.on_bytes: Callable[[bytes], None] = lambda data: None
+        self.on_end: Callable[[], None] = lambda: None
+
+    # the controller's end
+
+    def feed(self, data: bytes) -> None:
+        """Let bytes arrive."""
+        if self._closing or not data:
+            return
+        if self._paused:
+            self._waiting.append(data)
+        else:
+            self._protocol.data_received(data)
+
+    def hang_up(self, error: Exception | None = None) -> None:
+        """Let the connection end from the controller's side."""
+        if not self._closing:
+            if error is None and not self._protocol.eof_received():
+                self.close()
+            elif error is not None:
+                self._end(error)
+
+    # what asyncio calls
+
+    def write(self, data: Any) -> None:
+        """Hand bytes to the other end."""
+        if not self._closing:
+            self.on_bytes(bytes(data))
+
+    def close(self) -> None:
+        """End the connection."""
+        self._end(None)
+
+    def abort(self) -> None:
+        """End the connection."""
+        self._end(None)
+
+    def is_closing(self) -> bool:
+        """Return whether it has ended."""
+        return self._closing
+
+    def get_write_buffer_size(self) -> int:
+        """Return 0: the other end has everything at once."""
+        return 0
+
+    def pause_reading(self) -> None:
+        """Keep what arrives."""
+        self._paused = True
+
+    def resume_reading(self) -> None:
+        """Hand on what was kept."""
+        self._paused = False
+        waiting, self._waiting = self._waiting, []
+        for data in waiting:
+            self.feed(data)
+
+    def is_reading(self) -> bool:
+        """Return whether what arrives is handed on."""
+        return not self._paused
+
+    def _end(self, error: Exception | None) -> None:
+        if not self._closing:
+            self._closing = True
+            self._loop.call_soon(self._protocol.connection_lost, error)
+            self.on_end()
+
+
+class _Selector(selectors.DefaultSelector):
+    """Lets the time pass that would be waited."""
+
+    loop: 'MemoryLoop'
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        if timeout is None:
+            raise RuntimeError('nothing is left to wait for')
+        self.loop.now += max(timeout, 0.0)
+        return []
+
+
+class MemoryLoop(asyncio.SelectorEventLoop):
+    """The loop; `accept` gets the port and the transport, or raises ConnectionRefusedError."""
+
+    def __init__(self) -> None:
+        self.now = START_S
+        self.accept: Callable[[int, MemoryTransport], None]
+        self.turns = 0
+        selector = _Selector()
+        selector.loop = self
+        super().__init__(selector)
+
+    def time(self) -> float:
+        """Return the virtual time, s."""
+        return self.now
+
+    async def create_connection(  # type: ignore[override]
+        self, protocol_factory: Any, *address: Any, **_: Any
+    ) -> Any:
+        """Connect to the port in memory."""
+        await asyncio.sleep(0)
+        protocol = protocol_factory()
+        transport = MemoryTransport(self, protocol)
+        self.accept(address[1], transport)
+        protocol.connection_made(transport)
+        return transport, protocol
+
+    def _run_once(self) -> None:
+        self.now += TURN_S
+        self.turns += 1
+        super()._run_once()

@@ -1,0 +1,69 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The client of Remote Ethernet against answers of any kind, in memory."""
+
+import asyncio
+
+from benchmark.fuzz import messages
+from benchmark.fuzz.cases import Case, Step
+from benchmark.fuzz.memory_loop import MemoryLoop, MemoryTransport
+from benchmark.fuzz.messages import Chance
+from epson_driver.remote_ethernet.client import RemoteError, execute
+
+COMMANDS = ('GetStatus', 'SetMotorsOn,1', 'Reset', 'SetIO,1,1')
+INPUTS_PER_CASE = 60
+TIMEOUT_S = 5.0
+
+
+class RemoteClientTarget:
+    """Commands to a server that answers, cuts its answers, or hangs up."""
+
+    name = 'client of Remote Ethernet'
+
+    def case(self, chance: Chance, corpus: list[bytes]) -> Case:
+        """Return what is answered, one after the other."""
+        steps: list[Step] = []
+        for _ in range(INPUTS_PER_CASE):
+            draw = chance.random()
+            if draw < 0.05:
+                steps.append(('do', 'hang up'))
+                continue
+            data = messages.answer(chance, chance.choice((b'Login,', *map(str.encode, COMMANDS))))
+            if draw < 0.5:
+                data = b''  # the right answer
+            elif draw < 0.8:
+                data = messages.mutated(chance, data)
+            steps.append(('send', 'remote', data))
+        return Case(self.name, tuple(steps))
+
+    def run(self, case: Case) -> None:
+        """Give commands as long as there are answers. Raises what no caller expects."""
+        loop = MemoryLoop()
+        answers = list(reversed(case.steps))
+
+        def accept(_port: int, transport: MemoryTransport) -> None:
+            def on_bytes(data: bytes) -> None:
+                step = answers.pop() if answers else ('do', 'hang up')
+                if step[0] != 'send':
+                    transport.hang_up()
+                    return
+                right = b'#' + data.removeprefix(b'$').split(b',')[0].strip() + b',0\r\n'
+                loop.call_soon(transport.feed, step[2] or right)
+
+            transport.on_bytes = on_bytes
+
+        loop.accept = accept
+
+        async def give() -> None:
+            while answers:
+                left = len(answers)
+                try:
+                    await execute('127.0.0.1', 4, COMMANDS, TIMEOUT_S)
+                except (RemoteError, TimeoutError, ConnectionError):
+                    if left == len(answers):
+                        return
+
+        try:
+            loop.run_until_complete(asyncio.wait_for(give(), 1e6))
+        finally:
+            loop.close()

@@ -1,0 +1,44 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is fuzzed, and how large a share of all inputs each target gets."""
+
+from typing import Protocol
+
+from benchmark.fuzz.cases import Case
+from benchmark.fuzz.controller_target import ControllerTarget
+from benchmark.fuzz.decode_target import DecodeTarget
+from benchmark.fuzz.driver_target import DriverTarget
+from benchmark.fuzz.messages import Chance
+from benchmark.fuzz.remote_client_target import RemoteClientTarget
+
+
+class Target(Protocol):
+    """Something that is fuzzed."""
+
+    name: str
+
+    def case(self, chance: Chance, corpus: list[bytes]) -> Case:
+        """Return a new case: the same chance and corpus give the same one."""
+
+    def run(self, case: Case) -> None:
+        """Do it; raise if anything does not hold."""
+
+
+MESSAGES = ('motion', 'state', 'io')
+
+
+def in_process() -> dict[Target, float]:
+    """Return the targets that need no process of their own, with their shares of the inputs."""
+    targets: dict[Target, float] = {DecodeTarget(): 20.0, RemoteClientTarget(): 4.0}
+    for armed in (False, True):
+        for name in ('rc620', 'thesis', 'generic', 'fanuc', 'abb', 'motoman'):
+            targets[ControllerTarget(name, MESSAGES, armed=armed)] = 3.0
+        targets[ControllerTarget('spel', MESSAGES, armed=armed)] = 1.0
+    targets[ControllerTarget('rc620', ('motion', 'state'), armed=True, smooth=True)] = 1.0
+    targets[ControllerTarget('rc700a', ('remote',), armed=False)] = 6.0
+    targets[ControllerTarget('rc700a', ('remote', *MESSAGES), armed=True)] = 4.0
+    targets[ControllerTarget('spel', ('remote', *MESSAGES), armed=True)] = 1.0
+    for name in ('rc620', 'abb', 'motoman'):
+        for used in (False, True):
+            targets[DriverTarget(name, used=used)] = 3.0
+    return targets

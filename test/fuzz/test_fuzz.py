@@ -1,0 +1,122 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The short form of `make fuzz`, and every case that it has found so far."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmark.fuzz import cases, controller_target, runner, socket_targets
+from benchmark.fuzz.cases import Case, FoundError, reduced
+from benchmark.fuzz.runner import Fuzzer
+from benchmark.fuzz.targets import Target, in_process
+
+pytestmark = pytest.mark.invariant(1, 2, 5, 7)
+
+SEED = 20
+FOUND = sorted(Path(__file__).with_name('cases').glob('*.json'))
+TARGETS = {target.name: target for target in in_process()}
+SLOW = ('spel', 'smooth')
+"""In names of targets that take seconds to begin."""
+
+
+def all_held(target: Target, seed: int, inputs: int) -> None:
+    fuzzer = Fuzzer(target, seed, None)
+    fuzzer.run(lambda figures: figures.inputs >= inputs)
+    assert not fuzzer.figures.found, fuzzer.figures.found[0]
+
+
+@pytest.mark.parametrize('path', FOUND, ids=lambda path: path.stem)
+def test_what_was_found_once_holds_now(path: Path) -> None:
+    case = Case.read(path)
+    with runner.listening(runner.Novelty()):
+        assert runner.why_it_fails(TARGETS[case.target], case) == ''
+
+
+@pytest.mark.parametrize(
+    'name', [name for name in TARGETS if not any(word in name for word in SLOW)]
+)
+def test_one_case_of_each_target(name: str) -> None:
+    all_held(TARGETS[name], SEED, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', TARGETS)
+def test_thousands_of_inputs_to_each_target(name: str) -> None:
+    all_held(TARGETS[name], SEED + 1, 3_000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', socket_targets.TARGETS)
+def test_real_processes_stand_it(name: str) -> None:
+    figures = socket_targets.TARGETS[name](2_000, SEED)
+    assert not figures.found, figures.found[0]
+
+
+# --- the fuzzer itself ------------------------------------------------------------------------
+
+
+class Faulty:
+    """Has an error that three inputs in order bring out."""
+
+    name = 'faulty'
+
+    def case(self, chance, _corpus):
+        steps = [('send', '', bytes([chance.randrange(4)])) for _ in range(100)]
+        return Case(self.name, tuple(steps))
+
+    def run(self, case):
+        sent = b''.join(step[2] for step in case.steps)
+        at = -1
+        for byte in b'\x01\x02\x03':
+            at = sent.find(byte, at + 1)
+            if at < 0:
+                return
+        raise FoundError('1, 2, 3')
+
+
+def test_what_it_finds_is_made_small_and_kept_so_that_it_can_be_repeated(tmp_path: Path) -> None:
+    fuzzer = Fuzzer(Faulty(), SEED, tmp_path)
+    fuzzer.run(lambda figures: bool(figures.found))
+    (path,) = tmp_path.iterdir()
+    case = Case.read(path)
+    assert [step[2] for step in case.steps] == [b'\x01', b'\x02', b'\x03']
+    assert 'FoundError: 1, 2, 3' in fuzzer.figures.found[0]
+    assert path.name in fuzzer.figures.found[0]
+
+
+def test_the_same_seed_gives_the_same_inputs() -> None:
+    target = TARGETS['framer and decoder']
+    one, again, other = (target.case(runner.seeded(seed, 'x', 3), [b'abcd']) for seed in (1, 1, 2))
+    assert one == again
+    assert one != other
+
+
+def test_a_case_that_hangs_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, 'HANG_S', 0.05)
+
+    class Hanging:
+        name = 'hanging'
+
+        def run(self, _case):
+            while True:
+                pass
+
+    assert 'HangError' in runner.why_it_fails(Hanging(), Case('hanging', ()))
+
+
+def test_an_arm_that_moves_without_power_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The eye of the controller's targets sees what it is there for."""
+    target = TARGETS['controller rc620, motors off: motion, state, io']
+    world = controller_target._World(target)
+    world.controller.servo.actual[0] += 1e-9
+    with pytest.raises(FoundError, match='without power has moved'):
+        world.take(('send', 'state', b''))
+
+
+def test_a_case_survives_its_file(tmp_path: Path) -> None:
+    case = Case('x', (('send', 'motion', b'\x00\xff'), ('wait', 0.5), ('do', 'goal')))
+    (tmp_path / 'case.json').write_text(case.as_text(), encoding='utf-8')
+    assert Case.read(tmp_path / 'case.json') == case
+    assert reduced(case, lambda other: ('wait', 0.5) in other.steps).steps == (('wait', 0.5),)
+    assert cases.Case('x', ()).inputs == 0

@@ -1,0 +1,228 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which faults strike which controllers in which phase of a motion, and what is expected then.
+
+What differs between faults is a row of FAULTS; what differs on a controller or an interface, of
+EXCEPTIONS. `fault_play.py` runs a cell.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from epson_driver.driver.outcome import ErrorCode
+from epson_driver.sim_controller.condition.states import Event
+from support.driver_harness import LIMITS, pose
+
+PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman', 'spel')
+DOWNLOADS = ('rc620', 'rc700a', 'spel')
+"""Controllers that take whole trajectories, too, although they usually get points. To the thesis'
+program every negative sequence is a STOP, the one that begins a download included."""
+
+SETPOINTS = ('rc620', 'generic', 'spel')
+"""Controllers for which a stream of setpoints is interrupted."""
+
+PHASES = ('standing', 'starting', 'moving', 'arriving', 'stopping')
+"""Of a goal: none yet; its first point is taken; on its way; about to arrive; canceled in the same
+moment as the fault strikes."""
+
+USUAL = 'usual'
+"""The interface that the profile says."""
+
+STATE_TIMEOUT = 0.4
+JOINT_1_END = 3.5
+"""Where joint 1 cannot go, rad: the controller knows that, the driver is told otherwise."""
+
+WIDER = replace(LIMITS, position_max=LIMITS.position_max + 1.0, velocity=LIMITS.velocity * 1.1)
+
+WAY = tuple(pose(0.15 * count, 0.05 * (count % 2)) for count in range(1, 9))
+"""Points that take the arm a few seconds."""
+
+ABORTED = ErrorCode.PATH_TOLERANCE_VIOLATED
+"""The code of a goal that something forbids to go on."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A fault: what happens, what is expected, and what a person does about it.
+
+    events: what happens at the controller; fault: what its connections do, in the words of the
+    pendant; clears: it is ended by the person. points: the goal's way; canceled: the goal is
+    canceled in the same moment. text: a pattern for the outcome, gate: for the gate's reason.
+    repair: what a person does at the controller, in this order, boots: before switching it off and
+    on, because without that the links do not return; reset: then the error is reset.
+    """
+
+    events: tuple[Event, ...] = ()
+    fault: str = ''
+    points: tuple[np.ndarray, ...] = WAY
+    canceled: bool = False
+    code: ErrorCode = ABORTED
+    text: str = ''
+    gate: str = ''
+    repair: tuple[Event, ...] = ()
+    reset: bool = False
+    boots: bool = False
+
+
+LOST = 'the (state|motion) link was lost: .*(closed by the controller|reset)'
+
+FAULTS: dict[str, Row] = {
+    'e_stop': Row(
+        events=(Event.ESTOP_PRESS,),
+        text='the E-stop is pressed or not reset',
+        gate='the E-stop is pressed or not reset',
+        repair=(Event.ESTOP_RELEASE,),
+        reset=True,
+    ),
+    'motors_off': Row(
+        events=(Event.MOTORS_OFF,),
+        text='the motors are off|motors off',
+        gate='the motors are off|the controller is in error',
+        reset=True,
+    ),
+    'door': Row(
+        events=(Event.DOOR_OPEN,),
+        text='the motors are off',
+        gate='the motors are off',
+        repair=(Event.DOOR_CLOSE, Event.STOP, Event.START),
+    ),
+    'failure_reply': Row(  # a point of the goal is refused
+        points=(*WAY[:2], pose(JOINT_1_END)),
+        text=r'the controller refused point 3 of 4 \(FAILURE reply\): .*4001',
+        gate='the controller is in error 4001',
+        reset=True,
+    ),
+    'lost_reply': Row(
+        fault='lost_reply count=1',
+        text=r'no reply to point \d of 9: the arm has not moved for',
+        gate='no reply to (point|setpoint)',
+    ),
+    'silence': Row(
+        fault=f'half_open for={STATE_TIMEOUT + 0.2}',
+        text=f'the state link was lost: .*silent for {STATE_TIMEOUT} s',
+        gate='the state link was lost',
+    ),
+    'cut': Row(fault='cut for=0.3', text=LOST, gate='link was lost'),
+    'reboot': Row(fault='reboot for=0.3', text=LOST, gate='link was lost'),
+    'wrong_byte_order': Row(
+        fault='wrong_byte_order for=0.3',
+        reset=True,  # STOP leaves first on a new connection, in the byte order of the fault
+        text='the (state|motion) link was lost: .*length',
+        gate='link was lost',
+    ),
+}
+
+IN_ERROR_4001 = 'the controller is in error 4001'
+STOP_UNANSWERED: dict[str, Any] = {
+    'canceled': True,
+    'text': 'the controller did not confirm the standstill within',
+    'gate': 'the controller did not confirm the standstill within',
+}
+
+EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
+    # Its points are answered before the arm moves, or never: what can be lost is STOP's reply.
+    ('lost_reply', 'abb'): STOP_UNANSWERED,
+    ('lost_reply', 'motoman'): STOP_UNANSWERED,
+    # All its points are answered before the arm has moved far: it looks that far ahead.
+    ('lost_reply', 'spel'): STOP_UNANSWERED,
+    # A refused point is no error of the controller; STATUS shows its number.
+    ('failure_reply', 'spel'): {'gate': 'refused point 3 of 4', 'reset': False},
+    # A topic has no reply: STATUS alone tells.
+    ('failure_reply', 'abb'): {'text': IN_ERROR_4001},
+    # Its reply says why; STATUS shows no error.
+    ('failure_reply', 'motoman'): {
+        'text': r'refused point 3 of 4 \(INVALID: the message is wrong, 3012: a position\)',
+        'gate': 'refused point 3 of 4',
+    },
+    # It says yes first, no when the point's turn comes, and closes the connection.
+    ('failure_reply', 'fanuc'): {
+        'text': '(refused|withdrew an acknowledgement before) point 3 of 4'
+        '.*(4001|the motion link was lost)|the motion link was lost: .*closed by the controller',
+        'gate': 'the controller is in error 4001|the motion link was lost',
+    },
+    # The points of a download are topics: STOP's reply can be lost; a refused one has none.
+    ('lost_reply', 'download'): STOP_UNANSWERED,
+    ('failure_reply', 'download'): {'text': f'{IN_ERROR_4001}|refused point'},
+    # Its servers are dead when their client is gone or the tasks were aborted.
+    **{
+        (fault, 'thesis'): {'boots': True}
+        for fault in (
+            'e_stop',
+            'motors_off',
+            'door',
+            'lost_reply',
+            'silence',
+            'cut',
+            'wrong_byte_order',
+        )
+    },
+    ('door', 'thesis'): {'repair': (Event.DOOR_CLOSE,), 'boots': True},
+}
+
+STOPPED = 'canceled|the controller did not confirm the standstill'
+"""What a goal may say, too, that was canceled when the fault struck."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One experiment: which fault strikes which controller, by which interface, in which phase."""
+
+    fault: str
+    profile: str
+    interface: str = USUAL
+    phase: str = 'moving'
+
+    @property
+    def name(self) -> str:
+        """How it is called."""
+        usual = self.interface == USUAL
+        where = self.profile if usual else f'{self.profile}:{self.interface}'
+        return f'{self.fault}-{where}-{self.phase}'
+
+    @property
+    def row(self) -> Row:
+        """What happens in it, and what is expected."""
+        row = FAULTS[self.fault]
+        for key in (self.profile, self.interface):
+            row = replace(row, **EXCEPTIONS.get((self.fault, key), {}))
+        if self.phase == 'stopping':
+            row = replace(row, **(STOP_UNANSWERED if self.fault == 'lost_reply' else {}))
+            row = replace(row, canceled=True)
+        return row
+
+    @property
+    def cannot_be(self) -> str:
+        """Why there is no such cell; empty if there is."""
+        if self.interface == 'setpoints' and self.phase != 'moving':
+            return 'a stream of setpoints has no end of its own'
+        if self.fault == 'failure_reply':
+            if self.profile == 'thesis':
+                return 'its replies are always SUCCESS'
+            if self.phase != 'moving':
+                return 'it strikes when the arm is on its way to the point before'
+            if self.interface == 'setpoints':
+                return 'a setpoint out of range is followed as far as it goes'
+        if self.fault == 'lost_reply':
+            if self.phase == 'standing':
+                return 'nothing waits for a reply'
+            if self.row.canceled and self.phase != 'stopping' and self.interface != 'setpoints':
+                return '' if self.phase == 'moving' else 'its points are not answered one by one'
+        return ''
+
+
+def cells() -> Iterator[Cell]:
+    """Yield every cell that can be."""
+    columns = [
+        *((profile, USUAL) for profile in PROFILES),
+        *((profile, 'download') for profile in DOWNLOADS),
+        *((profile, 'setpoints') for profile in SETPOINTS),
+    ]
+    for phase in PHASES:
+        for fault in FAULTS:
+            for profile, interface in columns:
+                cell = Cell(fault, profile, interface, phase)
+                if not cell.cannot_be:
+                    yield cell
