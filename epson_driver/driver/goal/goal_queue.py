@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The running goal and the one that waits for it: from submission to outcome.
 
-A new goal replaces the running one, which is stopped; it starts when the arm stands. One that
+A new goal replaces the running one, which is stopped; it starts when the arm stands. Or, where
+that is wanted, it goes on from where the running one is left on its way (handover.py). One that
 comes after a goal that ended at once starts when the stop of that one is over. Everything here
 runs in the driver's loop.
 """
@@ -10,6 +11,7 @@ runs in the driver's loop.
 import asyncio
 import contextlib
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -18,6 +20,14 @@ from epson_driver.driver.goal.goal_checks import check_goal, check_start
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
+from epson_driver.driver.goal.handover import (
+    LATEST_SHARE,
+    Handover,
+    from_rest,
+    joined,
+    lead,
+    numbered,
+)
 from epson_driver.driver.goal.pace import Pace, Timing
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
@@ -30,6 +40,7 @@ from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.motion import JointLimits, Trajectory
 
 REPLACED = 'replaced by a newer goal before it could start'
+REPLACING = 'replaced by a new goal'
 
 FRESH_POSE_TIMEOUT_S = 0.2
 """How long a goal waits for joints if those that are there are too old, s: when the machine was
@@ -59,7 +70,8 @@ class GoalQueue:
 
     `on_broken_off` is called with the outcome of a goal after which the arm must be enabled again,
     and whether an answer is missing. `start_tolerance` (rad) and `settings` may be changed at any
-    time; the latter hold for the running goal, too.
+    time; the latter hold for the running goal, too. `on_the_way`: a running goal is left without
+    a stop for a new one, where that can be.
     """
 
     def __init__(
@@ -73,6 +85,8 @@ class GoalQueue:
         on_broken_off: Callable[[Outcome, bool], None],
         smoother: SmoothingProcess | None,
         pace: Pace,
+        *,
+        on_the_way: bool = False,
     ) -> None:
         self.start_tolerance = 0.05
         self.scaling = SpeedScaling()
@@ -98,6 +112,11 @@ class GoalQueue:
         self._next: GoalHandle | None = None
         self._unread: GoalHandle | None = None
         self._preparations: set[asyncio.Task[None]] = set()
+        self._on_the_way = on_the_way
+        self._lead = lead(limits) if on_the_way else math.inf
+        self._hand_over_by: float | None = None
+        self.joined = 0
+        """Goals that have begun on the way of another."""
 
     @property
     def settings(self) -> GoalSettings:
@@ -196,17 +215,78 @@ class GoalQueue:
             self._end_unstarted(self._next, REPLACED)
         self._next = handle
         if self.execution is not None:
-            self.execution.stop('replaced by a new goal', _now())
+            self._replace(self.execution, _now())
 
     def cancel(self, handle: GoalHandle) -> None:
-        """Stop the goal's motion; it ends as canceled when the arm stands."""
+        """Stop the goal's motion; it ends as canceled when the arm stands.
+
+        A goal that was to be left for this one is stopped, too.
+        """
         if handle in (self._next, self._unread):
+            if handle is self._next and self._hand_over_by is not None:
+                self._stop_for_next(_now(), 'that was canceled')
             self._end_unstarted(handle, 'canceled before it could start', End.CANCELED)
         elif handle is self._running and handle.execution is not None:
             handle.execution.cancel(_now())
 
+    def _replace(self, execution: GoalExecution, now: float) -> None:
+        """Have the running goal left for the next one, on the way if that can be."""
+        if not self._on_the_way:
+            execution.stop(REPLACING, now)
+            return
+        reach, latest = execution.reach, LATEST_SHARE * self._lead
+        if reach is None:
+            self._stop_for_next(now, 'it could not be left on the way')
+        elif reach > latest:
+            text = f'the controller has points of it for {reach:.2g} s, more than {latest:.2g} s'
+            self._stop_for_next(now, text)
+        else:
+            if self._hand_over_by is None:
+                self._hand_over_by = now + latest
+            execution.hand_over(self._join, now)
+
+    def _stop_for_next(self, now: float, why: str) -> None:
+        self._hand_over_by = None
+        if self.execution is not None:
+            _log.info('the running goal is stopped for the new one: %s', why)
+            self.execution.keep()
+            self.execution.stop(REPLACING, now)
+
+    def _join(self, left: Handover, now: float) -> bool:
+        """Have the next goal go on where the running one is left, or stop that one for it.
+
+        Nothing of the running goal is on its way. What forbids motion is looked at in the same
+        turn of the loop in which the first point is sent.
+        """
+        old, new = self._running, self._next
+        self._hand_over_by = None
+        if old is None or old.execution is None or new is None:
+            return False
+        why = self._gate.reason or self.occupied()
+        if why is None and not self._stopper.over:
+            why = 'the arm is being stopped'
+        try:
+            if why is not None:
+                raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
+            way = joined(left, new.goal.trajectory, self._limits, self.start_tolerance)
+            start = way.trajectory.positions[0]
+            if self._settings.require_planned_speed:
+                self._pace.check(way.trajectory, start)
+            prepared = self._stopper.prepare(way.trajectory, start)
+        except GoalRejectedError as rejection:
+            self._stop_for_next(now, str(rejection))
+            return True
+        points = numbered(prepared.messages, way.first, left.sequence)
+        self._running, self._next = new, None
+        self.joined += 1
+        execution = self._new_execution(new)
+        execution.go_on(way, points, left, now, self._lead)
+        old.execution.handed_over()
+        return True
+
     def end_waiting(self, why: str) -> None:
         """End the goals that wait to be started."""
+        self._hand_over_by = None
         for handle in (self._unread, self._next):
             if handle is not None:
                 self._end_unstarted(handle, why)
@@ -255,6 +335,8 @@ class GoalQueue:
         if self._unread is not None and not self._robot.stale(now):
             fresh, self._unread = self._unread, None
             self._submit(fresh, now)
+        if self._hand_over_by is not None and now > self._hand_over_by:
+            self._stop_for_next(now, 'the point that is on its way was not answered in time')
         handle = self._running
         if handle is not None and handle.execution is not None:
             handle.execution.on_state(self._robot, now)
@@ -314,7 +396,19 @@ class GoalQueue:
             handle.on_end(rejection.outcome)
             return
         self._running = handle
-        execution = handle.execution = GoalExecution(
+        execution = self._new_execution(handle)
+        if self.smoother is None:
+            if self._on_the_way:
+                trajectory = from_rest(trajectory, sample.positions, self._limits)
+            self._execute(execution, trajectory, sample)
+            return
+        handle.preparation = asyncio.create_task(self._prepare(self.smoother, execution, sample))
+        self._preparations.add(handle.preparation)
+        handle.preparation.add_done_callback(self._preparations.discard)
+        handle.preparation.add_done_callback(report_task_error)
+
+    def _new_execution(self, handle: GoalHandle) -> GoalExecution:
+        handle.execution = GoalExecution(
             handle.goal,
             self._settings,
             self._stopper.post,
@@ -322,13 +416,7 @@ class GoalQueue:
             _now(),
             self.scaling,
         )
-        if self.smoother is None:
-            self._execute(execution, trajectory, sample)
-            return
-        handle.preparation = asyncio.create_task(self._prepare(self.smoother, execution, sample))
-        self._preparations.add(handle.preparation)
-        handle.preparation.add_done_callback(self._preparations.discard)
-        handle.preparation.add_done_callback(report_task_error)
+        return handle.execution
 
     def _sample_at_start(self, trajectory: Trajectory, now: float) -> JointSample:
         """Return where the arm stands. Raises GoalRejectedError unless it can begin there now."""
@@ -392,10 +480,12 @@ class GoalQueue:
             _now(),
             sample.positions,
             prepared.delay,
+            self._lead,
         )
 
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
-        self._running = None
+        if handle is self._running:
+            self._running = None
         outcome = self._timed(handle, outcome)
         handle.outcome = outcome
         aftermath = AT_REST if handle.execution is None else handle.execution.aftermath
@@ -405,6 +495,9 @@ class GoalQueue:
             handle.preparation.cancel()
         self._changed.notify_all()
         handle.on_end(outcome)
+        if aftermath.handed_over:
+            return
+        self._hand_over_by = None
         if not aftermath.at_rest:
             self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:
