@@ -7,17 +7,18 @@ What the arm commanded is recorded as it was executed, so its extrema are exact.
 
 import asyncio
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, cell
-from support.event_loop import now, until
-from support.smoother_harness import Recorded, Run, exact_extrema
-from support.streaming_harness import way
 
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.motion import Trajectory
 from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.sim_controller.arm import streaming
+from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, cell
+from support.event_loop import now, until
+from support.smoother_harness import Recorded, Run, exact_extrema
+from support.streaming_harness import way
 
 DT = 1e-3
 STANDS = 1e-4
@@ -58,8 +59,24 @@ def long_way(kind, seconds=2.5):
     return goal(np.linspace(0.0, seconds, count), way(count))
 
 
-def new_goal(kind, rng, here):
-    """Return a goal for an arm that is about `here`: 'one' point somewhere, or a 'curve' there."""
+AHEAD = 0.5
+"""A plan for an arm in motion begins where that is so much later, s."""
+
+
+def new_goal(kind, rng, old, time):
+    """Return a goal for an arm that is at a time of the plan `old`, s.
+
+    'one' point somewhere, a 'curve' there from where it will be, or 'again': what is left of the
+    old one, to a place up to 0.2 rad beside its end.
+    """
+    ahead = time + AHEAD
+    here = _at(old, np.array([ahead]))[0]
+    if kind == 'again':
+        left = np.arange(ahead, max(old.duration, ahead + 0.2), 0.1)
+        left = np.append(left, left[-1] + 0.1)
+        aside = ((left - ahead) / (left[-1] - ahead))[:, None] ** 2
+        offset = rng.uniform(-0.2, 0.2, JOINTS)
+        return goal(left - time, _at(old, left) + aside * offset)
     share = rng.uniform(0.3, 0.7, JOINTS)
     end = LIMITS.position_min * (1.0 - share) + LIMITS.position_max * share
     end = here + (end - here) * min(1.0, 0.8 / np.abs(end - here).max())
@@ -68,7 +85,14 @@ def new_goal(kind, rng, here):
         return goal([seconds], end)
     count = round(seconds / 0.1)
     left = 1.0 - np.linspace(0.0, 1.0, count + 1)[1:, None]
-    return goal(0.3 + 0.1 * np.arange(count), end + (here - end) * left**3)
+    return goal(AHEAD + 0.1 * np.arange(count), end + (here - end) * left**3)
+
+
+def _at(plan, times):
+    """Return where a plan from HOME is at times, shape (k,), s, straight between its points."""
+    known = np.concatenate([[0.0], plan.times])
+    positions = np.vstack([HOME, plan.positions])
+    return np.stack([np.interp(times, known, column) for column in positions.T], axis=1)
 
 
 async def _run(patch, old, new_kind, moment, rng, on_the_way):
@@ -87,8 +111,8 @@ async def _run(patch, old, new_kind, moment, rng, on_the_way):
         queue.submit(first.handle)
         await until(lambda: first.handle.execution is not None)
         await asyncio.sleep(moment)
-        _, here, velocity = first.handle.execution.desired
-        second = Submitted(new_goal(new_kind, rng, here + 0.3 * velocity))
+        time = first.handle.execution.desired[0]
+        second = Submitted(new_goal(new_kind, rng, old.trajectory, time))
         since, begun = executors[-1].now, now()
         queue.submit(second.handle)
         outcome = await second.end()
@@ -114,7 +138,7 @@ async def replacement(patch, seed, *, on_the_way, old=None, new=None):
     """Replace a goal at a random moment; `seed` tells which goals, and when, s."""
     rng = np.random.default_rng([seed, 17])
     old = old or str(rng.choice(['dense', 'planned', 'one']))
-    new = new or str(rng.choice(['one', 'curve']))
+    new = new or str(rng.choice(['one', 'curve', 'again']))
     moment = float(rng.uniform(0.15, 2.3))
     return await _run(patch, long_way(old), new, moment, rng, on_the_way)
 
@@ -124,7 +148,7 @@ def rests(smoother, since):
     states = [_stands(smoother, time) for time in np.arange(since, smoother.now, DT)]
     while states and states[-1]:
         states.pop()
-    return sum(stands and not before for before, stands in zip(states, states[1:], strict=False))
+    return sum(stands and not before for before, stands in pairwise(states))
 
 
 def _stands(smoother, time):

@@ -38,6 +38,7 @@ def test_invariant_5_a_goal_is_left_on_the_way_and_the_new_one_succeeds(
     assert np.abs(peer.assert_still() - SIDE).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(4)
 def test_invariant_4_an_estop_after_the_change_stops_the_arm_for_good(
     replacing_cell: Cell,

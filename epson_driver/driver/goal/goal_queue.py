@@ -11,7 +11,6 @@ runs in the driver's loop.
 import asyncio
 import contextlib
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -20,15 +19,9 @@ from epson_driver.driver.goal.goal_checks import check_goal, check_start
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
-from epson_driver.driver.goal.handover import (
-    LATEST_SHARE,
-    Handover,
-    from_rest,
-    joined,
-    lead,
-    numbered,
-)
+from epson_driver.driver.goal.handover import Handover, from_rest, joined, numbered
 from epson_driver.driver.goal.pace import Pace, Timing
+from epson_driver.driver.goal.replacing import Replacing
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
@@ -40,7 +33,6 @@ from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.motion import JointLimits, Trajectory
 
 REPLACED = 'replaced by a newer goal before it could start'
-REPLACING = 'replaced by a new goal'
 
 FRESH_POSE_TIMEOUT_S = 0.2
 """How long a goal waits for joints if those that are there are too old, s: when the machine was
@@ -112,9 +104,7 @@ class GoalQueue:
         self._next: GoalHandle | None = None
         self._unread: GoalHandle | None = None
         self._preparations: set[asyncio.Task[None]] = set()
-        self._on_the_way = on_the_way
-        self._lead = lead(limits) if on_the_way else math.inf
-        self._hand_over_by: float | None = None
+        self._replacing = Replacing(limits, on_the_way=on_the_way)
         self.joined = 0
         """Goals that have begun on the way of another."""
 
@@ -215,7 +205,7 @@ class GoalQueue:
             self._end_unstarted(self._next, REPLACED)
         self._next = handle
         if self.execution is not None:
-            self._replace(self.execution, _now())
+            self._replacing.replace(self.execution, self._join, _now())
 
     def cancel(self, handle: GoalHandle) -> None:
         """Stop the goal's motion; it ends as canceled when the arm stands.
@@ -223,34 +213,11 @@ class GoalQueue:
         A goal that was to be left for this one is stopped, too.
         """
         if handle in (self._next, self._unread):
-            if handle is self._next and self._hand_over_by is not None:
-                self._stop_for_next(_now(), 'that was canceled')
+            if handle is self._next and self._replacing.pending and self.execution is not None:
+                self._replacing.stop(self.execution, 'that was canceled', _now())
             self._end_unstarted(handle, 'canceled before it could start', End.CANCELED)
         elif handle is self._running and handle.execution is not None:
             handle.execution.cancel(_now())
-
-    def _replace(self, execution: GoalExecution, now: float) -> None:
-        """Have the running goal left for the next one, on the way if that can be."""
-        if not self._on_the_way:
-            execution.stop(REPLACING, now)
-            return
-        reach, latest = execution.reach, LATEST_SHARE * self._lead
-        if reach is None:
-            self._stop_for_next(now, 'it could not be left on the way')
-        elif reach > latest:
-            text = f'the controller has points of it for {reach:.2g} s, more than {latest:.2g} s'
-            self._stop_for_next(now, text)
-        else:
-            if self._hand_over_by is None:
-                self._hand_over_by = now + latest
-            execution.hand_over(self._join, now)
-
-    def _stop_for_next(self, now: float, why: str) -> None:
-        self._hand_over_by = None
-        if self.execution is not None:
-            _log.info('the running goal is stopped for the new one: %s', why)
-            self.execution.keep()
-            self.execution.stop(REPLACING, now)
 
     def _join(self, left: Handover, now: float) -> bool:
         """Have the next goal go on where the running one is left, or stop that one for it.
@@ -259,7 +226,7 @@ class GoalQueue:
         turn of the loop in which the first point is sent.
         """
         old, new = self._running, self._next
-        self._hand_over_by = None
+        self._replacing.done()
         if old is None or old.execution is None or new is None:
             return False
         why = self._gate.reason or self.occupied()
@@ -274,19 +241,19 @@ class GoalQueue:
                 self._pace.check(way.trajectory, start)
             prepared = self._stopper.prepare(way.trajectory, start)
         except GoalRejectedError as rejection:
-            self._stop_for_next(now, str(rejection))
+            self._replacing.stop(old.execution, str(rejection), now)
             return True
         points = numbered(prepared.messages, way.first, left.sequence)
         self._running, self._next = new, None
         self.joined += 1
         execution = self._new_execution(new)
-        execution.go_on(way, points, left, now, self._lead)
+        execution.go_on(way, points, left, now, self._replacing.lead)
         old.execution.handed_over()
         return True
 
     def end_waiting(self, why: str) -> None:
         """End the goals that wait to be started."""
-        self._hand_over_by = None
+        self._replacing.done()
         for handle in (self._unread, self._next):
             if handle is not None:
                 self._end_unstarted(handle, why)
@@ -335,10 +302,9 @@ class GoalQueue:
         if self._unread is not None and not self._robot.stale(now):
             fresh, self._unread = self._unread, None
             self._submit(fresh, now)
-        if self._hand_over_by is not None and now > self._hand_over_by:
-            self._stop_for_next(now, 'the point that is on its way was not answered in time')
         handle = self._running
         if handle is not None and handle.execution is not None:
+            self._replacing.check(handle.execution, now)
             handle.execution.on_state(self._robot, now)
             if not handle.execution.ended:
                 handle.on_feedback(handle.execution, sample)
@@ -398,7 +364,7 @@ class GoalQueue:
         self._running = handle
         execution = self._new_execution(handle)
         if self.smoother is None:
-            if self._on_the_way:
+            if self._replacing.on_the_way:
                 trajectory = from_rest(trajectory, sample.positions, self._limits)
             self._execute(execution, trajectory, sample)
             return
@@ -480,7 +446,7 @@ class GoalQueue:
             _now(),
             sample.positions,
             prepared.delay,
-            self._lead,
+            self._replacing.lead,
         )
 
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
@@ -497,7 +463,7 @@ class GoalQueue:
         handle.on_end(outcome)
         if aftermath.handed_over:
             return
-        self._hand_over_by = None
+        self._replacing.done()
         if not aftermath.at_rest:
             self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:

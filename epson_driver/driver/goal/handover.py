@@ -30,7 +30,7 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.motion.segments import divided
 from epson_driver.simple_message import JointTrajPt, Message
 
-LATENCY_S = 0.3
+LATENCY_S = 0.2
 """What a controller that looks ahead should know beyond a stop, s: its planning takes time, and so
 do the messages."""
 
