@@ -10,10 +10,10 @@ Rules:
 3. Success needs all replies positive, the arm at the goal within tolerance, and standing, as
    measured after the last reply, and not before the time of the plan has passed (goal_clock.py):
    a way that is shorter than the tolerance may not have begun yet.
-4. Cancel, stop and replacement (but for rule 11) send STOP at once, never behind a pending reply, and end the goal
-   when the arm stands. If STOP's answer was taken for that of a point which never came, the state
-   decides: an arm that has stood for longer. A fault sends STOP and ends the goal at once: it
-   cannot wait for an arm that it may no longer see.
+4. Cancel, stop and replacement (but for rule 11) send STOP at once, never behind a pending reply,
+   and end the goal when the arm stands. If STOP's answer was taken for that of a point which never
+   came, the state decides: an arm that has stood for longer. A fault sends STOP and ends the goal
+   at once: it cannot wait for an arm that it may no longer see.
 5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIMEOUT_S at most:
    it has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
 6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
