@@ -10,7 +10,8 @@ trajectory. So STOP, the controller's own limits and all that ends a goal are as
    that no reply belongs to a goal that has ended.
 2. The way into the new goal begins at the last point that was taken, with the velocity that the
    old plan has there, and ends at the new goal's first point, with its velocity. It is a motion
-   inside every limit (motion/segments.py).
+   inside every limit (motion/segments.py), and is there when the new goal says, counted from when
+   it replaces the old one, if the limits and HURRY_SHARE allow that.
 3. The new goal must begin there as it otherwise must where the arm stands (`check_start`). A first
    point at 0 s is where it begins, and is left out.
 4. So that this comes soon, no goal is sent farther ahead of its clock than `lead` s, and long
@@ -36,6 +37,10 @@ do the messages."""
 
 MIN_WAY_S = 1e-3
 """Time for the way to a trajectory's only point if that is at 0 s, s: it takes what it needs."""
+
+HURRY_SHARE = 0.5
+"""The new goal's clock begins when it replaces the old one. Of the time to its first point so much
+is left for the way in at least, whatever the old goal's points take: it is hurried no more."""
 
 MIN_AHEAD_S = 1e-6
 """A point that is so little ahead is where the arm is, s."""
@@ -99,14 +104,14 @@ def joined(
     assert known.velocities is not None  # noqa: S101 - for the type checker
     position, velocity = known.positions[old.taken], known.velocities[old.taken]
     check_start(new, position, limits, start_tolerance)
+    begin = max(float(known.times[old.taken]) - old.time, 0.0)
     try:
-        way_in = divided(_from(position, velocity, new), limits, moving=True)
+        way_in = divided(_from(position, velocity, new, begin), limits, moving=True)
     except ValueError as error:
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, str(error)) from error
     assert way_in.velocities is not None  # noqa: S101 - for the type checker
     # what the controller has, from where the clock is now to where the way in begins
     ahead = np.flatnonzero(known.times[: old.taken + 1] > old.time + MIN_AHEAD_S)
-    begin = max(float(known.times[old.taken]) - old.time, 0.0)
     if len(ahead):
         times = [np.zeros(1), known.times[ahead] - old.time, begin + way_in.times[1:]]
         positions = [old.position[None, :], known.positions[ahead], way_in.positions[1:]]
@@ -145,20 +150,25 @@ def numbered(messages: Sequence[Message], first: int, sequence: int) -> list[Mes
     ]
 
 
-def _from(position: Array, velocity: Array, new: Trajectory) -> Trajectory:
-    """Return a trajectory from a state at 0 s to the first point after that, and on."""
+def _from(position: Array, velocity: Array, new: Trajectory, passed: float = 0.0) -> Trajectory:
+    """Return a trajectory from a state at 0 s to the first point after that, and on.
+
+    So much of the time to the first point has `passed` then, s.
+    """
     later = new.times > 0.0
-    if not later.any():  # one point, at 0 s: where it goes, as fast as that may be
+    if later.any():
+        planned = float(new.times[later][0])
+        left = max(planned - passed, HURRY_SHARE * planned)
+        times = np.concatenate([[0.0], new.times[later] - planned + left])
+    else:  # one point, at 0 s: where it goes, as fast as that may be
+        later = np.array([True])
         times = np.array([0.0, MIN_WAY_S])
-    else:
-        times = np.concatenate([[0.0], new.times[later]])
-    kept = later if later.any() else np.array([True])
-    positions = np.vstack([position, new.positions[kept]])
-    whole = Trajectory(new.joint_names, times, positions, None)
+    positions = np.vstack([position, new.positions[later]])
+    whole = Trajectory(new.joint_names, times, positions)
     if new.velocities is None:
-        planned = with_velocities(whole).velocities
-        assert planned is not None  # noqa: S101 - for the type checker
-        planned[0] = velocity
+        velocities = with_velocities(whole).velocities
+        assert velocities is not None  # noqa: S101 - for the type checker
+        velocities[0] = velocity
     else:
-        planned = np.vstack([velocity, new.velocities[kept]])
-    return replace(whole, velocities=planned)
+        velocities = np.vstack([velocity, new.velocities[later]])
+    return replace(whole, velocities=velocities)

@@ -23,6 +23,9 @@ POSITION_TOLERANCE = 1e-11
 TARGET_TOLERANCE = 1e-9
 """How near a move ends to its target, rad."""
 
+STATE_TOLERANCE = 1e-6
+"""The same for one to a moving state, whose time is given: Ruckig misses it by up to 1e-8 rad."""
+
 REST_SHARE = 1e-9
 """Share of the limits of velocity and acceleration that is no motion."""
 
@@ -168,7 +171,7 @@ def move_into(
     motion = _solved(inp, state)
     if motion is None or not motion.keeps(limits):
         return None
-    return motion if np.max(np.abs(motion.end - position)) <= TARGET_TOLERANCE else None
+    return motion if np.max(np.abs(motion.end - position)) <= STATE_TOLERANCE else None
 
 
 def _from(limits: JointLimits, state: State) -> InputParameter:

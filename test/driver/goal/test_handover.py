@@ -286,11 +286,26 @@ def test_inv2_a_way_in_that_would_leave_the_joint_range_is_refused():
         joined(left_at(old, 1, 0.45), line_to(top - 0.3, first=1.0), LIMITS, 0.05)
 
 
+def test_the_new_goal_is_at_its_first_point_when_it_says_counted_from_its_beginning():
+    left = left_at(OLD, 5, 0.2)  # 0.3 s of the old goal are to come
+    way = joined(left, line_to(0.9, 0.9, first=0.8), LIMITS, 0.05).trajectory
+    first = int(np.argmin(np.abs(way.positions[:, 0] - 0.9)))
+    assert way.times[first] == pytest.approx(0.8)
+    assert way.duration == pytest.approx(0.9)
+
+
+def test_the_way_in_is_hurried_no_more_than_to_half_of_its_time():
+    left = left_at(OLD, 5, 0.1)  # 0.4 s of the old goal are to come
+    way = joined(left, line_to(0.7, 0.7, first=0.5), LIMITS, 0.05).trajectory
+    first = int(np.argmin(np.abs(way.positions[:, 0] - 0.7)))
+    assert way.times[first] == pytest.approx(0.4 + 0.25)
+
+
 def test_a_way_that_needs_longer_than_planned_moves_the_rest_of_the_goal():
     left = left_at(OLD, 5, 0.5)  # at 1 rad/s in the other direction
     way = joined(left, line_to(0.45, 0.4, 0.35, first=0.05), LIMITS, 0.05)
     times = way.trajectory.times
-    assert times[-3] - times[way.first - 1] > 0.05
+    assert times[-3] - times[way.first - 1] > 0.05  # which is how long the plan has for it
     np.testing.assert_allclose(np.diff(times[-3:]), 0.1)
 
 
