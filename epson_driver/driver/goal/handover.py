@@ -39,8 +39,12 @@ MIN_WAY_S = 1e-3
 """Time for the way to a trajectory's only point if that is at 0 s, s: it takes what it needs."""
 
 HURRY_SHARE = 0.5
-"""The new goal's clock begins when it replaces the old one. Of the time to its first point so much
-is left for the way in at least, whatever the old goal's points take: it is hurried no more."""
+"""The new goal's clock begins when it replaces the old one, and what is left of that one's points
+takes some of the time to its first point. For the way in there is so much at least of the time that
+it would have at the speed from where the arm was: it is hurried no more."""
+
+MIN_WAY_RAD = 1e-6
+"""A shorter way has no speed, rad or m."""
 
 MIN_AHEAD_S = 1e-6
 """A point that is so little ahead is where the arm is, s."""
@@ -106,7 +110,8 @@ def joined(
     check_start(new, position, limits, start_tolerance)
     begin = max(float(known.times[old.taken]) - old.time, 0.0)
     try:
-        way_in = divided(_from(position, velocity, new, begin), limits, moving=True)
+        left = _time_left(old, new, position, begin)
+        way_in = divided(_from(position, velocity, new, left), limits, moving=True)
     except ValueError as error:
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, str(error)) from error
     assert way_in.velocities is not None  # noqa: S101 - for the type checker
@@ -136,7 +141,7 @@ def from_rest(new: Trajectory, start: Array, limits: JointLimits) -> Trajectory:
     `start`.
     """
     if new.times[0] > 0.0:
-        new = _from(start, np.zeros_like(start), new)
+        new = _from(start, np.zeros_like(start), new, float(new.times[0]))
     return divided(with_velocities(new), limits)
 
 
@@ -150,19 +155,30 @@ def numbered(messages: Sequence[Message], first: int, sequence: int) -> list[Mes
     ]
 
 
-def _from(position: Array, velocity: Array, new: Trajectory, passed: float = 0.0) -> Trajectory:
+def _time_left(old: Handover, new: Trajectory, position: Array, passed: float) -> float:
+    """Return how much of the time to a new goal's first point is left for the way in, s.
+
+    So much of it has `passed` where the way in begins, at `position`.
+    """
+    index = min(int(np.argmax(new.times > 0.0)), len(new.times) - 1)
+    planned, point = float(new.times[index]), new.positions[index]
+    whole = float(np.max(np.abs(point - old.position)))
+    rest = float(np.max(np.abs(point - position)))
+    share = HURRY_SHARE * rest / max(whole, HURRY_SHARE * rest, MIN_WAY_RAD)
+    return max(planned - passed, share * planned, MIN_WAY_S)
+
+
+def _from(position: Array, velocity: Array, new: Trajectory, left: float) -> Trajectory:
     """Return a trajectory from a state at 0 s to the first point after that, and on.
 
-    So much of the time to the first point has `passed` then, s.
+    `left`: the time to that point, s.
     """
     later = new.times > 0.0
     if later.any():
-        planned = float(new.times[later][0])
-        left = max(planned - passed, HURRY_SHARE * planned)
-        times = np.concatenate([[0.0], new.times[later] - planned + left])
+        times = np.concatenate([[0.0], new.times[later] - new.times[later][0] + left])
     else:  # one point, at 0 s: where it goes, as fast as that may be
         later = np.array([True])
-        times = np.array([0.0, MIN_WAY_S])
+        times = np.array([0.0, left])
     positions = np.vstack([position, new.positions[later]])
     whole = Trajectory(new.joint_names, times, positions)
     if new.velocities is None:

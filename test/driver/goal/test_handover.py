@@ -294,11 +294,18 @@ def test_the_new_goal_is_at_its_first_point_when_it_says_counted_from_its_beginn
     assert way.duration == pytest.approx(0.9)
 
 
-def test_the_way_in_is_hurried_no_more_than_to_half_of_its_time():
-    left = left_at(OLD, 5, 0.1)  # 0.4 s of the old goal are to come
-    way = joined(left, line_to(0.7, 0.7, first=0.5), LIMITS, 0.05).trajectory
-    first = int(np.argmin(np.abs(way.positions[:, 0] - 0.7)))
-    assert way.times[first] == pytest.approx(0.4 + 0.25)
+def test_the_way_in_is_at_most_twice_as_fast_as_from_where_the_arm_was():
+    slow = line_to(*np.linspace(0.0, 1.0, 11).tolist(), step=0.5)
+    left = left_at(slow, 5, 0.5)  # at 0.1 rad, and 2 s of the old goal are to come, to 0.5 rad
+    way = joined(left, line_to(0.9, 0.9, first=2.5), LIMITS, 0.05).trajectory
+    first = int(np.argmin(np.abs(way.positions[:, 0] - 0.9)))
+    assert way.times[first] == pytest.approx(2.0 + 0.5 * 2.5 * 0.4 / 0.8)
+
+
+def test_a_plan_that_goes_on_as_the_old_one_does_is_not_delayed():
+    left = left_at(OLD, 5, 0.1)
+    way = joined(left, line_to(0.6, 0.7, 0.8, first=0.5), LIMITS, 0.05).trajectory
+    assert way.duration == pytest.approx(0.7, abs=0.03)
 
 
 def test_a_way_that_needs_longer_than_planned_moves_the_rest_of_the_goal():
