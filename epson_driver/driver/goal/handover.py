@@ -40,8 +40,8 @@ MIN_WAY_S = 1e-3
 
 HURRY_SHARE = 0.5
 """The new goal's clock begins when it replaces the old one, and what is left of that one's points
-takes some of the time to its first point. For the way in there is so much at least of the time that
-it would have at the speed from where the arm was: it is hurried no more."""
+takes some of the time to its first point. For the way in there is so much at least of the time
+that it would have at the speed from where the arm was: it is hurried no more."""
 
 MIN_WAY_RAD = 1e-6
 """A shorter way has no speed, rad or m."""
