@@ -156,6 +156,7 @@ class Driver:
             self._on_broken_off,
             _smoother(configuration),
             Pace(configuration.delivery, configuration.limits),
+            on_the_way=configuration.on_the_way,
         )
         self.servo = Servo(
             configuration.limits,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.configuration import Configuration, check_on_the_way
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
 from epson_driver.driver.servo.setpoint import ServoSettings
@@ -36,6 +36,19 @@ def driver_configuration(
             f'parameter joint_names has {len(names)} names, but {model.name} has '
             f'{len(model.joint_names)} joints'
         )
+    delivery = delivery_rules(profile, values['interface'], values['point_message'])
+    smoothing = Smoothing(
+        None if values['smoothing'] == 'none' else values['resample_period'],
+        time_optimal=values['timing'] == 'time_optimal',
+        thin=values['smoothing'] == 'thin',
+        deviation=values['thin_deviation'],
+    )
+    on_the_way = values['replace_goals'] == 'on_the_way'
+    if on_the_way:
+        try:
+            check_on_the_way(profile, delivery, smoothing)
+        except ValueError as error:
+            raise ValueError(f'parameter replace_goals = on_the_way: {error}') from error
     return Configuration(
         host=values['robot_ip'],
         motion_port=values['motion_port'],
@@ -48,7 +61,7 @@ def driver_configuration(
         state_timeout=values['state_timeout'],
         limits=replace(model.limits, names=names),
         errors=load_error_texts(values['error_texts']),
-        delivery=delivery_rules(profile, values['interface'], values['point_message']),
+        delivery=delivery,
         mapping=joint_mapping(
             len(names), values['joint_signs'], values['joint_offsets'], values['j23_factor']
         ),
@@ -57,12 +70,8 @@ def driver_configuration(
         state_period=profile.state.period,
         margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
         configured_as=f'{profile.name}, {model.name}',
-        smoothing=Smoothing(
-            None if values['smoothing'] == 'none' else values['resample_period'],
-            time_optimal=values['timing'] == 'time_optimal',
-            thin=values['smoothing'] == 'thin',
-            deviation=values['thin_deviation'],
-        ),
+        smoothing=smoothing,
+        on_the_way=on_the_way,
     )
 
 

@@ -127,3 +127,25 @@ def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
     assert 'note: Revealed type is "epson_driver.robot.Robot"' in messages[0]
     assert 'error: "Robot" has no attribute "move_joint"' in messages[1]
     assert len([line for line in messages if line.startswith('error')]) == 1
+
+
+@pytest.mark.parametrize(
+    ('name', 'more', 'words'),
+    [
+        ('rc620', {}, None),
+        ('thesis', {}, 'the controller thesis is not known to take'),
+        ('rc620', {'interface': 'download'}, 'interface = download'),
+        ('rc620', {'timing': 'time_optimal'}, 'begins at rest'),
+    ],
+)
+def test_goals_are_replaced_on_the_way_only_where_that_can_be(name, more, words):
+    profile = load_controller_profile(name)
+    values = {row.name: row.default for row in parameters.TABLE}
+    values |= parameters.profile_defaults(profile)
+    assert not driver_configuration(values, profile).on_the_way
+    values |= {'replace_goals': 'on_the_way'} | more
+    if words is None:
+        assert driver_configuration(values, profile).on_the_way
+    else:
+        with pytest.raises(ValueError, match=f'parameter replace_goals = on_the_way: .*{words}'):
+            driver_configuration(values, profile)

@@ -12,6 +12,7 @@ Rules:
 """
 
 from array import array
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -48,9 +49,19 @@ class Reference:
 
 
 class GoalClock:
-    """The time on a goal's plan, s. `now` is monotonic, s; the plan begins at the first one."""
+    """The time on a goal's plan, s. `now` is monotonic, s; the plan begins at the first one.
 
-    def __init__(self, trajectory: Trajectory, start: Array, scaling: SpeedScaling, now: float):
+    `sent`: the factors with which its first points were sent already, as those of another goal.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        start: Array,
+        scaling: SpeedScaling,
+        now: float,
+        sent: Sequence[float] = (),
+    ):
         self.time = 0.0
         self.held = False
         """A point is held back until the factor is more than 0."""
@@ -59,7 +70,7 @@ class GoalClock:
         self._scaling = scaling
         self._reference = Reference(trajectory, start)
         self._times = trajectory.times
-        self._factors = array('d')  # a list would take four times the memory
+        self._factors = array('d', sent)  # a list would take four times the memory
         self._now = now
 
     def sent(self, factor: float) -> None:
@@ -87,7 +98,21 @@ class GoalClock:
             self.time = end
             left -= needed
 
+    @property
+    def seen(self) -> float:
+        """When it was at `time`, monotonic, s."""
+        return self._now
+
+    @property
+    def factors(self) -> Sequence[float]:
+        """The factors with which points were sent, so far."""
+        return self._factors
+
+    def planned(self) -> tuple[Array, Array]:
+        """Return where the plan is now and how fast it is, shape (n,), rad and rad/s."""
+        return self._reference.at(self.time)
+
     def desired(self) -> tuple[Array, Array]:
         """Return where the arm should be and how fast now, shape (n,), rad and rad/s."""
-        positions, velocities = self._reference.at(self.time)
+        positions, velocities = self.planned()
         return positions, velocities * self.rate

@@ -31,6 +31,7 @@ from epson_driver.driver.goal.goal_states import (
     GoalEvent,
     GoalState,
 )
+from epson_driver.driver.goal.handover import Handover, JoinedWay
 from epson_driver.driver.goal.pace import Timing
 from epson_driver.driver.goal.point_schedule import PointSchedule
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
@@ -52,6 +53,9 @@ scheduled, or a controller that is silent, which the driver sees by itself (link
 Send = Callable[[Message, Callable[[Packet, float], None]], object]
 """send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
 Raises ConnectionError if there is no link."""
+
+Successor = Callable[[Handover, float], bool]
+"""successor(handover, now) has another goal go on, or stops this one; False: it does neither."""
 
 
 class GoalExecution:
@@ -94,6 +98,9 @@ class GoalExecution:
         self._rejection = ''
         self._rejected_at = 0.0
         self._cause_waited = 0.0
+        self._successor: Successor | None = None
+        self._sequence = 0  # of the point that was sent last
+        self._goes_on = False
 
     @property
     def paused(self) -> bool:
@@ -131,6 +138,23 @@ class GoalExecution:
         """True once the outcome is known."""
         return self.state in FINAL_STATES
 
+    @property
+    def reach(self) -> float | None:
+        """How far ahead of the clock the points reach that were sent, s.
+
+        None unless some were, the goal runs, and the controller is not paused.
+        """
+        if self._schedule is None or self.state not in RUNNING_STATES or self.paused:
+            return None
+        last = self.point if self._in_flight else self.point - 1
+        return None if last < 0 else self._schedule.ahead(last)
+
+    @property
+    def _in_flight(self) -> bool:
+        """Whether a point is on its way to the controller, or its reply."""
+        schedule = self._schedule
+        return self.state is GoalState.STREAMING and schedule is not None and not schedule.waits
+
     def start(
         self,
         trajectory: Trajectory,
@@ -138,23 +162,92 @@ class GoalExecution:
         now: float,
         at: Array | None = None,
         begin_within: float = 0.0,
+        lead: float = float('inf'),
     ) -> None:
         """Send the first point of a prepared trajectory; nothing if the goal was stopped before.
 
         `trajectory` is what is executed: the goal's own, or what was made of it. `at`: shape
         (n,), rad, where the arm stands, if that is not the first point. `begin_within`: how long
         from now on the controller lets the arm stand before it moves, s; the plan begins then.
+        `lead`: how far ahead of the plan's clock points are sent, s.
         """
         if self.state is not GoalState.PREPARING:
             return
+        start = trajectory.positions[0] if at is None else at
+        begins_by = now + begin_within
+        schedule = PointSchedule(trajectory, points, start, self._scaling, begins_by, lead=lead)
+        self._begin(trajectory, schedule, begins_by, now)
+
+    def go_on(
+        self, way: JoinedWay, points: list[Message], left: Handover, now: float, lead: float
+    ) -> None:
+        """Send the first point of a way that the controller does not have yet.
+
+        It has those before from the goal that was `left`; `lead` as in `start`.
+        """
+        self._goes_on = True
+        self._sequence = left.sequence
+        self.point = way.first
+        schedule = PointSchedule(
+            way.trajectory,
+            points,
+            way.trajectory.positions[0],
+            self._scaling,
+            left.seen,
+            lead=lead,
+            sent=way.factors,
+            sent_until=left.sent_until,
+        )
+        self._begin(way.trajectory, schedule, now, now)
+
+    def _begin(
+        self, trajectory: Trajectory, schedule: PointSchedule, begins_by: float, now: float
+    ) -> None:
         self.goal = replace(self.goal, trajectory=trajectory)
         self._arrival = Arrival(self.goal)
-        self._begins_by = now + begin_within
+        self._begins_by = begins_by
         self.started = self._standstill.alive = now
-        start = trajectory.positions[0] if at is None else at
-        self._schedule = PointSchedule(trajectory, points, start, self._scaling, self._begins_by)
+        self._schedule = schedule
         self._step(GoalEvent.PREPARED)
         self._send_point(now)
+
+    def hand_over(self, successor: Successor, now: float) -> None:
+        """Have `successor` called as soon as no point is on its way; now, if none is.
+
+        Until then the goal is as ever: what ends it before ends it, and nobody is called.
+        """
+        self._successor = successor
+        if not self._in_flight:
+            self._hand_over(now)
+
+    def keep(self) -> None:
+        """Go on: nobody is waiting to be handed the arm any more."""
+        self._successor = None
+
+    def handed_over(self) -> None:
+        """End as aborted, as another goal goes on from where this one is."""
+        where = self.where
+        self._step(GoalEvent.HANDED_OVER)
+        text = f'replaced by a new goal {where}; the arm goes on to that one without a stop'
+        self._on_end(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text))
+
+    def _hand_over(self, now: float) -> bool:
+        """Have the goal replaced if somebody waits for that; return whether it was."""
+        successor, self._successor = self._successor, None
+        if successor is None or self._schedule is None or self.state not in RUNNING_STATES:
+            return False
+        clock = self._schedule.clock
+        handover = Handover(
+            self.goal.trajectory,
+            self.point - 1,
+            self._sequence,
+            self._schedule.sent_until,
+            clock.time,
+            clock.seen,
+            *clock.planned(),
+            clock.factors,
+        )
+        return successor(handover, now)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """Take the controller's reply to point `index`."""
@@ -167,6 +260,8 @@ class GoalExecution:
             self._reject(f'the controller refused {self._name(index)} ({no})', now)
             return
         self.point += 1
+        if self._hand_over(now):
+            return
         if self._schedule is not None and self.point < len(self._schedule):
             self._send_point(now)
         else:
@@ -237,7 +332,8 @@ class GoalExecution:
         """Stop, as the controller rejected a point, and wait for the STATUS that says why."""
         self._rejection, self._rejected_at = why, now
         self._cause_waited = 0.0
-        self._step(GoalEvent.REJECTION_MIDWAY if self.point > 0 else GoalEvent.REJECTION)
+        taken = self.point > 0 or self._goes_on
+        self._step(GoalEvent.REJECTION_MIDWAY if taken else GoalEvent.REJECTION)
         self._send_stop()
 
     def _look_for_cause(self, robot: RobotState, gap: float) -> None:
@@ -384,9 +480,9 @@ class GoalExecution:
             clock.advance(sample.measured, running=moves and not self._pause.interrupted)
         if robot.status is not None:
             self._pause.see(robot.status)
-        if clock is None:
+        if clock is None or self._schedule is None:
             return
-        if clock.held and self.state is GoalState.STREAMING:
+        if self._schedule.waits and self.state is GoalState.STREAMING:
             self._send_point(now)
         if moves and (self.paused or clock.held):
             self._standstill.alive = now
@@ -429,6 +525,7 @@ class GoalExecution:
         message = None if self._schedule is None else self._schedule.message(index, now)
         if message is None:
             return
+        self._sequence = getattr(message, 'sequence', 0)
 
         def on_reply(packet: Packet, now: float) -> None:
             self.on_reply(index, packet, now)

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The running goal and the one that waits for it: from submission to outcome.
 
-A new goal replaces the running one, which is stopped; it starts when the arm stands. One that
+A new goal replaces the running one, which is stopped; it starts when the arm stands. Or, where
+that is wanted, it goes on from where the running one is left on its way (handover.py). One that
 comes after a goal that ended at once starts when the stop of that one is over. Everything here
 runs in the driver's loop.
 """
@@ -18,7 +19,9 @@ from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_plan import GoalPlans
 from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
+from epson_driver.driver.goal.handover import Handover, from_rest, joined, numbered
 from epson_driver.driver.goal.pace import Pace, Timing
+from epson_driver.driver.goal.replacing import Replacing
 from epson_driver.driver.goal.speed_scaling import SpeedScaling
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
@@ -56,7 +59,8 @@ class GoalQueue:
 
     `on_broken_off` is called with the outcome of a goal after which the arm must be enabled again,
     and whether an answer is missing. `start_tolerance` (rad) and `settings` may be changed at any
-    time; the latter hold for the running goal, too.
+    time; the latter hold for the running goal, too. `on_the_way`: a running goal is left without
+    a stop for a new one, where that can be.
     """
 
     def __init__(
@@ -70,6 +74,8 @@ class GoalQueue:
         on_broken_off: Callable[[Outcome, bool], None],
         smoother: SmoothingProcess | None,
         pace: Pace,
+        *,
+        on_the_way: bool = False,
     ) -> None:
         self.start_tolerance = 0.05
         self.scaling = SpeedScaling()
@@ -97,6 +103,9 @@ class GoalQueue:
         self._preparations: set[asyncio.Task[None]] = set()
         self.plans = GoalPlans()
         """Goals of which there is no trajectory yet. One that is submitted ends them."""
+        self._replacing = Replacing(limits, on_the_way=on_the_way)
+        self.joined = 0
+        """Goals that have begun on the way of another."""
 
     @property
     def settings(self) -> GoalSettings:
@@ -196,18 +205,56 @@ class GoalQueue:
             self._end_unstarted(self._next, REPLACED)
         self._next = handle
         if self.execution is not None:
-            self.execution.stop('replaced by a new goal', _now())
+            self._replacing.replace(self.execution, self._join, _now())
 
     def cancel(self, handle: GoalHandle) -> None:
-        """Stop the goal's motion; it ends as canceled when the arm stands."""
+        """Stop the goal's motion; it ends as canceled when the arm stands.
+
+        A goal that was to be left for this one is stopped, too.
+        """
         if handle in (self._next, self._unread):
+            if handle is self._next and self._replacing.pending and self.execution is not None:
+                self._replacing.stop(self.execution, 'that was canceled', _now())
             self._end_unstarted(handle, 'canceled before it could start', End.CANCELED)
         elif handle is self._running and handle.execution is not None:
             handle.execution.cancel(_now())
 
+    def _join(self, left: Handover, now: float) -> bool:
+        """Have the next goal go on where the running one is left, or stop that one for it.
+
+        Nothing of the running goal is on its way. What forbids motion is looked at in the same
+        turn of the loop in which the first point is sent.
+        """
+        old, new = self._running, self._next
+        self._replacing.done()
+        if old is None or old.execution is None or new is None:
+            return False
+        why = self._gate.reason or self.occupied()
+        if why is None and not self._stopper.over:
+            why = 'the arm is being stopped'
+        try:
+            if why is not None:
+                raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
+            way = joined(left, new.goal.trajectory, self._limits, self.start_tolerance)
+            start = way.trajectory.positions[0]
+            if self._settings.require_planned_speed:
+                self._pace.check(way.trajectory, start)
+            prepared = self._stopper.prepare(way.trajectory, start)
+        except GoalRejectedError as rejection:
+            self._replacing.stop(old.execution, str(rejection), now)
+            return True
+        points = numbered(prepared.messages, way.first, left.sequence)
+        self._running, self._next = new, None
+        self.joined += 1
+        execution = self._new_execution(new)
+        execution.go_on(way, points, left, now, self._replacing.lead)
+        old.execution.handed_over()
+        return True
+
     def end_waiting(self, why: str) -> None:
         """End the goals that wait to be started, or for their plan."""
         self.plans.end(why)
+        self._replacing.done()
         for handle in (self._unread, self._next):
             if handle is not None:
                 self._end_unstarted(handle, why)
@@ -258,6 +305,7 @@ class GoalQueue:
             self._submit(fresh, now)
         handle = self._running
         if handle is not None and handle.execution is not None:
+            self._replacing.check(handle.execution, now)
             handle.execution.on_state(self._robot, now)
             if not handle.execution.ended:
                 handle.on_feedback(handle.execution, sample)
@@ -315,7 +363,19 @@ class GoalQueue:
             handle.on_end(rejection.outcome)
             return
         self._running = handle
-        execution = handle.execution = GoalExecution(
+        execution = self._new_execution(handle)
+        if self.smoother is None:
+            if self._replacing.on_the_way:
+                trajectory = from_rest(trajectory, sample.positions, self._limits)
+            self._execute(execution, trajectory, sample)
+            return
+        handle.preparation = asyncio.create_task(self._prepare(self.smoother, execution, sample))
+        self._preparations.add(handle.preparation)
+        handle.preparation.add_done_callback(self._preparations.discard)
+        handle.preparation.add_done_callback(report_task_error)
+
+    def _new_execution(self, handle: GoalHandle) -> GoalExecution:
+        handle.execution = GoalExecution(
             handle.goal,
             self._settings,
             self._stopper.post,
@@ -323,13 +383,7 @@ class GoalQueue:
             _now(),
             self.scaling,
         )
-        if self.smoother is None:
-            self._execute(execution, trajectory, sample)
-            return
-        handle.preparation = asyncio.create_task(self._prepare(self.smoother, execution, sample))
-        self._preparations.add(handle.preparation)
-        handle.preparation.add_done_callback(self._preparations.discard)
-        handle.preparation.add_done_callback(report_task_error)
+        return handle.execution
 
     def _sample_at_start(self, trajectory: Trajectory, now: float) -> JointSample:
         """Return where the arm stands. Raises GoalRejectedError unless it can begin there now."""
@@ -382,10 +436,12 @@ class GoalQueue:
             _now(),
             sample.positions,
             prepared.delay,
+            self._replacing.lead,
         )
 
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
-        self._running = None
+        if handle is self._running:
+            self._running = None
         outcome = self._timed(handle, outcome)
         handle.outcome = outcome
         aftermath = AT_REST if handle.execution is None else handle.execution.aftermath
@@ -395,6 +451,9 @@ class GoalQueue:
             handle.preparation.cancel()
         self._changed.notify_all()
         handle.on_end(outcome)
+        if aftermath.handed_over:
+            return
+        self._replacing.done()
         if not aftermath.at_rest:
             self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions off the path, from a moving state: the fastest stop, and the move to another start."""
+"""Motions off the path, from a moving state: a stop, a move to rest, a move to another state."""
 
 from collections.abc import Iterator
 
@@ -23,12 +23,15 @@ POSITION_TOLERANCE = 1e-11
 TARGET_TOLERANCE = 1e-9
 """How near a move ends to its target, rad."""
 
+STATE_TOLERANCE = 1e-6
+"""The same for one to a moving state, whose time is given: Ruckig misses it by up to 1e-8 rad."""
+
 REST_SHARE = 1e-9
 """Share of the limits of velocity and acceleration that is no motion."""
 
 
 class JointMotion:
-    """A motion of n joints from a state to rest, each by k pieces of constant jerk.
+    """A motion of n joints from a state, as a rule to rest, each by k pieces of constant jerk.
 
     durations, jerks: shape (n, k), s and rad/s³. It starts in exactly the state given; `duration`
     is in s, `end` where it rests, rad. `times` are the breakpoints of each joint, shape
@@ -67,6 +70,15 @@ class JointMotion:
 
     def within(self, limits: JointLimits) -> bool:
         """Return whether it keeps all limits at every instant, and rests in the end."""
+        _, velocity, acceleration = self.states
+        return bool(
+            np.all(np.abs(velocity[:, -1]) <= REST_SHARE * limits.velocity)
+            and np.all(np.abs(acceleration[:, -1]) <= REST_SHARE * limits.acceleration)
+            and self.keeps(limits)
+        )
+
+    def keeps(self, limits: JointLimits) -> bool:
+        """Return whether it keeps all limits at every instant: by its extrema."""
         position, velocity, acceleration = self.states
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
@@ -86,8 +98,6 @@ class JointMotion:
             and np.all(np.abs(speeds).max(axis=1) <= slack * limits.velocity)
             and np.all(places.min(axis=1) >= limits.position_min - POSITION_TOLERANCE)
             and np.all(places.max(axis=1) <= limits.position_max + POSITION_TOLERANCE)
-            and np.all(np.abs(velocity[:, -1]) <= REST_SHARE * limits.velocity)
-            and np.all(np.abs(acceleration[:, -1]) <= REST_SHARE * limits.acceleration)
         )
 
 
@@ -142,6 +152,26 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
     if motion is None or not motion.within(limits):
         return None
     return motion if np.max(np.abs(motion.end - target)) <= TARGET_TOLERANCE else None
+
+
+def move_into(
+    limits: JointLimits, state: State, position: Array, velocity: Array, duration: float
+) -> JointMotion | None:
+    """Return a move to a state of motion without acceleration, or None if it would break a limit.
+
+    position, velocity: shape (n,), of that state. It takes `duration` s, or longer where the
+    limits need that. (Ruckig's way to take longer may be a detour to and fro; the caller sees it
+    by the duration.) `at` holds before its end only, where it does not rest.
+    """
+    fastest = limits.velocity * (1.0 - LIMIT_TOLERANCE_SHARE)
+    inp = _from(limits, state)
+    inp.target_position = position.tolist()
+    inp.target_velocity = np.clip(velocity, -fastest, fastest).tolist()
+    inp.minimum_duration = duration
+    motion = _solved(inp, state)
+    if motion is None or not motion.keeps(limits):
+        return None
+    return motion if np.max(np.abs(motion.end - position)) <= STATE_TOLERANCE else None
 
 
 def _from(limits: JointLimits, state: State) -> InputParameter:

@@ -36,12 +36,14 @@ streaming             cancel            canceling
 streaming             stop              stopping
 streaming             no reply          aborted
 streaming             fault             aborted
+streaming             handed over       aborted
 settling              at the goal       succeeded
 settling              rejection midway  rejected midway
 settling              cancel            canceling
 settling              stop              stopping
 settling              no reply          aborted
 settling              fault             aborted
+settling              handed over       aborted
 rejected              fault             aborted
 rejected midway       fault             aborted
 canceling             STOP confirmed    canceling, confirmed
