@@ -14,6 +14,7 @@ from pathlib import Path
 
 from benchmark import tables
 from benchmark.cases import Case, Task, factory, run_case
+from benchmark.families import FAMILIES, FamilyFigures, run_family
 from benchmark.limit_sets import FACTORS, limit_set
 from benchmark.look_ahead import TRAJECTORIES, Curve, CurveTask, run_curve
 from benchmark.references import ReferenceFile, ReferenceTimes, compute, digest
@@ -45,8 +46,9 @@ def main(arguments: list[str] | None = None) -> int:
         smoother = _available(args.smoother)
         cases = _cases(pool, trajectories, references, args, smoother)
         curves = _curves(pool, trajectories, args, smoother)
+        families = _families(pool, args)
     results = outcomes(cases)
-    write(args.output, Results(cases, curves, results))
+    write(args.output, Results(cases, curves, results, families))
     print(tables.summary(cases), tables.targets(results), sep='\n\n')
     missed = [result.metric for result in results if not result.met and result.worst is not None]
     unknown = [result.metric for result in results if result.worst is None]
@@ -87,6 +89,14 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
         '--quick',
         action='store_true',
         help='short trajectories and three strategies, at full limits',
+    )
+    parser.add_argument(
+        '--family',
+        action='append',
+        metavar='NAME',
+        default=[],
+        choices=FAMILIES,
+        help='this family of hard trajectories as well (repeatable); a whole run has them all',
     )
     parser.add_argument(
         '--reference', action='store_true', help='compute the reference times anew'
@@ -223,6 +233,17 @@ def _curves(
         except Exception as error:  # noqa: BLE001  whatever the class under test raises
             print(f'no look-ahead curve: {type(error).__name__}: {error}', flush=True)
     return curves
+
+
+def _families(pool: ProcessPoolExecutor, args: argparse.Namespace) -> list[FamilyFigures]:
+    """Run the families of the whole benchmark, or of --family alone."""
+    part = args.only or args.limits or args.strategy or args.quick or args.smoother != DRIVER
+    names = args.family or ([] if part else list(FAMILIES))
+    found = []
+    for figures in pool.map(run_family, names):
+        print(f'{figures.name}: {100.0 * figures.failed_share:.1f} % failed', flush=True)
+        found.append(figures)
+    return found
 
 
 if __name__ == '__main__':

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmark.cases import Case, CutStream
+from benchmark.families import FamilyFigures
 from benchmark.joint_splines import SplineUse
 from benchmark.look_ahead import Curve
 from benchmark.metrics import Metrics
@@ -25,6 +26,7 @@ class Results(NamedTuple):
     cases: list[Case]
     curves: list[Curve]
     outcomes: list[Outcome]
+    families: list[FamilyFigures]
 
 
 def write(folder: Path, results: Results) -> None:
@@ -34,6 +36,7 @@ def write(folder: Path, results: Results) -> None:
         'cases': [case.as_dict() for case in results.cases],
         'look_ahead': [curve.as_dict() for curve in results.curves],
         'targets': [asdict(outcome) for outcome in results.outcomes],
+        'families': [figures.as_dict() for figures in results.families],
     }
     text = json.dumps(_rounded(data), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / FIGURES).write_text(text + '\n', encoding='utf-8')
@@ -64,6 +67,7 @@ def read(folder: Path) -> Results:
             Outcome(**outcome | {name: _bound(outcome[name]) for name in ('required', 'goal')})
             for outcome in data['targets']
         ],
+        [FamilyFigures(**figures) for figures in data.get('families', [])],
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from benchmark.cases import Case
+from benchmark.families import FAMILIES, FamilyFigures
 from benchmark.look_ahead import Curve
 from benchmark.metrics import Metrics
 from benchmark.strategies import MODES, STRATEGIES
@@ -37,8 +38,18 @@ WORDS = """Written by `make bench-motion`; all figures are in motion.json as wel
   **waypoint**, **overrun**, **off lines**: the largest distance from a waypoint, past the last
   known point and from the straight lines between the points, rad."""
 
+FAMILY_WORDS = """Random trajectories, each run three times: time-optimal with all known and with
+3·A/J, and time-preserving with 3·A/J. **failed**: the share of plans for which none was found, so
+that the one before went on. **time / pt to pt**: the worst, all known. **plan**: CPU time of one.
+Wanted: failed ≤ 2 %, no stops, time ≤ 1, v, a, j ≤ 1, plan ≤ 60 ms at the 99th percentile."""
 
-def report(cases: list[Case], curves: list[Curve], results: list[Outcome]) -> str:
+
+def report(
+    cases: list[Case],
+    curves: list[Curve],
+    results: list[Outcome],
+    of_families: Sequence[FamilyFigures] = (),
+) -> str:
     """Return the whole report."""
     parts = [
         '# Motion benchmark',
@@ -59,6 +70,8 @@ def report(cases: list[Case], curves: list[Curve], results: list[Outcome]) -> st
             '## Look-ahead\n\nTime relative to that with all points known.',
             look_ahead(curves),
         ]
+    if of_families:
+        parts += [f'## Families that are hard to plan\n\n{FAMILY_WORDS}', families(of_families)]
     errors = [
         f'* {case.name}, {case.limits}, {name}: {text}'
         for case in cases
@@ -306,6 +319,38 @@ def look_ahead(curves: list[Curve]) -> str:
             *(f'{ratio:.3f}' for ratio in curve.ratios),
         ]
         for curve in curves
+    ]
+    return _table(header, rows)
+
+
+def families(found: Sequence[FamilyFigures]) -> str:
+    """Return a line per family."""
+    header = [
+        'family',
+        'what it is',
+        'runs',
+        'plans',
+        'failed',
+        'stops',
+        'time / pt to pt',
+        'v, a, j',
+        'plan, median',
+        '99 %',
+    ]
+    rows = [
+        [
+            one.name,
+            FAMILIES[one.name][0],
+            str(one.runs) + (f' ({one.unfinished} without an end)' if one.unfinished else ''),
+            str(one.plans),
+            f'{100.0 * one.failed_share:.1f} %',
+            str(one.stops),
+            f'{one.time_ratio:.2f}',
+            f'{one.velocity:.3f}, {one.acceleration:.3f}, {one.jerk:.3f}',
+            f'{1e3 * one.plan_median:.0f} ms',
+            f'{1e3 * one.plan_p99:.0f} ms',
+        ]
+        for one in found
     ]
     return _table(header, rows)
 

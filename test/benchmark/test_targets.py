@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmark.cases import Case
+from benchmark.families import FamilyFigures
 from benchmark.metrics import Metrics
 from benchmark.motion import RESULTS
 from benchmark.references import ReferenceTimes
@@ -112,7 +113,8 @@ def test_the_committed_report_is_in_words_that_a_reader_of_it_knows() -> None:
 
 def test_figures_are_read_as_they_were_written(tmp_path: Path) -> None:
     cases = [case(), case(jerk=1.5)]
-    write(tmp_path, Results(cases, [], outcomes(cases)))
+    families = [FamilyFigures('zigzag', runs=3, plans=10)]
+    write(tmp_path, Results(cases, [], outcomes(cases), families))
     results = read(tmp_path)  # six digits of each
     assert results.cases == cases
     write(tmp_path, results)

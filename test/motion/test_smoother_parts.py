@@ -3,6 +3,7 @@
 """The parts of the smoother: path, timings, the verification, the linear solver."""
 
 import dataclasses
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from epson_driver.motion.smoother.time_parametrisation import (
     from_accelerations,
     from_pieces,
 )
+from epson_driver.motion.smoother.tridiagonal import solve_tridiagonal
 
 LIMITS = JointLimits(
     ('a', 'b'),
@@ -46,6 +48,18 @@ def bow(count: int = 20) -> Path:
 
 def unbound(path: Path) -> Problem:
     return Problem(path, (0.0, 0.0, 0.0), LIMITS, np.full(len(path.knots.u), 1e6))
+
+
+def test_a_path_that_may_go_on_points_less_steeply_at_the_border_than_one_that_ends() -> None:
+    """Where nothing follows, the spline is as it is: a gentler end would cost time."""
+    points = np.array([[0.5, 0.1], [1.0, 0.2], [1.8, 0.3]])
+    ends = [through(at_rest((0.0, 0.0)), points, LIMITS, False, final) for final in (False, True)]
+    slopes = [path.knots.first[-1] for path in ends]
+    assert 0.0 < slopes[0][0] < 0.9 * slopes[1][0]
+    assert slopes[0][1] == pytest.approx(slopes[1][1])
+    natural = through(at_rest((-1.0, 0.0)), points - [1.0, 0.0], LIMITS, False)
+    assert slopes[1] == pytest.approx(natural.knots.first[-1])
+    assert not any(path.outside(LIMITS).any() for path in ends)
 
 
 def test_a_path_goes_through_its_points_with_continuous_curvature() -> None:
@@ -310,3 +324,29 @@ def test_a_stop_that_would_leave_the_range_is_made_by_each_joint_alone() -> None
 def test_a_move_that_would_leave_the_range_is_none() -> None:
     state = (np.array([1.99, 0.0]), np.array([3.0, 0.0]), np.zeros(2))
     assert fastest_move(LIMITS, state, np.array([0.0, 0.0])) is None
+
+
+@pytest.mark.parametrize('size', [2, 3, 4, 7, 64, 101])
+def test_the_tridiagonal_solver_solves(size: int) -> None:
+    rng = np.random.default_rng(size)
+    below, above = 10.0 ** rng.uniform(-4.0, 2.0, (2, size, 6))
+    below[0] = above[-1] = 0.0
+    main = 2.0 * (below + above)
+    right = rng.normal(size=(size, 6))
+    solution = solve_tridiagonal(below, main, above, right)
+    for column in range(6):
+        dense = np.diag(main[:, column])
+        dense += np.diag(below[1:, column], -1) + np.diag(above[:-1, column], 1)
+        expected = np.linalg.solve(dense, right[:, column])
+        assert solution[:, column] == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_a_path_through_thousands_of_points_takes_memory_for_its_points_only() -> None:
+    """A dense matrix of the spline alone would take 128 MB."""
+    s = np.linspace(0.0, 2.0, 4001)[:, None]
+    points = np.hstack([np.sin(s), np.cos(s)])
+    tracemalloc.start()
+    through(at_rest((0.0, 1.0)), points[1:], LIMITS, clamped=False)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 25e6

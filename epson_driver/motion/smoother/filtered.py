@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Proposer FIR: the speed profile, its jerk limited by a moving average over time.
+"""The second proposer: the speed profile, its jerk limited by a moving average over time.
 
 The mean of u(t) over a window of A/J turns jumps of ü into ramps, and the motion stays on the
 path. Where the result exceeds a limit, the speed bound is lowered, and all is done again.
@@ -9,7 +9,7 @@ path. Where the result exceeds a limit, the speed bound is lowered, and all is d
 import numpy as np
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
+from epson_driver.motion.smoother.limit_usage import LimitUsage
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import (
@@ -30,9 +30,9 @@ def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None
     factor = np.ones_like(bounds.positions)
     for _ in range(MAX_ROUNDS):
         timing = filtered(problem, bounds, factor)
-        if timing is None:
+        if timing is None or problem.effort.used_up:
             return None
-        result = limit_usage(problem.path, timing, problem.limits)
+        result = problem.usage(timing)
         if result.allowed:
             return timing
         factor *= _tightened(bounds.positions, result, timing, problem)

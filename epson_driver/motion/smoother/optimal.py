@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Proposer OPT: the (locally) fastest timing.
+"""The first proposer: the (locally) fastest time parametrisation.
 
 For x(u) = u̇² the limits of a joint with derivatives q′, q″, q‴ by u are
     velocity      |q′| √x ≤ V
@@ -11,12 +11,14 @@ the right side of the jerk limit. With a spline for x, `interior_point` finds th
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.interior_point import Program, minimise
-from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
+from epson_driver.motion.smoother.effort import ROUND_US
+from epson_driver.motion.smoother.interior_point import RELATIVE_TOLERANCE, Program, minimise
+from epson_driver.motion.smoother.limit_usage import LimitUsage
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.ruckig_move import gentle_stop
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -26,10 +28,13 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 NODE_SPACING_S = 0.008
 """Time between the spline's nodes, s, of the timing to start from."""
 
-MAX_RAMP_TIMES_S = (0.024, 0.008)
+MAX_RAMP_TIME_S, SHORT_RAMP_TIME_S = 0.024, 0.008
 """The longest ramp of constant jerk from or to rest, s; what to try when there is no timing so."""
 
-MIN_NODES, MAX_NODES = 8, 250
+RAMP_VIEW = 3.0
+"""How far from an end its path is looked at, in times of its ramp."""
+
+MIN_NODES, MAX_NODES = 8, 180
 
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
 """Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
@@ -37,32 +42,36 @@ VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1
 START_INTERVALS = 3
 """Intervals without (jerk: with half) this reserve at the start."""
 
-NODES_TOO_FAR_APART_RATIO = 1.3
-"""A limit exceeded by more than this shows that the nodes are too far apart somewhere."""
+NODES_TOO_FAR_APART_RATIO, FINER_ROUNDS = 1.3, 2
+"""A limit exceeded by more than this shows that the nodes are too far apart there; in so many
+rounds there are more of them then."""
 
 MAX_ROUNDS = 4
 """Each round begins with the timing of the one before and uses less where it exceeded a limit."""
 
+MAX_GENTLER_RAMPS, GENTLER_RAMP_RATIO = 20, 0.7
+"""How often a ramp that exceeds a limit is made gentler, and by how much each time."""
+
 Excess = tuple[Array, Array]
 """u, and how many times a limit was used there."""
 
-_SAMPLES = np.array([0.02, 0.5, 0.98])
-_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
+_SAMPLES = np.array([0.02, 0.98])
+_WEIGHTS = np.array([0.5, 0.5])
 _BESIDE = 1e-9
+_ALONG_RAMP = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
-def propose(problem: Problem, bounds: SpeedBounds) -> TimeParametrisation | None:
-    """Return a verified timing faster than most, or None if none was found."""
-    for ramp_time in MAX_RAMP_TIMES_S:
-        timing = _propose(problem, bounds, ramp_time)
-        if timing is not None:
-            return timing
-    return None
-
-
-def _propose(
-    problem: Problem, bounds: SpeedBounds, ramp_time: float
+def propose(
+    problem: Problem,
+    bounds: SpeedBounds,
+    ramp_time: float = MAX_RAMP_TIME_S,
+    tolerance: float = RELATIVE_TOLERANCE,
 ) -> TimeParametrisation | None:
+    """Return a verified timing faster than most, or None if none was found.
+
+    ramp_time: the longest ramp of constant jerk from or to rest, s. tolerance: how much more time
+    it may take than the best one, relative.
+    """
     ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
         return None
@@ -74,42 +83,74 @@ def _propose(
     for turn in range(MAX_ROUNDS):
         if spline is None:
             return None
-        coefficients = minimise(_program(problem, spline, excess), spline.coefficients)
+        problem.effort.spend(ROUND_US)
+        coefficients = minimise(
+            _program(problem, spline, excess), spline.coefficients, problem.effort, tolerance
+        )
         if coefficients is None:
             return None
         spline = dataclasses.replace(spline, coefficients=coefficients)
         timing = spline.timing(problem.start, problem.end)
         if timing is None:
             return None
-        result = limit_usage(problem.path, timing, problem.limits)
+        result = problem.usage(timing)
         if result.allowed:
             return timing
-        excess.append(_excess(result))
-        if turn == 0 and excess[0][1].max(initial=1.0) > NODES_TOO_FAR_APART_RATIO:
-            spline = _spline(problem, timing.positions, timing.velocities, timing.times, *ramps)
+        if result.inside or len(_excess(result)[0]) > 0:
+            excess.append(_excess(result))
+        else:
+            return None  # no lower speed helps
+        if turn < FINER_ROUNDS and excess[-1][1].max(initial=1.0) > NODES_TOO_FAR_APART_RATIO:
+            places, ratio = excess.pop()
+            places = places[ratio > NODES_TOO_FAR_APART_RATIO]
+            spline = _finer(problem, spline, timing, places)
     return None
 
 
 def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
     """Return the ramps from the start (none if it moves) and to the end."""
-    ends = np.array([problem.start[0], problem.end])
-    _, first, _, _ = problem.path.sample(ends)
-    with np.errstate(divide='ignore'):
-        jerks = (1.0 - JERK_RESERVE_SHARE) * np.min(problem.limits.jerk / np.abs(first), axis=1)
     way = problem.end - problem.start[0]
     ramps = []
-    for end, jerk in zip(ends.tolist(), jerks.tolist(), strict=True):
+    for end, inward in ((problem.start[0], 1.0), (problem.end, -1.0)):
+        jerk = np.inf
+        for _ in range(2):  # at the end, and on the way there from as far as the ramp would begin
+            back = inward * min(jerk * (RAMP_VIEW * ramp_time) ** 3 / 6.0, way / 2.0)
+            places = end + (0.0 if jerk == np.inf else back * _ALONG_RAMP)
+            _, first, _, _ = problem.path.sample(np.atleast_1d(places))
+            with np.errstate(divide='ignore'):
+                slopes = problem.limits.jerk / np.abs(first)
+            jerk = (1.0 - JERK_RESERVE_SHARE) * float(np.min(slopes))
         # what the ramp begins must end below the bounds that are near
         near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
         speed = float(bounds.speeds[near].min(initial=np.inf))
         longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
         time = float(np.clip(longest, NODE_SPACING_S, ramp_time))
-        ramps.append(Ramp(min(jerk, 0.6 * speed / time**2), time))
+        ramp = Ramp(min(jerk, 0.6 * speed / time**2), time)
+        ramps.append(_allowed_ramp(problem, ramp, end, inward))
     if problem.start[1] > 0.0:
         ramps[0] = Ramp(0.0, 0.0)
     if problem.start[0] + ramps[0].length + ramps[1].length >= problem.end:
         return None
     return ramps[0], ramps[1]
+
+
+def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ramp:
+    """Return a ramp, gentler if it would exceed a limit where the path bends at its end."""
+    limits = problem.limits
+    times = ramp.time * _ALONG_RAMP
+    jerk = ramp.jerk
+    for _ in range(MAX_GENTLER_RAMPS):
+        v, a = jerk * times[:, None] ** 2 / 2.0, inward * jerk * times[:, None]
+        _, first, second, third = problem.path.sample(end + inward * jerk * times**3 / 6.0)
+        accelerations = np.abs(first * a + second * v**2) / limits.acceleration
+        jerks = np.abs(first * jerk + 3.0 * second * v * a + third * v**3) / limits.jerk
+        if (
+            accelerations.max() <= 1.0 - ACCELERATION_RESERVE_SHARE
+            and jerks.max() <= 1.0 - JERK_RESERVE_SHARE / 2.0
+        ):
+            break
+        jerk *= GENTLER_RAMP_RATIO
+    return Ramp(jerk, ramp.time)
 
 
 def _spline(
@@ -125,10 +166,32 @@ def _spline(
     nodes = 0.98 * nodes + 0.02 * np.linspace(begin, end, count + 1)
     nodes[0], nodes[-1] = begin, end
     nodes = _on_knots(nodes, problem.path.knots.u)
+    speeds = np.interp(_middles(nodes), us, vs)
+    return _of_speeds(problem, nodes, math.sqrt(0.8) * speeds, start_ramp, end_ramp)
+
+
+def _finer(
+    problem: Problem, spline: SpeedSpline, timing: TimeParametrisation, places: Array
+) -> SpeedSpline | None:
+    """Return the spline of a timing with more nodes around some u."""
+    nodes = spline.nodes
+    near = np.zeros(len(nodes) - 1, dtype=bool)
+    interval = np.clip(nodes.searchsorted(places, side='right') - 1, 0, len(near) - 1)
+    for beside in (-1, 0, 1):
+        near[np.clip(interval + beside, 0, len(near) - 1)] = True
+    nodes = np.sort(np.concatenate([nodes, ((nodes[1:] + nodes[:-1]) / 2.0)[near]]))
+    speeds = np.interp(_middles(nodes), timing.positions, timing.velocities)
+    return _of_speeds(problem, nodes, speeds, spline.start_ramp, spline.end_ramp)
+
+
+def _of_speeds(
+    problem: Problem, nodes: Array, speeds: Array, start_ramp: Ramp, end_ramp: Ramp
+) -> SpeedSpline | None:
+    """Return a spline with nodes, and about these speeds where each coefficient counts most."""
     h = np.diff(nodes)
     if np.min(h) <= _BESIDE:
         return None
-    x = np.maximum(0.8 * np.interp(_middles(nodes), us, vs) ** 2, 1e-8)
+    x = np.maximum(speeds**2, 1e-8)
     v, a = problem.start[1], problem.start[2]
     if start_ramp.time > 0.0:
         v, a = start_ramp.speed, start_ramp.acceleration
@@ -177,15 +240,38 @@ def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
     least = windows(np.pad(x, 2 * width, mode='edge'), 2 * width + 1).min(axis=1)
     smooth = windows(least, 2 * width + 1).mean(axis=1)
     if problem.start[1] > 0.0:
-        stop = gentle_stop(problem.start, problem.path, problem.limits, 0.8)
+        stop = problem.former or gentle_stop(problem.start, problem.path, problem.limits, 0.8)
         if stop is not None:
             smooth = np.maximum(smooth, stop.speeds(_middles(spline.nodes)) ** 2)
+    middles = _middles(spline.nodes)
+    for ramp_, way in (
+        (spline.start_ramp, middles - problem.start[0]),
+        (spline.end_ramp, problem.end - middles),
+    ):
+        smooth = np.maximum(smooth, np.minimum(x, _on_ramp(ramp_, way, smooth)))
     smooth[:2], smooth[-2:] = x[:2], x[-2:]
     return dataclasses.replace(spline, coefficients=smooth)
 
 
+def _on_ramp(ramp: Ramp, way: Array, most: Array) -> Array:
+    """Return u̇² at ways from rest if a ramp went on for as long as it is looked at; 0 beyond.
+
+    No more than `most` where that ends.
+    """
+    if ramp.time == 0.0:
+        return np.zeros_like(way)
+    times = np.cbrt(6.0 * np.maximum(way, 0.0) / ramp.jerk)
+    seen = times < RAMP_VIEW * ramp.time
+    end = np.argmin(np.abs(times - RAMP_VIEW * ramp.time))
+    x: Array = np.where(seen, np.minimum((ramp.jerk * times**2 / 2.0) ** 2, most[end]), 0.0)
+    return x
+
+
 def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Program:
-    """Return the limits at three samples of every interval and beside every knot of the path."""
+    """Return the limits at both ends of every interval and beside every knot of the path.
+
+    The acceleration has no jumps there: one side of a node bounds it below, the other above.
+    """
     nodes, h, limits = spline.nodes, spline.lengths, problem.limits
     us = (nodes[:-1, None] + h[:, None] * _SAMPLES).ravel()
     weights = (h[:, None] * _WEIGHTS).ravel()
@@ -203,17 +289,24 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     a /= ((1.0 - reserve * ACCELERATION_RESERVE_SHARE)[:, None] * limits.acceleration)[:, :, None]
     j = np.stack([third, 1.5 * second, first / 2.0], axis=2)
     j /= ((1.0 - (0.5 + 0.5 * reserve) * JERK_RESERVE_SHARE)[:, None] * limits.jerk)[:, :, None]
-    v = np.zeros((len(us), 1, 3))
-    v[:, 0, 0] = ((1.0 - reserve * VELOCITY_RESERVE_SHARE) * problem.fastest(first)) ** -2
-    rows = np.concatenate([v, a, -a, j, -j], axis=1)
+    # one of an interval's two samples stands for its middle
+    back = np.zeros_like(us)
+    back[1 : 2 * len(h) : 2] = (_SAMPLES[1] - 0.5) * h
+    counted = problem.path.sample(us - back)[1]
+    fastest = problem.fastest(counted)
+    v = np.stack([np.ones_like(us), -back, back**2 / 2.0], axis=1)[:, None, :]
+    v *= (((1.0 - reserve * VELOCITY_RESERVE_SHARE) * fastest) ** -2)[:, None, None]
+    a[np.append(np.tile([1.0, -1.0], len(h)), np.repeat([-1.0, 1.0], len(knots))) < 0.0] *= -1.0
+    rows = np.concatenate([v, a, j, -j], axis=1)
     rows /= _share(excess, nodes)[interval][:, None, None]
     return Program(
         basis(h, interval, (us - nodes[interval]) / h[interval]),
         interval,
         rows,
-        1 + 2 * len(limits.names),
+        1 + len(limits.names),
+        back,
         weights,
-        problem.wanted(us, first),
+        problem.wanted(us - back, counted),
     )
 
 

@@ -10,6 +10,7 @@ path is this spline.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from math import comb
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.interpolation import hermite
 from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.smoother.tridiagonal import solve_tridiagonal
 
 DEGREE = 5
 """Of a segment."""
@@ -47,6 +49,19 @@ POSITION_TOLERANCE = 5e-13
 
 AT_LIMIT_DISTANCE = 1e-6
 """A joint closer than this to its position limit at a knot, rad, must not move there."""
+
+ONWARD_SHARE = 0.25
+"""The path past its last knot is given room to go on straight for this share of a segment.
+
+A quintic that leaves a knot with a slope and comes back overshoots by 0.19 of slope · length.
+"""
+
+LONG_SEGMENT, LONGER_RATIO = 1.5, 10.0
+"""The segment that follows on the last one known may be so long (s at full speed), if it is no
+more than so many times longer than the longest that is known."""
+
+_FREE, _LEVEL, _STRAIGHT = 0, 1, 2
+"""A joint at a knot: as the spline has it; with a slope of 0; and with a curvature of 0, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,33 +183,50 @@ def chord_lengths(points: Array, limits: JointLimits) -> Array:
     return scaled
 
 
-def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = True) -> Path:
+def through(
+    kept: Knots, points: Array, limits: JointLimits, clamped: bool = True, final: bool = False
+) -> Path:
     """Return the path along kept knots and on through points, shape (m, n), m ≥ 1.
 
     The kept knots (one or more) stay as they are, unless the path begins at rest in a single one:
     not `clamped`, its derivatives are free. A joint that would leave its position limits between
-    two points inside of them is kept level there instead.
+    two points inside of them is kept level there instead. The last point is approached so that the
+    path can go on from it within the limits, unless it is `final`: nothing follows without a rest.
     """
     chain = np.concatenate([kept.position[-1:], points])
     u = kept.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
-    first, second = _cubic_spline(u, chain, kept.first[-1] if clamped else None)
-    if clamped:
-        first[0], second[0] = kept.first[-1], kept.second[-1]
+    begin = (kept.first[-1], kept.second[-1]) if clamped else None
     fixed = 1 if clamped else 0
-    least, most = limits.position_min + AT_LIMIT_DISTANCE, limits.position_max - AT_LIMIT_DISTANCE
-    turning = ((chain < least) | (chain > most)) & (np.arange(len(chain)) >= fixed)[:, None]
-    first[turning] = second[turning] = 0.0
-    path = Path(Knots(u, chain, first, second))
-    for _ in range(points.size):
-        segments, joints = np.nonzero(path.outside(limits))
-        if not len(segments):
-            break
-        for knots in (segments, segments + 1):
-            free = knots >= fixed
-            first[knots[free], joints[free]] = 0.0
-            second[knots[free], joints[free]] = 0.0
-        path = Path(Knots(u, chain, first, second))
-    new = Knots(u[1:], chain[1:], first[1:], second[1:]) if clamped else path.knots
+    low = chain < limits.position_min + AT_LIMIT_DISTANCE
+    high = chain > limits.position_max - AT_LIMIT_DISTANCE
+    level = np.where(high | low, _LEVEL, _FREE)
+    level[:fixed] = _FREE
+    nearness = -np.minimum(chain - limits.position_min, limits.position_max - chain)
+    held = np.zeros_like(chain)
+    first, _ = _cubic_spline(u, chain, level, held, begin, low, high)
+    # what may come after the last point has to stay within the range, too
+    room = np.where(
+        first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min
+    )
+    onward = min(LONG_SEGMENT, LONGER_RATIO * float(np.max(np.diff(u))))
+    steepest = room / (ONWARD_SHARE * onward)
+    steep = (np.abs(first[-1]) > steepest) & (level[-1] == _FREE) & (not final)
+    level[-1, steep] = _LEVEL
+    held[-1, steep] = (np.sign(first[-1]) * steepest)[steep]
+    changed = True
+    while changed:
+        path = Path(Knots(u, chain, *_cubic_spline(u, chain, level, held, begin, low, high)))
+        before, changed = level.copy(), False
+        for segment, joint in np.argwhere(path.outside(limits)):
+            ends = [segment, segment + 1]
+            ends.sort(key=lambda knot: -nearness[knot, joint])
+            # the knot that is nearer to the border first
+            for step, knot in product((_LEVEL, _STRAIGHT), ends):
+                if knot >= fixed and before[knot, joint] < step:
+                    level[knot, joint] = step
+                    changed = True
+                    break
+    new = path.knots[1:] if clamped else path.knots
     old = kept if clamped else kept[: len(kept.u) - 1]
     return Path(
         Knots(
@@ -206,28 +238,53 @@ def through(kept: Knots, points: Array, limits: JointLimits, clamped: bool = Tru
     )
 
 
-def _cubic_spline(u: Array, points: Array, first: Array | None) -> tuple[Array, Array]:
-    """Return first and second derivatives at the knots of the C2 cubic spline, shapes (k, n).
+def _cubic_spline(
+    u: Array,
+    points: Array,
+    level: npt.NDArray[np.int_],
+    slope: Array,
+    begin: tuple[Array, Array] | None,
+    low: npt.NDArray[np.bool_],
+    high: npt.NDArray[np.bool_],
+) -> tuple[Array, Array]:
+    """Return first and second derivatives at the knots of a cubic spline, shapes (k, n).
 
-    Its second derivative is 0 at the end, and at the start too unless its first is given there.
+    It is C2 at knots that are _FREE. Where a joint is kept level, the spline begins anew, with a
+    given `slope` (0 but at the end), and the curvature is the lesser one of both sides, or 0; it
+    does not bend out of the range at a knot on its border (`low`, `high`). level, slope, low,
+    high: shape (k, n). `begin`: the derivatives at the first knot; None: the second derivative is
+    0 there, as it is at the end.
     """
-    h = np.diff(u)
-    slopes = np.diff(points, axis=0) / h[:, None]
-    count = len(u)
-    matrix = np.zeros((count, count))
+    h = np.diff(u)[:, None]
+    slopes = np.diff(points, axis=0) / h
+    before, after = h[:-1], h[1:]
+    # one row per knot: below · m[i - 1] + main · m[i] + above · m[i + 1] = right, for slopes m
+    below, main, above = np.zeros_like(points), np.ones_like(points), np.zeros_like(points)
     right = np.zeros_like(points)
-    inner = np.arange(1, count - 1)
-    matrix[inner, inner - 1] = h[:-1]
-    matrix[inner, inner] = 2.0 * (h[:-1] + h[1:])
-    matrix[inner, inner + 1] = h[1:]
-    right[1:-1] = 6.0 * np.diff(slopes, axis=0)
-    matrix[0, 0] = matrix[-1, -1] = 1.0
-    if first is not None:
-        matrix[0, :2] = 2.0 * h[0], h[0]
-        right[0] = 6.0 * (slopes[0] - first)
-    second = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
-    h = h[:, None]
-    start = slopes - h * (2.0 * second[:-1] + second[1:]) / 6.0
-    last = slopes[-1] + h[-1] * (second[-2] + 2.0 * second[-1]) / 6.0
-    first_derivatives: Array = np.concatenate([start, last[None, :]])
-    return first_derivatives, second
+    below[1:-1], main[1:-1], above[1:-1] = after, 2.0 * (before + after), before
+    right[1:-1] = 3.0 * (after * slopes[:-1] + before * slopes[1:])
+    main[0] = main[-1] = 2.0
+    above[0] = below[-1] = 1.0
+    right[0], right[-1] = 3.0 * slopes[0], 3.0 * slopes[-1]
+    if begin is not None:
+        main[0], above[0], right[0] = 1.0, 0.0, begin[0]
+    held = level != _FREE
+    main[held], below[held], above[held], right[held] = 1.0, 0.0, 0.0, slope[held]
+    first = solve_tridiagonal(below, main, above, right)
+    first[held] = slope[held]
+    second = np.zeros_like(points)
+    ahead = (6.0 * slopes - 4.0 * first[:-1] - 2.0 * first[1:]) / h
+    behind = (4.0 * first[1:] + 2.0 * first[:-1] - 6.0 * slopes) / h
+    second[:-1], second[-1] = ahead, behind[-1]
+    lesser = np.where(np.abs(ahead[1:]) < np.abs(behind[:-1]), ahead[1:], behind[:-1])
+    lesser[ahead[1:] * behind[:-1] <= 0.0] = 0.0
+    second[1:-1] = np.where(held[1:-1], lesser, second[1:-1])
+    second[-1] = 0.0
+    if begin is None:
+        second[0] = 0.0
+    second[high] = np.minimum(second[high], 0.0)
+    second[low] = np.maximum(second[low], 0.0)
+    second[level == _STRAIGHT] = 0.0
+    if begin is not None:
+        first[0], second[0] = begin
+    return first, second

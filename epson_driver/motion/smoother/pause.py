@@ -11,7 +11,6 @@ import dataclasses
 import numpy as np
 
 from epson_driver.motion.smoother import optimal, ruckig_move
-from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -48,7 +47,7 @@ def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
     speeds = np.full(len(path.knots.u), UNBOUND_SPEED)
     shorter = dataclasses.replace(problem, path=path, speeds=speeds, slowing=None)
     timing = optimal.propose(shorter, SpeedBounds(shorter))
-    if timing is None or not limit_usage(problem.path, timing, problem.limits).allowed:
+    if timing is None or not problem.usage(timing).allowed:
         return None
     return timing
 

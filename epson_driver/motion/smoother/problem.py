@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a proposer is asked: a fast timing from a moving state to rest, on a path."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.smoother.effort import PIECE_US, VERIFICATION_US, Effort
+from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
@@ -24,7 +26,8 @@ class Problem:
     speeds: the most that u̇ should be at each knot of the path (u̇² is linear between them), shape
     (k,); UNBOUND_SPEED where only the limits count. scale: share (0, 1] of the velocity limits to
     use. slowing: a stop from the start: no speed below the stop's is asked for, so that a start
-    that is too fast for `speeds` and `scale` has time.
+    that is too fast for `speeds` and `scale` has time. effort: what may be
+    computed for it.
     """
 
     path: Path
@@ -33,11 +36,18 @@ class Problem:
     speeds: Array
     scale: float = 1.0
     slowing: TimeParametrisation | None = None
+    effort: Effort = field(default_factory=Effort)
+    former: TimeParametrisation | None = None
 
     @property
     def end(self) -> float:
         """The u to rest at."""
         return self.path.end
+
+    def usage(self, timing: TimeParametrisation) -> LimitUsage:
+        """Return what a timing on the path uses of the limits; that takes some of the effort."""
+        self.effort.spend(VERIFICATION_US + PIECE_US * len(timing.jerks))
+        return limit_usage(self.path, timing, self.limits)
 
     def fastest(self, first: Array) -> Array:
         """Return the highest u̇ that the velocity limits allow, shape (m,), for q′ of (m, n)."""

@@ -13,10 +13,14 @@ from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.smoother.execution import Execution
 from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.planner import Plan, Request, stopping_time
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 
 START_PATIENCE_S = 0.03
-"""How long to wait at rest for more points before beginning with few."""
+"""How long the first point waits at rest for more, before the motion begins with few."""
+
+MAX_START_PATIENCE_S = 0.1
+"""How long at most, while timed points come that are over before another plan can follow."""
 
 MIN_PERIOD_S = 0.03
 """Time between two plans at least."""
@@ -75,6 +79,8 @@ class Replanning:
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
         self._pending: PendingRequest | None = None
         self._asked_at = -np.inf
+        self._failures = 0
+        """For how many requests in a row no plan was found."""
 
     def forget(self) -> None:
         """Forget what was asked for and what was planned: it is for points that are no more."""
@@ -113,6 +119,7 @@ class Replanning:
         pending, self._pending = self._pending, None
         if pending is None:
             return False  # forgotten meanwhile
+        self._failures = self._failures + 1 if answer is None else 0
         now = execution.now
         if answer is None or (answer.start is not None and answer.start < now - LATE_TOLERANCE_S):
             self.news = True
@@ -172,13 +179,20 @@ class Replanning:
         now = execution.now
         if execution.scale == 0.0 or now < waypoints.rest_until:
             return False
-        patient = now >= waypoints.last_arrival + START_PATIENCE_S
+        waited = now - waypoints.waiting_since(now)
+        patient = waited >= START_PATIENCE_S
         if not waypoints.ahead:
             if not patient or not execution.beside_last:
                 return False
-            waypoints.go_back()
+            waypoints.go_back(now)
         known = waypoints.time_from_rest(now)
-        return patient or waypoints.last.rest is not None or known > self._reserve / 2.0
+        if waypoints.last.rest is not None or known > self._reserve / 2.0:
+            return True
+        if not patient or waited >= MAX_START_PATIENCE_S:
+            return patient
+        # a motion that is over before another plan can follow would be a stop on the way
+        followed = known >= self.latency + MIN_PERIOD_S or not waypoints.last.timed
+        return followed or now >= waypoints.last.came + START_PATIENCE_S
 
     def _made_request(self) -> PendingRequest:
         execution, waypoints = self._execution, self._waypoints
@@ -186,6 +200,7 @@ class Replanning:
         plan = execution.plan
         start: float | None = None
         older: Knots | None = None
+        former: TimeParametrisation | None = None
         lag = 0.0
         urgent = True
         if plan is None:
@@ -199,11 +214,11 @@ class Replanning:
                 start = begin
                 urgent = plan.end - begin < URGENT_RESERVE_SHARE * self._reserve
             state = plan.timing.at(begin - plan.begin)
+            former = plan.timing.part(begin - plan.begin)
             knots = plan.path.knots
             first = plan.path.segment(state[0])
             kept, route = knots[first : first + 2], plan.route[first : first + 2]
-            if len(knots.u) - first > 3:
-                older = knots[first:-1]
+            older = knots[first:]
             if execution.clock_start is not None and route[-1].timed:
                 lag = begin - execution.clock_start - plan.clock(begin)
             else:
@@ -225,6 +240,10 @@ class Replanning:
             execution.scale,
             horizon,
             urgent,
+            former,
+            route[-1].rest is not None,
+            0 if plan is None else sum(way.index <= plan.route[-1].index for way in route),
+            self._failures,
         )
         return PendingRequest(request, route, more)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Proposer R1: one jerk-limited Ruckig move along the path.
+"""The third proposer: one jerk-limited Ruckig move along the path.
 
 The simplest timing there is. It always finds one from rest, since any path can be followed slowly.
 """
@@ -10,7 +10,7 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED, limit_usage
+from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -30,8 +30,11 @@ One speed for all of it, so one sharp bend, be it short, slows down all the way.
 there is better: a plan from there follows.
 """
 
-HARDNESS_SHARES = (1.0, 0.9, 0.5, 0.2)
-"""Fractions of the acceleration and the jerk that the path's slope alone would allow."""
+HARDNESS_SHARES = (0.999, 0.9, 0.5, 0.2)
+"""Fractions of the acceleration and the jerk that the path's slope alone would allow.
+
+All but a thousandth at first: on a path without bends, what is rounded would exceed the limits.
+"""
 
 SPEED_BISECTIONS = 6
 
@@ -59,13 +62,15 @@ def propose(problem: Problem, _bounds: SpeedBounds) -> TimeParametrisation | Non
         end = min(problem.end, u + reach * unit)
         velocity, acceleration, jerk = slope_bounds(problem, end)
         for hardness in HARDNESS_SHARES:
+            if problem.effort.used_up:
+                break
             timing = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
             if timing is None:
                 continue
             rank = _rank(timing, SLOW_TIME_RATIO * (unit + (timing.end - u) / velocity))
             if rank > best_rank:
                 best, best_rank = timing, rank
-        if best_rank[0] == 0.0 and end < problem.end:
+        if problem.effort.used_up or (best_rank[0] == 0.0 and end < problem.end):
             break
     if best_rank[0] < 0.0 and problem.start[1] > 0.0:
         return None
@@ -89,9 +94,11 @@ def _fastest(
     low, high = velocity * MIN_SPEED_SHARE, velocity
     found: TimeParametrisation | None = None
     for turn in range(SPEED_BISECTIONS):
+        if problem.effort.used_up:
+            break
         speed = high if turn == 0 else float(np.sqrt(low * high))
         timing = move(problem.start, end, speed, acceleration, jerk)
-        if timing is not None and limit_usage(problem.path, timing, problem.limits).allowed:
+        if timing is not None and problem.usage(timing).allowed:
             if turn == 0:
                 return timing
             found, low = timing, speed
@@ -113,7 +120,7 @@ def stop(problem: Problem) -> TimeParametrisation | None:
             or np.any(timing.velocities < -BACKWARD_SPEED)
         ):
             continue
-        if limit_usage(problem.path, timing, problem.limits).allowed:
+        if problem.usage(timing).allowed:
             return timing
     return None
 

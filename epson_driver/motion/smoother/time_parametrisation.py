@@ -71,6 +71,36 @@ class TimeParametrisation:
             j,
         )
 
+    def part(self, begin: float, end: float = np.inf) -> 'TimeParametrisation | None':
+        """Return what it does between two times, its time from 0; None if that is nothing.
+
+        It need not be at rest at the end of a part.
+        """
+        begin, end = max(begin, 0.0), min(end, self.duration)
+        if not begin < end:
+            return None
+        first = int(self.times.searchsorted(begin, side='right')) - 1
+        last = int(self.times.searchsorted(end, side='left'))
+        inner = slice(first + 1, last)
+        (u, v, a), (end_u, end_v, end_a) = self.at(begin), self.at(end)
+        return TimeParametrisation(
+            np.concatenate(([0.0], self.times[inner] - begin, [end - begin])),
+            np.concatenate(([u], self.positions[inner], [end_u])),
+            np.concatenate(([v], self.velocities[inner], [end_v])),
+            np.concatenate(([a], self.accelerations[inner], [end_a])),
+            self.jerks[first:last],
+        )
+
+    def then(self, next_: 'TimeParametrisation') -> 'TimeParametrisation':
+        """Return this, a part, with what follows on it."""
+        return TimeParametrisation(
+            np.concatenate((self.times, self.duration + next_.times[1:])),
+            np.concatenate((self.positions, next_.positions[1:])),
+            np.concatenate((self.velocities, next_.velocities[1:])),
+            np.concatenate((self.accelerations, next_.accelerations[1:])),
+            np.concatenate((self.jerks, next_.jerks)),
+        )
+
     def speeds(self, us: Array) -> Array:
         """Return u̇ at each u of a timing that never turns back, shape (m,); 0 beyond its end."""
         u, v, _, _ = self.sample(np.linspace(0.0, self.duration, 100))

@@ -40,7 +40,8 @@ class Waypoint:
     index counts them. anchor: where the first of the points merged into it was. position: where
     to go, the anchor, or the last of the merged points if nothing follows. clock: when it should
     be reached, s. timed: whether its clock comes from a duration. rest: how long to rest there, s;
-    None to go on. tiny: the way there from rest is shorter than the merge tolerance.
+    None to go on. tiny: the way there from rest is shorter than the merge tolerance. came: when
+    it did, s.
     """
 
     index: int
@@ -50,6 +51,7 @@ class Waypoint:
     timed: bool = False
     rest: float | None = None
     tiny: bool = False
+    came: float = 0.0
 
 
 class Waypoints:
@@ -66,8 +68,8 @@ class Waypoints:
         start = self.checked(start, None, 'the start')
         self.origin = self.last = Waypoint(0, start, start)
         self.ahead: deque[Waypoint] = deque()
-        self.last_arrival = 0.0
-        """When the last point came, s."""
+        self._beside_since: float | None = None
+        """When the first of the points that were merged into the origin since the rest came, s."""
         self.rest_until = 0.0
         """Until when the arm was told to rest at the origin, s."""
         self._number = 0
@@ -92,13 +94,18 @@ class Waypoints:
                 f'{ways[joint]:.6g} rad to go'
             )
         else:
-            self._add(position, duration)
+            self._add(position, duration, now)
         self._number += 1
-        self.last_arrival = now
 
-    def go_back(self) -> None:
+    def waiting_since(self, now: float) -> float:
+        """Return when the first point came that a resting arm has not gone to, s."""
+        if self.ahead:
+            return self.ahead[0].came
+        return now if self._beside_since is None else self._beside_since
+
+    def go_back(self, now: float) -> None:
         """Add the origin as a point: the arm rests beside it."""
-        self._add(self.origin.position, None, tiny=True)
+        self._add(self.origin.position, None, now, tiny=True)
 
     def finish(self) -> bool:
         """End the trajectory: rest at the last point. Return whether that is news."""
@@ -122,6 +129,7 @@ class Waypoints:
         if point is not None:
             self.origin = point
         self.passed(self.origin)
+        self._beside_since = None
         self.rest_until = now + (self.origin.rest or 0.0)
 
     def passed(self, point: Waypoint) -> None:
@@ -170,13 +178,17 @@ class Waypoints:
         last = self.last
         last.position = position
         if last is self.origin and not in_motion:
+            if self._beside_since is None:
+                self._beside_since = now
             self.rest_until = max(self.rest_until, now) + duration
         elif duration >= MIN_DWELL_S or last.rest is not None:
             last.rest = (last.rest or 0.0) + duration
         else:
             last.clock += duration
 
-    def _add(self, position: Array, duration: float | None, tiny: bool = False) -> None:
+    def _add(
+        self, position: Array, duration: float | None, now: float, tiny: bool = False
+    ) -> None:
         if self.last.tiny and self.ahead:
             self.ahead.pop()  # nothing asks for an exact rest there any more
             self.last = self.origin
@@ -190,7 +202,9 @@ class Waypoints:
         clock = last.clock + (last.rest or 0.0) + time
         anchor = last.anchor if tiny else position
         timed = duration is not None
-        self.last = Waypoint(self._next_index(), anchor, position, clock, timed, tiny=tiny)
+        self.last = Waypoint(
+            self._next_index(), anchor, position, clock, timed, tiny=tiny, came=now
+        )
         self.ahead.append(self.last)
 
     def _next_index(self) -> int:

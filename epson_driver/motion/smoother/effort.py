@@ -1,0 +1,50 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a plan may cost: counted, and not timed, so that the same calls give the same motion.
+
+The unit is a µs of one core of a PC of 2024, by the counts that the time goes with.
+"""
+
+from dataclasses import dataclass
+
+MAX_EFFORT_US = 48_000
+"""The effort of a plan, but for what is done once and always: the path, and its speed bounds."""
+
+MAX_EFFORT_AT_REST_US = 80_000
+"""The same where the arm stands until there is a plan: no motion runs out of points meanwhile."""
+
+NEWTON_STEP_US, ROW_US = 130, 0.042
+"""A Newton step of `interior_point`, and each of its rows."""
+
+VERIFICATION_US, PIECE_US = 800, 4
+"""The verification of a timing, and of each of its pieces."""
+
+OUTSET_US, ROUND_US = 2_500, 1_500
+"""A path with its speed bounds; and what comes before and after the Newton steps."""
+
+
+@dataclass(slots=True)
+class Effort:
+    """What may still be computed, µs."""
+
+    left: float = MAX_EFFORT_US
+
+    @property
+    def used_up(self) -> bool:
+        """Whether nothing is left."""
+        return self.left <= 0.0
+
+    def spend(self, effort: float) -> None:
+        """Take some."""
+        self.left -= effort
+
+    def part(self, share: float) -> 'Effort':
+        """Return a share of what is left, which is taken; what it leaves can be given `back`."""
+        part = Effort(share * max(self.left, 0.0))
+        self.left -= part.left
+        return part
+
+    def back(self, part: 'Effort') -> None:
+        """Take back what a part has left, or has used too much."""
+        self.left += part.left
+        part.left = 0.0

@@ -1,0 +1,54 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Families of trajectories that were hard to plan: plans are found, and the arm does not stop.
+
+Invariant 2 of docs/invariants.md.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmark import families
+
+pytestmark = pytest.mark.invariant(2)
+
+
+HARD = (
+    'single_joint',
+    pytest.param('zigzag', marks=pytest.mark.slow),
+    pytest.param('near_limits', marks=pytest.mark.slow),
+)
+
+
+@cache
+def two_members(name: str) -> families.FamilyFigures:
+    """Run two trajectories of a family."""
+    what, _, make = families.FAMILIES[name]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(families.FAMILIES, name, (what, 2, make))
+        figures = families.run_family(name)
+    assert figures.runs == 2 * len(families.RUNS)
+    return figures
+
+
+@pytest.mark.parametrize('name', HARD)
+def test_all_limits_are_kept_and_the_arm_does_not_stop(name: str) -> None:
+    figures = two_members(name)
+    assert figures.stops == figures.unfinished == figures.violations == 0
+    assert max(figures.velocity, figures.acceleration, figures.jerk) <= 1.0 + 1e-6
+    assert figures.outside <= 1e-10
+    assert figures.time_ratio <= 1.0, 'never slower than point to point'
+
+
+@pytest.mark.parametrize('name', HARD)
+def test_plans_are_found(name: str) -> None:
+    assert two_members(name).failed_share <= 0.02
+
+
+@pytest.mark.parametrize('name', families.FAMILIES)
+def test_every_member_lies_within_the_position_limits(name: str) -> None:
+    for member in families.members(name):
+        assert np.all(member.positions >= member.limits.position_min)
+        assert np.all(member.positions <= member.limits.position_max)

@@ -1,0 +1,171 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Plans that branch off the plan so far, what a plan may cost, and times that can be kept.
+
+Invariant 2 of docs/invariants.md: what is found some other way keeps every limit as well.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.smoother_harness import ARM
+
+from benchmark import families
+from epson_driver.motion import JointLimits
+from epson_driver.motion.smoother import Mode, Smoother, planner
+from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, Effort
+from epson_driver.motion.smoother.limit_usage import limit_usage
+from epson_driver.motion.smoother.path import Path
+from epson_driver.motion.smoother.planner import BRANCH, Plan, Request
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
+
+CYCLE_S = 0.004
+MAX_MOTION_S = 60.0
+
+pytestmark = pytest.mark.invariant(2)
+
+
+def move(
+    limits: JointLimits,
+    positions: np.ndarray,
+    durations: np.ndarray | None,
+    look_ahead: float = np.inf,
+) -> tuple[float, list[tuple[Request, Plan | None]]]:
+    """Return how long a motion takes, s, and what was planned for it."""
+    asked: list[tuple[Request, Plan | None]] = []
+
+    def counted(request: Request, limits: JointLimits) -> Plan | None:
+        asked.append((request, planner.plan(request, limits)))
+        return asked[-1][1]
+
+    mode = Mode.TIME_OPTIMAL if durations is None else Mode.TIME_PRESERVING
+    smoother = Smoother(limits, positions[0], mode, planner=counted)
+    fed = 1
+    while fed < len(positions) or smoother.moving:
+        while fed < len(positions) and smoother.look_ahead < look_ahead:
+            duration = None if durations is None else float(durations[fed - 1])
+            smoother.append(positions[fed], duration)
+            fed += 1
+            if fed == len(positions):
+                smoother.finish()
+        smoother.step(CYCLE_S)
+        assert smoother.now < MAX_MOTION_S
+    assert smoother.violations == 0
+    return smoother.now, asked
+
+
+def to_and_fro() -> families.FamilyMember:
+    """Return one joint's motion to and fro by ways of any size."""
+    return list(families.members('single_joint'))[2]
+
+
+def test_where_there_is_no_new_way_on_a_plan_branches_off_the_one_so_far() -> None:
+    member = to_and_fro()
+    _, asked = move(member.limits, member.positions, None, 0.3)
+    missing = [request for request, plan in asked if plan is None]
+    assert len(missing) <= 0.02 * len(asked)
+    branched = [(ask, plan) for ask, plan in asked if plan is not None and plan.proposer == BRANCH]
+    assert branched
+    for request, plan in branched:
+        assert request.former is not None
+        begin = plan.timing.at(0.0)
+        assert begin == pytest.approx(request.state)
+        assert limit_usage(Path(plan.knots), plan.timing, member.limits).allowed
+        assert len(plan.knots.u) > request.reached, 'it goes on'
+
+
+def test_a_request_says_for_how_many_before_it_no_plan_was_found() -> None:
+    """So that the planner does not try first what has just failed."""
+    asked: list[int] = []
+
+    def often_without(request: Request, limits: JointLimits) -> Plan | None:
+        asked.append(request.failures)
+        moving = request.state[1] > 0.0
+        return None if moving and len(asked) % 4 else planner.plan(request, limits)
+
+    positions = np.linspace(0.0, 2.0, 80)[:, None] * np.eye(6)[0]
+    smoother = Smoother(ARM, positions[0], Mode.TIME_OPTIMAL, planner=often_without)
+    for position in positions[1:]:
+        smoother.append(position)
+        while smoother.look_ahead > 0.1:
+            smoother.step(CYCLE_S)
+    assert {0, 1, 2} <= set(asked)
+    for before, after in pairwise(asked):
+        assert after in (0, before + 1)
+
+
+@pytest.mark.parametrize('name', ['single_joint', 'close_pairs', 'mixed_sizes'])
+def test_no_plan_costs_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    spent: list[float] = []
+    spend = Effort.spend
+
+    def counted(effort: Effort, more: float) -> None:
+        spent[-1] += more
+        spend(effort, more)
+
+    def begun(request: Request, limits: JointLimits) -> Plan | None:
+        spent.append(0.0)
+        return planner.plan(request, limits)
+
+    monkeypatch.setattr(Effort, 'spend', counted)
+    member = list(families.members(name))[5]
+    smoother = Smoother(member.limits, member.positions[0], Mode.TIME_OPTIMAL, planner=begun)
+    for position in member.positions[1:]:
+        smoother.append(position)
+    smoother.finish()
+    while smoother.moving:
+        smoother.step(CYCLE_S)
+        assert smoother.now < MAX_MOTION_S
+    # the last step, round and verification of each part is not cut off
+    assert 0.0 < max(spent) <= 1.25 * MAX_EFFORT_AT_REST_US
+
+
+@pytest.mark.parametrize('pace', [1.2, 1.3, 1.5])
+@pytest.mark.parametrize(
+    'stations', [(0.0, 0.5), (0.0, 0.1, 0.9), (0.0, 0.3, 0.6, 0.9), (0.0, 0.05, 0.1)]
+)
+def test_a_short_move_keeps_the_time_that_the_limits_leave(
+    stations: tuple[float, ...], pace: float
+) -> None:
+    """A quarter more than the commanded speed does not make up for the ramps of a short move."""
+    positions = np.zeros((len(stations), 6))
+    positions[:, 0] = stations
+    fastest, _ = move(ARM, positions, None)
+    ways = np.diff(stations)
+    durations = pace * fastest * ways / ways.sum()
+    taken, _ = move(ARM, positions, durations)
+    assert taken / durations.sum() <= 1.2
+
+
+def sampled() -> TimeParametrisation:
+    """Return a timing of four pieces."""
+    return from_pieces(
+        (0.3, 0.0, 0.0), np.array([0.1, 0.1, 0.1, 0.1]), np.array([10.0, -10.0, -10.0, 10.0])
+    )
+
+
+@pytest.mark.parametrize('begin', [0.0, 0.05, 0.1, 0.37])
+def test_a_part_of_a_timing_moves_as_the_timing_does(begin: float) -> None:
+    whole = sampled()
+    part = whole.part(begin)
+    assert part is not None
+    for time in np.linspace(0.0, part.duration, 23):
+        assert part.at(float(time)) == pytest.approx(whole.at(begin + float(time)), abs=1e-14)
+
+
+def test_parts_of_a_timing_make_it_again() -> None:
+    whole = sampled()
+    head, tail = whole.part(0.0, 0.13), whole.part(0.13)
+    assert head is not None
+    assert tail is not None
+    again = head.then(tail)
+    assert again.duration == pytest.approx(whole.duration)
+    for time in np.linspace(0.0, whole.duration, 50):
+        assert again.at(float(time)) == pytest.approx(whole.at(float(time)), abs=1e-14)
+
+
+def test_no_part_of_a_timing_is_empty() -> None:
+    whole = sampled()
+    assert whole.part(0.0, 0.0) is None
+    assert whole.part(whole.duration) is None
