@@ -20,7 +20,7 @@ from support.event_loop import now, run, stand_still, until
 from support.streams import JOG, PERIOD, SERVO, going_on, positions, send, velocities
 
 from epson_driver.driver.outcome import End
-from epson_driver.driver.servo.servo import SILENCE_S
+from epson_driver.driver.servo.servo import ESTIMATE_LEAD_S, SILENCE_S
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings
 from epson_driver.sim_controller.condition.states import Event
 
@@ -119,6 +119,23 @@ def test_inv3_a_stream_that_falls_silent_on_its_way_brakes_there():
             assert await harness.rests()
             assert harness.gate is None
             assert harness.driver.servo.counts.late == 0
+
+    run(check())
+
+
+@pytest.mark.invariant(3)
+def test_inv3_positions_that_fall_silent_are_not_passed_by_more_than_the_lead():
+    """Velocities of such a stream are estimated; a setpoint may be passed by that, and no more."""
+
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            await send(harness, ramp(), 1.0)
+            last = SPEED * (1.0 - PERIOD)
+            await over(harness)
+            ways = [sample.positions[0] for _, sample in harness.events.samples]
+            assert max(ways) < last + SPEED * (ESTIMATE_LEAD_S + PERIOD) + 0.01
+            assert harness.at[0] > 0.5 * last
+            assert await harness.rests()
 
     run(check())
 
