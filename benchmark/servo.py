@@ -51,6 +51,7 @@ class Kind:
 
 
 KINDS = {
+    'setpoints': Kind('setpoints', thorough=True),
     'rc620, smooth': Kind('rc620', ('--motion=smooth',), thorough=True),
     'rc620, point to point': Kind('rc620', ('--motion=ptp',)),
     'generic': Kind('generic', ('--motion=ptp',)),

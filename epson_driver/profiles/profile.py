@@ -125,6 +125,7 @@ class ProgramProfile:
     * `special_sequences`: 'stop': only STOP is obeyed, the other negative ones are not answered.
     * `skip_first`: a first point so near to where the arm stands, rad or m, each joint, is left
       out; 0: none is.
+    * `setpoints`: whether JOINT_SETPOINT is followed, and a driver sends streams with it.
     * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
       if it is given a port, by that but with main stopped before and started after ('restart'), or
       by Motoman's commands.
@@ -148,6 +149,7 @@ class ProgramProfile:
     accepts: Literal['exact', 'longer', 'any']
     special_sequences: Literal['all', 'stop']
     skip_first: float
+    setpoints: bool
     motors: Literal['none', 'remote_ethernet', 'restart', 'motoman']
     smoothing: Literal['none', 'resample', 'thin']
     resample_period: float

@@ -24,6 +24,7 @@ from epson_driver.simple_message.messages import (
     GetVersion,
     JointFeedback,
     JointPosition,
+    JointSetpoint,
     JointTraj,
     JointTrajPt,
     JointTrajPtFull,
@@ -244,6 +245,7 @@ ROWS: tuple[Layout, ...] = (
         JointFeedback,
         'robot_id:i valid_fields:i time:r positions:10r velocities:10r accelerations:10r',
     ),
+    FixedLayout(MessageType.JOINT_SETPOINT, JointSetpoint, 'sequence:i joints:10r velocities:10r'),
     FixedLayout(MessageType.MOTION_CTRL, MotionCtrl, 'robot_id:i sequence:i command:i data:10r'),
     FixedLayout(
         MessageType.MOTION_REPLY,

@@ -28,7 +28,8 @@ class DeliveryRules:
 
     motoman: its points need Motoman's commands. velocity_unit: of a JOINT_TRAJ_PT; uses: which of
     its fields count; speed: a fraction, of a controller that uses none of them. buffer, dead_time
-    (s per point): of a download. All as in the profile (docs/controllers.md).
+    (s per point): of a download. setpoints: it follows JOINT_SETPOINT. All as in the profile
+    (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download'] = 'streaming'
@@ -39,6 +40,7 @@ class DeliveryRules:
     speed: float = 1.0
     buffer: int = 1000
     dead_time: float = 0.0
+    setpoints: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,10 +61,12 @@ class Delivery(Protocol):
     `resumes`: its first point makes a controller go on that is paused, or says why not.
     `keeps_points`: a controller of this kind keeps its points when the client is lost, and goes
     on with them as soon as one connects.
+    `replaces`: setpoints of a stream replace each other; otherwise they are points, in a row.
     """
 
     resumes: bool
     keeps_points: bool
+    replaces: bool
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).

@@ -48,6 +48,7 @@ class Download:
 
     resumes = False
     keeps_points = False
+    replaces = False
 
     def __init__(
         self,

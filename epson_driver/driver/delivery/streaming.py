@@ -8,6 +8,7 @@ from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, Prepar
 from epson_driver.driver.delivery.trajectory_points import (
     from_standing,
     full_points,
+    setpoint_of,
     trajectory_points,
     with_velocities,
 )
@@ -35,6 +36,7 @@ class Streaming:
         self._limits = limits
         self._mapping = mapping
         self._rules = rules
+        self.replaces = rules.setpoints
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one message for each point of the trajectory."""
@@ -49,7 +51,9 @@ class Streaming:
         return PreparedTrajectory(trajectory, list(points))
 
     def setpoint(self, way: Trajectory, sequence: int) -> Message:
-        """Return it as a point of one long trajectory."""
+        """Return it as JOINT_SETPOINT, or as a point of one long trajectory."""
+        if self._rules.setpoints:
+            return setpoint_of(way, sequence, self._limits, self._mapping)
         velocities = None if way.velocities is None else way.velocities[1:]
         one = Trajectory(
             way.joint_names, way.times[1:] - way.times[0], way.positions[1:], velocities

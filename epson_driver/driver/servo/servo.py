@@ -55,7 +55,8 @@ MAX_STEP_S = 0.2
 
 DURATION_SHARE = 0.8
 """What of the time that a point covers is sent as its duration: a controller that waited before it
-began may catch up. The tracker is as much slower, so that the arm keeps to the servo's speed."""
+began may catch up. The tracker is as much slower, so that the arm keeps to the servo's speed.
+Setpoints that replace each other have no duration, and there is nothing to catch up."""
 
 STOP_WITHIN_S = 0.3
 """The arm is never so fast that a stop with its whole limits would take longer, s."""
@@ -328,7 +329,7 @@ class Servo:
         standstill = Standstill(now)
         standstill.expect(None)
         tracker = SetpointTracker(
-            servo_limits(limits, self.settings.share * DURATION_SHARE, STOP_WITHIN_S), start
+            servo_limits(limits, self.settings.share * self._duration_share, STOP_WITHIN_S), start
         )
         session = _Session(
             setpoint, tracker, now, start, np.zeros_like(start), now, standstill, answered=now
@@ -388,6 +389,10 @@ class Servo:
         self.counts.refused += 1
         if (line := self._invalid_throttle.line(why, now)) is not None:
             _log.warning('a setpoint on %s was dropped: %s', source, line)
+
+    @property
+    def _duration_share(self) -> float:
+        return 1.0 if self._stopper.replaces else DURATION_SHARE
 
     # --- the way ----------------------------------------------------------------------------
 
@@ -479,12 +484,13 @@ class Servo:
 
         Raises GoalRejectedError if it breaks a limit, or the controller takes no streams.
         """
-        duration = span * DURATION_SHARE
+        share = self._duration_share
+        duration = span * share
         way = Trajectory(
             self._limits.names,
             np.array([session.time, session.time + duration]),
             np.array([session.sent, position]),
-            np.array([session.sent_velocity, velocity]) / DURATION_SHARE,
+            np.array([session.sent_velocity, velocity]) / share,
         )
         if span > 0.0:
             check_limits(way, self._limits, may_end_moving=True)

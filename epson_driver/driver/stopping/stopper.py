@@ -115,6 +115,11 @@ class Stopper:
         """See Delivery."""
         return self._delivery.prepare(trajectory, start)
 
+    @property
+    def replaces(self) -> bool:
+        """See Delivery."""
+        return self._delivery.replaces
+
     def setpoint(self, way: Trajectory, sequence: int) -> Message:
         """See Delivery."""
         return self._delivery.setpoint(way, sequence)
