@@ -10,7 +10,7 @@ import numpy as np
 from control_msgs.msg import JointJog
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from epson_driver.driver.servo.setpoint import Setpoint, Window
 from epson_driver.motion import Array
@@ -99,17 +99,16 @@ def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Win
     `first`: when time_from_start began, s from now. Velocities that not all of them have do not
     count. Raises SetpointError.
     """
-    times: list[float] = []
-    points: list[JointTrajectoryPoint] = []
-    for point in reversed(message.points):
-        times.insert(0, first + duration_in_s(point.time_from_start))
-        points.insert(0, point)
-        if len(points) > MAX_POINTS:
-            raise SetpointError(f'more than {MAX_POINTS} points are to come')
-        if times[0] <= 0.0:
+    passed = 0
+    times = [first + duration_in_s(point.time_from_start) for point in message.points]
+    for passed in range(len(times) - 1, -1, -1):
+        if times[passed] <= 0.0:
             break
+    times, points = times[passed:], message.points[passed:]
     if len(points) < 2:
         return None
+    if len(points) > MAX_POINTS:
+        raise SetpointError(f'more than {MAX_POINTS} points are to come')
     if any(after <= before for before, after in itertools.pairwise(times)):
         raise SetpointError('time_from_start does not increase from point to point')
     given = message.joint_names

@@ -41,6 +41,7 @@ class Following:
         self._velocity = np.zeros_like(self._target)
         self._age = 0.0
         self._ended = False
+        self._held = False
 
     # --- setpoints --------------------------------------------------------------------------
 
@@ -51,10 +52,10 @@ class Following:
 
     @property
     def ready(self) -> bool:
-        """Whether it may take a setpoint now: it has no points, and does not brake for a stop."""
+        """Whether it may take a setpoint now: it has no points, is not held, does not brake."""
         if self._tracker is not None:
             return not self._ended
-        return not self._points.moving and self._points.has_room
+        return not self._held and not self._points.moving and self._points.has_room
 
     def follow(self, target: Array, velocity: Array) -> None:
         """Be at a target, which moves on with a velocity: finite numbers, shapes (n,).
@@ -152,15 +153,18 @@ class Following:
     def stop(self) -> bool:
         """See Executor; setpoints are not among the points that are forgotten."""
         self._end()
+        self._held = False
         return self._points.stop()
 
     def hold(self) -> None:
         """See Executor; setpoints are not kept."""
         self._end()
+        self._held = True
         self._points.hold()
 
     def resume(self) -> None:
         """See Executor."""
+        self._held = False
         self._points.resume()
 
     def settle(self, position: Array) -> None:

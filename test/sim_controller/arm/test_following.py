@@ -145,6 +145,7 @@ def test_inv3_a_stop_or_a_hold_ends_the_stream(run, end):
     assert not run.arm.ready
     run.rest()
     rests = run.at
+    assert run.arm.ready == (end == 'stop')
     run.arm.resume()
     run.run(1.0)
     assert run.at == rests
