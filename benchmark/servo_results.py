@@ -11,12 +11,12 @@ FIGURES, REPORT = 'servo.json', 'servo.md'
 WORDS = """Written by `python -m benchmark.servo`: through ROS, the driver, TCP and the simulated
 controller, a process each; `servo.scale` 0.25, 4 ms of jitter, 2 % of the messages lost.
 
-* **lag**: the delay with which what was sent is nearest to the measured joint states; **rms**: what
-  is left then. Steps and the corners of a ramp are followed by no arm, so their rms is large.
+* **lag**: the delay with which what was sent is nearest to the measured joint states; **rms**:
+  what is left then. Steps and the corners of a ramp are followed by no arm, so their rms is large.
 * **speed**: of the joint that was fastest, as a share of its velocity limit."""
 
-DROPOUTS = """A stream of positions, a sine, falls silent for good. **rest**: the arm stands so much
-later; **past**: how far joint 1 went past the last setpoint."""
+DROPOUTS = """A stream of positions, a sine, falls silent for good. **rest**: the arm stands so
+much later; **past**: how far joint 1 went past the last setpoint."""
 
 
 @dataclass(frozen=True)

@@ -95,8 +95,8 @@ TABLE = (
     Argument(
         'ros2_control',
         'false',
-        'Start a controller_manager as well, with a joint_trajectory_controller whose commands the '
-        'driver follows as a stream; starts the description.',
+        'Start a controller_manager as well, with a joint_trajectory_controller whose commands '
+        'the driver follows as a stream; starts the description, too.',
         SWITCH,
     ),
     Argument(

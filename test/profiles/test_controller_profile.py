@@ -39,9 +39,8 @@ def test_every_key_has_a_rule_and_every_rule_a_key():
 
 
 def test_there_are_the_profiles_that_are_promised():
-    assert NAMES == sorted(
-        ['abb', 'fanuc', 'generic', 'motoman', 'rc620', 'rc700a', 'setpoints', 'spel', 'thesis']
-    )
+    others = ['rc620', 'rc700a', 'setpoints', 'spel', 'thesis']
+    assert NAMES == ['abb', 'fanuc', 'generic', 'motoman', *others]
 
 
 @pytest.mark.parametrize('name', NAMES)

@@ -12,7 +12,7 @@ MEMORY_S = 0.1
 """Older positions do not count, s."""
 
 MIN_SPAN_S = 0.02
-"""Positions that came closer together say nothing of the velocity, s: they came late, in a heap."""
+"""Positions that came closer together say nothing of the velocity, s: they were held up."""
 
 
 class VelocityEstimate:

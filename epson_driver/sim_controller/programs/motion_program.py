@@ -20,8 +20,8 @@ The rules (REP-I0006 where it says something, the thesis' program otherwise):
   answered. A streamed point in between ends it; points that still move go on first.
 * A reply is not looked at, and a topic that belongs to no download is never answered: two peers
   that answered each other would do so for ever.
-* A JOINT_SETPOINT is a request of a profile with `setpoints` (setpoints.py), and unknown otherwise.
-  It is answered at once; one that is refused ends the motion, as a point does.
+* A JOINT_SETPOINT is a request of a profile with `setpoints` (setpoints.py), else unknown. It is
+  answered at once; one that is refused ends the motion, as a point does.
 * In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
   STOP works.
 

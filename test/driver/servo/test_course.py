@@ -34,7 +34,8 @@ def test_what_has_passed_counts_where_it_is_needed():
 
 def test_a_window_without_velocities_has_those_of_its_positions():
     whole = window(sine)
-    bare = Setpoint(whole.source, whole.positions, None, Window(whole.window.times, whole.window.positions))
+    times, ways = whole.window.times, whole.window.positions
+    bare = Setpoint(whole.source, whole.positions, None, Window(times, ways))
     position, velocity = Course(bare, LIMITS).at(0.055)
     np.testing.assert_allclose(position, sine(0.055)[0], atol=1e-5)
     np.testing.assert_allclose(velocity, sine(0.055)[1], atol=5e-3)

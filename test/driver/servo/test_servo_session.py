@@ -463,13 +463,12 @@ def test_inv4_an_estop_ends_a_stream_of_setpoints_that_replace_each_other(said):
 @pytest.mark.invariant(3)
 def test_inv3_a_lost_link_rests_an_arm_that_follows_setpoints():
     async def check():
-        async with replacing() as (harness, controller):
-            async with going_on(harness, ramp()):
-                await until(lambda: harness.at[0] > 0.1)
-                harness.driver.motion_link.reconnect('for the test')
-                await until(lambda: harness.gate is not None)
-                await until(lambda: not controller.in_motion)
-                assert await stays(harness)
+        async with replacing() as (harness, controller), going_on(harness, ramp()):
+            await until(lambda: harness.at[0] > 0.1)
+            harness.driver.motion_link.reconnect('for the test')
+            await until(lambda: harness.gate is not None)
+            await until(lambda: not controller.in_motion)
+            assert await stays(harness)
 
     run(check())
 

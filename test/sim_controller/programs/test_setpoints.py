@@ -20,11 +20,11 @@ from support.program_harness import (
 )
 
 from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.following import Following
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.errors import corrupt
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import Framer
 
 NEAR = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
