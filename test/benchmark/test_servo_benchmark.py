@@ -59,6 +59,7 @@ def test_what_is_run_exists():
         assert rate in (30.0, 50.0, 100.0)
 
 
+@pytest.mark.slow
 def test_figures_are_kept_and_shown(tmp_path):
     pytest.importorskip('matplotlib')
     lag = Lag('rc620, smooth', 'sine', 'positions', 50.0, 0.16, 0.0123456, 0.2)

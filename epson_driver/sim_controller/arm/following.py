@@ -36,7 +36,8 @@ class Following:
         self.limits = points.limits
         self._points = points
         self._low_power_limits = low_power_limits
-        self._tracker: SetpointTracker | None = None
+        self.tracker: SetpointTracker | None = None
+        """Moves the arm after setpoints; None while it rests, or has points."""
         self._target = points.position
         self._velocity = np.zeros_like(self._target)
         self._age = 0.0
@@ -48,12 +49,12 @@ class Following:
     @property
     def following(self) -> bool:
         """Whether it moves after setpoints, or brakes after them."""
-        return self._tracker is not None
+        return self.tracker is not None
 
     @property
     def ready(self) -> bool:
         """Whether it may take a setpoint now: it has no points, is not held, does not brake."""
-        if self._tracker is not None:
+        if self.tracker is not None:
             return not self._ended
         return not self._held and not self._points.moving and self._points.has_room
 
@@ -62,12 +63,12 @@ class Following:
 
         Only while it is ready.
         """
-        if self._tracker is None:
+        if self.tracker is None:
             limits = self._low_power_limits if self.low_power else self.limits
-            self._tracker = SetpointTracker(limits, self._points.position)
+            self.tracker = SetpointTracker(limits, self._points.position)
             self._ended = False
         self._target, self._velocity, self._age = target, velocity, 0.0
-        self._aim(self._tracker)
+        self._aim(self.tracker)
 
     def _aim(self, tracker: SetpointTracker) -> None:
         if self._ended or self._age >= SILENCE_S:
@@ -78,9 +79,9 @@ class Following:
 
     def _end(self) -> None:
         """Follow no further setpoint, and brake."""
-        if self._tracker is not None:
+        if self.tracker is not None:
             self._ended = True
-            self._tracker.brake()
+            self.tracker.brake()
 
     # --- as an executor ---------------------------------------------------------------------
 
@@ -119,12 +120,12 @@ class Following:
     @property
     def position(self) -> Array:
         """See Executor."""
-        return self._points.position if self._tracker is None else self._tracker.state[0]
+        return self._points.position if self.tracker is None else self.tracker.state[0]
 
     @property
     def velocity(self) -> Array:
         """See Executor."""
-        return self._points.velocity if self._tracker is None else self._tracker.state[1]
+        return self._points.velocity if self.tracker is None else self.tracker.state[1]
 
     @property
     def moving(self) -> bool:
@@ -175,14 +176,14 @@ class Following:
 
     def step(self, dt: float) -> float | None:
         """See Executor."""
-        tracker = self._tracker
+        tracker = self.tracker
         if tracker is None:
             return self._points.step(dt)
         tracker.step(dt)
         self._age += dt
         self._aim(tracker)
         if tracker.at_rest and (self._ended or self._age >= SILENCE_S or not self._goes_on()):
-            self._tracker = None
+            self.tracker = None
             self._points.settle(tracker.state[0])
         return None
 

@@ -35,7 +35,7 @@ class Run:
 
     def run(self, seconds, limits=LIMITS):
         for _ in range(round(seconds / CYCLE)):
-            tracker = self.arm._tracker
+            tracker = self.arm.tracker
             if tracker is not None:
                 assert tracker.motion.within(limits)  # exact extrema, to its rest
             self.arm.step(CYCLE)
