@@ -26,11 +26,11 @@ VELOCITIES = (-1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 4.0)
 @pytest.mark.parametrize(
     ('order', 'dialect'), [('<', LITTLE_ENDIAN), ('>', BIG_ENDIAN)], ids=['little', 'big']
 )
-def test_a_setpoint_is_96_bytes_long(order: str, dialect: Dialect) -> None:
+def test_a_setpoint_is_100_bytes_long(order: str, dialect: Dialect) -> None:
     """Its type lies in the range that REP-I0004 gives to EPSON, 1500 to 1599."""
-    wire = struct.pack(order + '4ii20f', 96, 1510, 2, 0, 7, *JOINTS, *VELOCITIES)
-    assert len(wire) == 100
-    message = JointSetpoint(7, JOINTS, VELOCITIES)
+    wire = struct.pack(order + '4ii21f', 100, 1510, 2, 0, 7, *JOINTS, *VELOCITIES, 0.25)
+    assert len(wire) == 104
+    message = JointSetpoint(7, JOINTS, VELOCITIES, 0.25)
     assert encode(request(message), dialect) == wire
     (frame,) = frames_of(wire)
     assert decode(frame).message == message

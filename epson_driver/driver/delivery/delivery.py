@@ -74,11 +74,12 @@ class Delivery(Protocol):
         Raises GoalRejectedError if the controller cannot take it.
         """
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
         """Return the message for one setpoint of a stream, with the number `sequence`.
 
         `way` has two points: the setpoint before, and this one; with the same time they are the
-        first, where the arm stands. Raises GoalRejectedError if the controller takes no streams.
+        first, where the arm stands. `scale`: the share (0, 1] of the limits that a controller
+        which goes there by itself may use. Raises GoalRejectedError if the controller takes no streams.
         """
 
     def post(self, message: Message, on_reply: OnReply) -> None:

@@ -126,14 +126,17 @@ def full_points(
 
 
 def setpoint_of(
-    way: Trajectory, sequence: int, limits: JointLimits, mapping: JointMapping
+    way: Trajectory, sequence: int, scale: float, limits: JointLimits, mapping: JointMapping
 ) -> JointSetpoint:
-    """Return the last point of a trajectory with velocities as a JOINT_SETPOINT."""
+    """Return the last point of a trajectory with velocities as a JOINT_SETPOINT.
+
+    `scale`: the share (0, 1] of the limits that the controller may use.
+    """
     if way.velocities is None:
         raise ValueError('the setpoint has no velocities')
     (position,) = _to_wire(way.positions[-1:], limits, mapping).tolist()
     (velocity,) = mapping.velocities_to_controller(way.velocities[-1:]).tolist()
-    return JointSetpoint(sequence, joint_data(position), joint_data(velocity))
+    return JointSetpoint(sequence, joint_data(position), joint_data(velocity), scale)
 
 
 def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> Trajectory:

@@ -55,8 +55,8 @@ MAX_STEP_S = 0.2
 
 DURATION_SHARE = 0.8
 """What of the time that a point covers is sent as its duration: a controller that waited before it
-began may catch up. The tracker is as much slower, so that the arm keeps to the servo's speed.
-Setpoints that replace each other have no duration, and there is nothing to catch up."""
+began may catch up. The tracker is as much slower, so that the arm keeps to the servo's speed. So
+it is where setpoints replace each other: they have no duration, but their share of the limits."""
 
 STOP_WITHIN_S = 0.3
 """The arm is never so fast that a stop with its whole limits would take longer, s."""
@@ -108,7 +108,7 @@ class _Session:
     sent, sent_velocity: of the last point; sequence: of the next. waiting: its reply is awaited,
     since `posted`. span: tracker's time since the last point. time: of the last point. braked:
     the stream was silent, and the arm brakes. course: where positions lead from `heard` on.
-    behind: how far the arm is behind what was sent, smoothed.
+    behind: how far the arm is behind what was sent, smoothed. scale: the share of the limits.
     """
 
     setpoint: Setpoint
@@ -118,6 +118,7 @@ class _Session:
     sent_velocity: Array
     stepped: float
     standstill: Standstill
+    scale: float
     course: Course | None = None
     estimate: VelocityEstimate = field(default_factory=VelocityEstimate)
     lead: Lead = field(default_factory=Lead)
@@ -329,10 +330,18 @@ class Servo:
         standstill = Standstill(now)
         standstill.expect(None)
         tracker = SetpointTracker(
-            servo_limits(limits, self.settings.share * self._duration_share, STOP_WITHIN_S), start
+            servo_limits(limits, self.settings.share * DURATION_SHARE, STOP_WITHIN_S), start
         )
         session = _Session(
-            setpoint, tracker, now, start, np.zeros_like(start), now, standstill, answered=now
+            setpoint,
+            tracker,
+            now,
+            start,
+            np.zeros_like(start),
+            now,
+            standstill,
+            self.settings.share,
+            answered=now,
         )
         first = self._message(session, start, session.sent_velocity, 0.0)
         self._session = session
@@ -389,10 +398,6 @@ class Servo:
         self.counts.refused += 1
         if (line := self._invalid_throttle.line(why, now)) is not None:
             _log.warning('a setpoint on %s was dropped: %s', source, line)
-
-    @property
-    def _duration_share(self) -> float:
-        return 1.0 if self._stopper.replaces else DURATION_SHARE
 
     # --- the way ----------------------------------------------------------------------------
 
@@ -484,7 +489,7 @@ class Servo:
 
         Raises GoalRejectedError if it breaks a limit, or the controller takes no streams.
         """
-        share = self._duration_share
+        share = 1.0 if self._stopper.replaces else DURATION_SHARE
         duration = span * share
         way = Trajectory(
             self._limits.names,
@@ -494,7 +499,7 @@ class Servo:
         )
         if span > 0.0:
             check_limits(way, self._limits, may_end_moving=True)
-        message = self._stopper.setpoint(way, session.sequence)
+        message = self._stopper.setpoint(way, session.sequence, session.scale)
         session.sent, session.sent_velocity = position, velocity
         session.span = 0.0
         session.time += duration

@@ -12,6 +12,8 @@ Rules:
 * Where it rests, the executor of points begins again; points that come meanwhile wait.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
@@ -58,17 +60,23 @@ class Following:
             return not self._ended
         return not self._held and not self._points.moving and self._points.has_room
 
-    def follow(self, target: Array, velocity: Array) -> None:
+    def follow(self, target: Array, velocity: Array, scale: float = 1.0) -> None:
         """Be at a target, which moves on with a velocity: finite numbers, shapes (n,).
 
-        Only while it is ready.
+        `scale`: the share (0, 1] of all limits that the arm may use, which counts where it begins
+        at rest. Only while it is ready.
         """
         if self.tracker is None:
-            limits = self._low_power_limits if self.low_power else self.limits
-            self.tracker = SetpointTracker(limits, self._points.position)
+            self.tracker = SetpointTracker(_scaled(self._power_limits, scale), self.position)
             self._ended = False
-        self._target, self._velocity, self._age = target, velocity, 0.0
+        fastest = self.tracker.limits.velocity
+        self._target, self._age = target, 0.0
+        self._velocity = np.clip(velocity, -fastest, fastest)
         self._aim(self.tracker)
+
+    @property
+    def _power_limits(self) -> JointLimits:
+        return self._low_power_limits if self.low_power else self.limits
 
     def _aim(self, tracker: SetpointTracker) -> None:
         if self._ended or self._age >= SILENCE_S:
@@ -78,9 +86,10 @@ class Following:
         tracker.follow(self._target + on * self._velocity, self._velocity)
 
     def _end(self) -> None:
-        """Follow no further setpoint, and brake."""
+        """Follow no further setpoint, and brake with all that the arm has."""
         if self.tracker is not None:
             self._ended = True
+            self.tracker.limits = self.limits
             self.tracker.brake()
 
     # --- as an executor ---------------------------------------------------------------------
@@ -190,3 +199,13 @@ class Following:
     def _goes_on(self) -> bool:
         """Return whether the setpoint moves on."""
         return bool(np.any(self._velocity)) and self._age < GOES_ON_S
+
+
+def _scaled(limits: JointLimits, scale: float) -> JointLimits:
+    """Return a share (0, 1] of all limits but those of the position."""
+    return replace(
+        limits,
+        velocity=scale * limits.velocity,
+        acceleration=scale * limits.acceleration,
+        jerk=scale * limits.jerk,
+    )

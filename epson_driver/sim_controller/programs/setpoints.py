@@ -15,6 +15,9 @@ from epson_driver.simple_message import JointSetpoint
 START_TOLERANCE = 0.1
 """How far from the arm a setpoint may be while the arm stands, rad or m."""
 
+MIN_SCALE = 0.001
+"""The smallest share of the limits that is obeyed: with less the arm would not come anywhere."""
+
 
 class Setpoints:
     """Has the setpoints of one client followed.
@@ -57,9 +60,7 @@ class Setpoints:
         self._last = setpoint.sequence
         if setpoint.sequence == 0:
             self._began()
-        limits = self._arm.limits
-        fastest = limits.velocity
-        self._arm.follow(clipped(target, limits), np.clip(velocity, -fastest, fastest))
+        self._arm.follow(clipped(target, self._arm.limits), velocity, setpoint.scale)
         return None
 
     def _sequence_rejection(self, sequence: int) -> Rejection | None:
@@ -74,6 +75,8 @@ class Setpoints:
             for index, value in enumerate(values):
                 if not np.isfinite(value):
                     return corrupt(f'{name}[{index}] = {value} is not finite')
+        if not MIN_SCALE <= setpoint.scale <= 1.0:
+            return corrupt(f'scale = {setpoint.scale:g}: must be from {MIN_SCALE:g} to 1')
         return None
 
     def _arm_rejection(self, target: Array) -> Rejection | None:

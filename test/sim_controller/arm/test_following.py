@@ -172,6 +172,20 @@ def test_while_points_are_executed_no_setpoint_is_taken(run):
 
 
 @pytest.mark.invariant(2)
+def test_inv2_the_arm_uses_its_share_of_the_limits_also_to_catch_up(run):
+    """As after a time in which the sender was held up: the target has gone on."""
+    share = 0.25
+    for way in (0.05, 0.5, 0.5, 0.5, 0.5, 0.5):
+        run.arm.follow(joint_1(way), joint_1(1.0), share)
+        run.run(0.02)
+    run.arm.follow(joint_1(0.5), HOME, share)
+    run.rest()
+    steps = np.abs(np.diff([each[0] for each in run.ways]))
+    assert steps.max() <= share * LIMITS.velocity[0] * CYCLE * SLACK
+    assert run.at == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.invariant(2)
 def test_inv2_at_low_power_the_low_limits_hold(run):
     run.arm.low_power = True
     low = CAPS.limits(LIMITS)

@@ -31,11 +31,10 @@ NEAR = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
 FAR = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def setpoint(sequence, joints=HOME, velocities=HOME, comm_type=2):
+def setpoint(sequence, joints=HOME, velocities=HOME, scale=1.0, comm_type=2):
     fill = [0.0] * 4
-    return frame(
-        1510, comm_type, 0, struct.pack('<i20f', sequence, *joints, *fill, *velocities, *fill)
-    )
+    numbers = [*joints, *fill, *velocities, *fill, scale]
+    return frame(1510, comm_type, 0, struct.pack('<i21f', sequence, *numbers))
 
 
 class Harness(ProgramHarness):
@@ -97,8 +96,11 @@ def test_a_controller_that_does_not_know_them_refuses_and_stays_as_it_is(name):
         setpoint(0, (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)),
         setpoint(0, NEAR, (math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)),
         setpoint(-1, NEAR),
+        setpoint(0, NEAR, scale=0.0),
+        setpoint(0, NEAR, scale=1.5),
+        setpoint(0, NEAR, scale=math.nan),
     ],
-    ids=['sequence', 'far', 'outside', 'nan', 'inf', 'negative'],
+    ids=['sequence', 'far', 'outside', 'nan', 'inf', 'negative', 'no scale', 'scale', 'nan scale'],
 )
 def test_inv1_a_bad_setpoint_moves_nothing_and_says_why(harness, bad, caplog):
     harness.send(bad)
