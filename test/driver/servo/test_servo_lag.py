@@ -97,7 +97,7 @@ STREAMS = {
     'windows': windows,
 }
 BARS = {  # s: positions, with velocities, windows
-    ('setpoints', True): (0.15, 0.12, 0.1),
+    ('setpoints', True): (0.08, 0.05, 0.04),
     ('rc620', True): (0.4, 0.35, 0.3),
     ('rc620', False): (0.45, 0.4, 0.35),
     ('generic', False): (0.45, 0.4, 0.35),
