@@ -34,6 +34,9 @@ SETTLED_S = 1.2
 """What is measured begins so long after the stream, s."""
 
 MAX_LAG_S = 1.5
+FOLLOWED_RAD = 0.01
+"""An arm that moved less did not follow at all."""
+
 DROPOUTS_S = (1.05, 1.3, 1.55)
 """When a stream falls silent for good: on the way there, at the turn, on the way back."""
 
@@ -109,6 +112,8 @@ def measured(user: User, kind: str, run: Run) -> tuple[Lag, Trace | None]:
     wave = WAVES[name]
     recording = user.stream(stream, wave, DURATION_S, rate)
     times, ways = recording.times, recording.ways
+    if not len(ways) or float(np.abs(ways).max()) < FOLLOWED_RAD:
+        raise TimeoutError(f'the arm did not follow {name}, {stream}, {rate:g} Hz')
     lag, rms = best_lag(times, ways, wave, DURATION_S)
     fastest = float(np.max(recording.fastest / MODEL.limits.velocity))
     trace = None

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS node that streams to a driver and records where the arm is."""
 
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -40,10 +41,13 @@ class User:
             for name, each in STREAMS.items()
         }
         self._enable = self._node.create_client(Trigger, 'epson_driver/enable')
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
 
     def close(self) -> None:
         """Destroy the node."""
         self._executor.shutdown()
+        self._thread.join()
         self._node.destroy_node()
         rclpy.shutdown()
 
@@ -57,7 +61,7 @@ class User:
         while not until():
             if time.monotonic() > ends:
                 raise TimeoutError(f'nothing happened for {TIMEOUT_S:g} s')
-            self._executor.spin_once(timeout_sec=0.02)
+            time.sleep(0.01)
 
     def enable(self) -> None:
         """Enable the arm, as soon as that works. Raises TimeoutError."""
@@ -104,8 +108,7 @@ class User:
                 publisher.publish(stream.message(arm, wave, t, begin))
             count += 1
             due = begin + count / rate + JITTER_S * random.uniform(-1.0, 1.0)
-            while (left := due - time.time()) > 0.0:
-                self._executor.spin_once(timeout_sec=left)
+            time.sleep(max(due - time.time(), 0.0))
         return Recording(self, begin, first)
 
 

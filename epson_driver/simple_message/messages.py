@@ -111,9 +111,9 @@ class JointFeedback(Message):
 class JointSetpoint(Message):
     """JOINT_SETPOINT (1510), ours, in EPSON's range: where the arm should be now.
 
-    It replaces the one before. `velocities` say how it moves on, rad/s or m/s; `scale` is the share
-    (0, 1] of every limit that the motion may use. A `sequence` of 0 begins a stream, each further
-    one is the next number.
+    It replaces the one before. `velocities` say how it moves on, rad/s or m/s; `scale` is the
+    share (0, 1] of every limit that the motion may use. A `sequence` of 0 begins a stream, each
+    further one is the next number.
     """
 
     sequence: int

@@ -79,7 +79,8 @@ class Delivery(Protocol):
 
         `way` has two points: the setpoint before, and this one; with the same time they are the
         first, where the arm stands. `scale`: the share (0, 1] of the limits that a controller
-        which goes there by itself may use. Raises GoalRejectedError if the controller takes no streams.
+        which goes there by itself may use. Raises GoalRejectedError if the controller takes no
+        streams.
         """
 
     def post(self, message: Message, on_reply: OnReply) -> None:
