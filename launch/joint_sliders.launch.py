@@ -4,8 +4,8 @@
 
 from pathlib import Path
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
@@ -13,31 +13,42 @@ from launch_ros.actions import Node
 
 from epson_driver.bringup import DESCRIPTION, launch_arguments, model_argument
 
+NAMES = ('namespace', 'tf_prefix', 'use_sim_time')
+
 
 def generate_launch_description():
     """Return the arguments, the description, the sliders and RViz."""
-    folder = Path(__file__).parent
-    names = ('namespace', 'tf_prefix', 'use_sim_time')
-    passed = [(name, LaunchConfiguration(name)) for name in names]
-    described = [(name, LaunchConfiguration(name)) for name in ('robot_model', *DESCRIPTION)]
-    rest = (*names, *DESCRIPTION, 'launch_rviz', 'rviz_config')
+    passed = [(name, LaunchConfiguration(name)) for name in (*NAMES, 'rviz_config')]
+    rest = (*NAMES, *DESCRIPTION, 'launch_rviz', 'rviz_config')
     arguments = [model_argument(), *launch_arguments(*rest)]
+    path = Path(__file__).with_name('rviz.launch.py')
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
-            IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(folder / 'robot_description.launch.py')),
-                launch_arguments=[*passed, *described],
-            ),
+            OpaqueFunction(function=described),
             Node(
                 package='joint_state_publisher_gui',
                 executable='joint_state_publisher_gui',
                 namespace=LaunchConfiguration('namespace'),
             ),
             IncludeLaunchDescription(
-                PythonLaunchDescriptionSource(str(folder / 'rviz.launch.py')),
-                launch_arguments=[*passed, ('rviz_config', LaunchConfiguration('rviz_config'))],
+                PythonLaunchDescriptionSource(str(path)),
+                launch_arguments=passed,
                 condition=IfCondition(LaunchConfiguration('launch_rviz')),
             ),
         ]
     )
+
+
+def described(context: LaunchContext):
+    """Return the description without ros2_control; `ros2 launch -s` lists what is free."""
+    values = context.launch_configurations
+    path = Path(__file__).with_name('robot_description.launch.py')
+    return [
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(str(path)),
+            launch_arguments=[
+                (name, values[name]) for name in (*NAMES, 'robot_model', *DESCRIPTION)
+            ],
+        )
+    ]

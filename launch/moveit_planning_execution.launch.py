@@ -11,6 +11,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from epson_driver.bringup import (
+    CONTROLLER,
     DESCRIPTION,
     INTERFACE,
     effective,
@@ -58,6 +59,7 @@ def moveit(context: LaunchContext):
             semantic_description(*robot, values['parent'] or 'world'), value_type=str
         ),
     }
+    controller = {'controller': CONTROLLER} if values['ros2_control'] == 'true' else {}
     path = Path(__file__).with_name('robot_interface.launch.py')
     nodes = [
         IncludeLaunchDescription(
@@ -68,7 +70,7 @@ def moveit(context: LaunchContext):
             package='moveit_ros_move_group',
             executable='move_group',
             namespace=values['namespace'],
-            parameters=[descriptions, move_group_parameters(*robot), time],
+            parameters=[descriptions, move_group_parameters(*robot, **controller), time],
             output='screen',
         ),
     ]

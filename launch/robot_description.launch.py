@@ -14,6 +14,7 @@ from epson_driver.bringup import (
     model_argument,
     pose_arguments,
     robot_description,
+    ros2_control_arguments,
 )
 
 
@@ -21,7 +22,7 @@ def generate_launch_description():
     """Return the arguments and the nodes."""
     arguments = [
         model_argument(),
-        *launch_arguments('namespace', 'tf_prefix', 'use_sim_time', *DESCRIPTION),
+        *launch_arguments('namespace', 'tf_prefix', 'use_sim_time', 'ros2_control', *DESCRIPTION),
     ]
     return LaunchDescription(
         [
@@ -35,7 +36,9 @@ def publishers(context: LaunchContext):
     """Return the node for this model and prefix, and where the arm stands if that is given."""
     values = context.launch_configurations
     prefix = values['tf_prefix']
-    description = robot_description(values['robot_model'] or DEFAULT_MODEL, prefix)
+    controlled = values['ros2_control'] == 'true'
+    block = ros2_control_arguments(values['namespace']) if controlled else {}
+    description = robot_description(values['robot_model'] or DEFAULT_MODEL, prefix, **block)
     time = {'use_sim_time': values['use_sim_time'] == 'true'}
     nodes = [
         Node(

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver and, on request, a simulated controller for it and the robot's description."""
+"""The driver and, on request, a simulated controller, the robot's description, ros2_control."""
 
 from pathlib import Path
 
@@ -18,14 +18,18 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import ExecutableInPackage
 
 from epson_driver.bringup import (
+    CONTROLLER,
     DESCRIPTION,
     INTERFACE,
+    check_streams,
     client_parameters,
     controller_arguments,
+    controllers_parameters,
     effective,
     launch_arguments,
     misspelled_arguments,
 )
+from epson_driver.share import share_file
 
 
 def generate_launch_description():
@@ -44,6 +48,9 @@ def processes(context: LaunchContext):
     values = dict(context.launch_configurations)
     actions = [LogInfo(msg=f'WARNING: {each}') for each in misspelled_arguments(values)]
     parameters = client_parameters(values)
+    controlled = values['ros2_control'] == 'true'
+    if controlled:
+        check_streams(values)
     if values['use_sim_controller'] == 'true':
         controller = ExecutableInPackage(executable='sim_controller', package='epson_driver')
         actions.append(  # not a ROS node: it accepts no --ros-args
@@ -65,8 +72,8 @@ def processes(context: LaunchContext):
             on_exit=Shutdown(reason='the client ended'),
         )
     )
-    if values['description'] == 'true':
-        names = ('namespace', 'tf_prefix', 'use_sim_time', *DESCRIPTION)
+    if controlled or values['description'] == 'true':
+        names = ('namespace', 'tf_prefix', 'use_sim_time', 'ros2_control', *DESCRIPTION)
         passed = [(name, values[name]) for name in names]
         path = Path(__file__).with_name('robot_description.launch.py')
         actions.append(
@@ -75,4 +82,32 @@ def processes(context: LaunchContext):
                 launch_arguments=[*passed, ('robot_model', effective(values)['robot_model'])],
             )
         )
+    if controlled:
+        actions += ros2_control(values)
     return actions
+
+
+def ros2_control(values: dict[str, str]):
+    """Return the controller manager, which has the description from its topic, and a controller.
+
+    The manager gets no node name: with one, its parameters would not reach its controllers.
+    """
+    file = str(share_file('config', 'ros2_control', 'controllers.yaml'))
+    own = controllers_parameters(effective(values)['robot_model'], values['tf_prefix'])
+    return [
+        Node(
+            package='controller_manager',
+            executable='ros2_control_node',
+            namespace=values['namespace'],
+            parameters=[file, own | {'use_sim_time': values['use_sim_time'] == 'true'}],
+            output='screen',
+            on_exit=Shutdown(reason='the controller manager ended'),
+        ),
+        Node(
+            package='controller_manager',
+            executable='spawner',
+            namespace=values['namespace'],
+            arguments=[CONTROLLER],
+            output='screen',
+        ),
+    ]

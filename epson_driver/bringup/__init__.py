@@ -22,16 +22,25 @@ from epson_driver.bringup.description import (
     semantic_description,
 )
 from epson_driver.bringup.moveit import move_group_parameters, rviz_parameters
+from epson_driver.bringup.ros2_control import (
+    CONTROLLER,
+    check_streams,
+    controllers_parameters,
+    ros2_control_arguments,
+)
 from epson_driver.bringup.several import EACH, several_robots
 
 __all__ = [
+    'CONTROLLER',
     'DEFAULT_MODEL',
     'DESCRIPTION',
     'EACH',
     'INTERFACE',
     'BringupError',
+    'check_streams',
     'client_parameters',
     'controller_arguments',
+    'controllers_parameters',
     'effective',
     'launch_arguments',
     'misspelled_arguments',
@@ -39,6 +48,7 @@ __all__ = [
     'move_group_parameters',
     'pose_arguments',
     'robot_description',
+    'ros2_control_arguments',
     'rviz_parameters',
     'semantic_description',
     'several_robots',

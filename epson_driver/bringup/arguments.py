@@ -93,6 +93,13 @@ TABLE = (
         SWITCH,
     ),
     Argument(
+        'ros2_control',
+        'false',
+        'Start a controller_manager as well, with a joint_trajectory_controller whose commands '
+        'the driver follows as a stream; starts the description, too.',
+        SWITCH,
+    ),
+    Argument(
         'parent',
         '',
         'Frame in which the arm stands, such as world: the transform from there to base_link is '

@@ -25,6 +25,7 @@ INTERFACE = (
     'use_sim_controller',
     'sim_motion',
     'use_sim_time',
+    'ros2_control',
 )
 """The arguments of every launch file that starts a client."""
 

@@ -30,10 +30,10 @@ def described_models() -> tuple[str, ...]:
     )
 
 
-def robot_description(model: str, prefix: str = '') -> str:
+def robot_description(model: str, prefix: str = '', **arguments: str) -> str:
     """Return the URDF of a model as text, made by xacro from urdf/epson_robot.urdf.xacro.
 
-    Raises BringupError if xacro is not installed.
+    `arguments`: others of that file. Raises BringupError if xacro is not installed.
     """
     try:
         import xacro
@@ -42,7 +42,7 @@ def robot_description(model: str, prefix: str = '') -> str:
             'xacro is missing: sudo apt install ros-jazzy-xacro, or pip install xacro'
         ) from cause
     path = share_file('urdf', 'epson_robot.urdf.xacro')
-    mappings = {'robot_model': model, 'prefix': prefix}
+    mappings = {'robot_model': model, 'prefix': prefix, **arguments}
     text: str = xacro.process_file(str(path), mappings=mappings).toxml()
     return text
 

@@ -10,14 +10,23 @@ from epson_driver.share import share_file
 JOINTS_OF_A_FREE_TOOL = 6
 """With fewer the tool cannot have every orientation, and KDL solves for its place alone."""
 
+OWN_ACTION = 'epson_driver'
+"""The driver, whose action executes what MoveIt plans."""
 
-def move_group_parameters(model: str, prefix: str = '') -> dict[str, Any]:
-    """Return the parameters of move_group, without the two descriptions of the robot."""
+
+def move_group_parameters(
+    model: str, prefix: str = '', controller: str = OWN_ACTION
+) -> dict[str, Any]:
+    """Return the parameters of move_group, without the two descriptions of the robot.
+
+    `controller`: the node whose action follow_joint_trajectory executes.
+    """
     controllers = _load('moveit_controllers.yaml')
     manager = controllers['moveit_simple_controller_manager']
     joints = _load(model, 'joint_limits.yaml')['joint_limits']
-    for name in manager['controller_names']:
-        manager[name]['joints'] = [prefix + joint for joint in joints]
+    manager['controller_names'] = [controller]
+    manager[controller] = manager.pop(OWN_ACTION)
+    manager[controller]['joints'] = [prefix + joint for joint in joints]
     return {
         **rviz_parameters(model, prefix),
         **controllers,

@@ -118,19 +118,27 @@ class SetpointTracker:
         return self.state
 
     def follow(
-        self, positions: Array, velocities: Array | None = None, speed: float = 1.0
+        self,
+        positions: Array,
+        velocities: Array | None = None,
+        speed: float = 1.0,
+        lead: float = np.inf,
     ) -> bool:
         """Go to finite positions, shape (n,), which move on with `velocities` if there are any.
 
         Beyond the range, its end is meant. `speed`: the share (0, 1] of the velocity limits that
-        may be used. Return whether a motion there was found; if not, the one so far goes on.
+        may be used. `lead`: how far ahead of the positions the velocities may put the aim, s: what
+        they would go in that time. Return whether a motion there was found; if not, the one so far
+        goes on.
         """
         ahead = np.zeros_like(self._low)
         if velocities is not None:
             fastest = self.limits.velocity * speed
-            ahead = FEED_FORWARD * stopping_way(
-                self.limits, np.clip(velocities, -fastest, fastest)
-            )
+            wanted = np.clip(velocities, -fastest, fastest)
+            ahead = FEED_FORWARD * stopping_way(self.limits, wanted)
+            if lead < np.inf:
+                most = np.abs(wanted) * lead
+                ahead = np.clip(ahead, -most, most)
         aim = np.clip(positions + ahead, self._low, self._high)
         if self.at_rest and float(np.abs(aim - self.motion.end).max()) < ROUNDING:
             return True

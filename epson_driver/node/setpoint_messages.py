@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Setpoints, read from the messages that ROS sends streams in (docs/servo.md)."""
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from epson_driver.driver.servo.setpoint import Setpoint
+from epson_driver.driver.servo.setpoint import Setpoint, Window
 from epson_driver.motion import Array
 from epson_driver.node.trajectory_messages import duration_in_s
 
@@ -21,6 +22,9 @@ MAX_AHEAD_S = 0.5
 MAX_AGE_S = 0.5
 """One that ended longer ago is too old, or stamped by another clock, s."""
 
+MAX_POINTS = 500
+"""Of those in a window that are still to come: one each millisecond, if it reaches that far."""
+
 
 class SetpointError(ValueError):
     """A message that is no setpoint; the text says why."""
@@ -29,10 +33,9 @@ class SetpointError(ValueError):
 def from_trajectory(
     message: JointTrajectory, names: Sequence[str], source: str, now: float
 ) -> Setpoint:
-    """Return the last point of a window, or a single point. `now`: the time of ROS, s.
+    """Return a single point, or a window from the last point that has passed on.
 
-    A window's last point lies ahead: that makes up for the tracker's lag, so its velocities are
-    left out. Those of a single point count. Raises SetpointError.
+    `now`: the time of ROS, s. Raises SetpointError.
     """
     last = message.points[-1]
     stamp = duration_in_s(message.header.stamp)
@@ -46,9 +49,8 @@ def from_trajectory(
         raise SetpointError(f'it ended {-ahead:.3g} s ago: it came late, or the clocks differ')
     positions = _values('positions', last.positions, message.joint_names, names)
     velocities = _values('velocities', last.velocities, message.joint_names, names)
-    if positions is not None and len(message.points) > 1:
-        velocities = None
-    return _setpoint(source, positions, velocities)
+    window = None if positions is None else _window(message, names, stamp - now if stamp else 0.0)
+    return _setpoint(source, positions, velocities, window)
 
 
 def from_joint_state(message: JointState, names: Sequence[str], source: str) -> Setpoint:
@@ -91,10 +93,42 @@ def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
     return _setpoint(source, None, velocities)
 
 
-def _setpoint(source: str, positions: Array | None, velocities: Array | None) -> Setpoint:
+def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Window | None:
+    """Return the points that are to come, and the one before; None if there are not two.
+
+    `first`: when time_from_start began, s from now. Velocities that not all of them have do not
+    count. Raises SetpointError.
+    """
+    passed = 0
+    times = [first + duration_in_s(point.time_from_start) for point in message.points]
+    for passed in range(len(times) - 1, -1, -1):
+        if times[passed] <= 0.0:
+            break
+    times, points = times[passed:], message.points[passed:]
+    if len(points) < 2:
+        return None
+    if len(points) > MAX_POINTS:
+        raise SetpointError(f'more than {MAX_POINTS} points are to come')
+    if any(after <= before for before, after in itertools.pairwise(times)):
+        raise SetpointError('time_from_start does not increase from point to point')
+    given = message.joint_names
+    positions = [_values('positions', point.positions, given, names) for point in points]
+    if any(each is None for each in positions):
+        raise SetpointError('some of its points have no positions')
+    velocities = [_values('velocities', point.velocities, given, names) for point in points]
+    known = all(each is not None for each in velocities)
+    return Window(np.array(times), np.array(positions), np.array(velocities) if known else None)
+
+
+def _setpoint(
+    source: str,
+    positions: Array | None,
+    velocities: Array | None,
+    window: Window | None = None,
+) -> Setpoint:
     if positions is None and velocities is None:
         raise SetpointError('it has neither positions nor velocities')
-    return Setpoint(source, positions, velocities)
+    return Setpoint(source, positions, velocities, window)
 
 
 def _values(

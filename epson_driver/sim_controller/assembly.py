@@ -11,6 +11,7 @@ from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.executor import Executor
+from epson_driver.sim_controller.arm.following import Following
 from epson_driver.sim_controller.arm.low_power import LowPower
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
@@ -127,6 +128,8 @@ def _new_arm(controller: Controller, start: Array, planner: Planner | None) -> S
     motion = controller.profile.motion
     caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
     executor = _new_executor(controller, start, planner, caps)
+    if controller.profile.program.setpoints:
+        executor = Following(executor, caps.limits(controller.model.limits))
     return SimulatedArm(executor, controller.servo, caps)
 
 

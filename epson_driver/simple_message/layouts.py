@@ -24,6 +24,7 @@ from epson_driver.simple_message.messages import (
     GetVersion,
     JointFeedback,
     JointPosition,
+    JointSetpoint,
     JointTraj,
     JointTrajPt,
     JointTrajPtFull,
@@ -243,6 +244,9 @@ ROWS: tuple[Layout, ...] = (
         MessageType.JOINT_FEEDBACK,
         JointFeedback,
         'robot_id:i valid_fields:i time:r positions:10r velocities:10r accelerations:10r',
+    ),
+    FixedLayout(
+        MessageType.JOINT_SETPOINT, JointSetpoint, 'sequence:i joints:10r velocities:10r scale:r'
     ),
     FixedLayout(MessageType.MOTION_CTRL, MotionCtrl, 'robot_id:i sequence:i command:i data:10r'),
     FixedLayout(

@@ -108,6 +108,21 @@ class JointFeedback(Message):
 
 
 @dataclass(frozen=True, slots=True)
+class JointSetpoint(Message):
+    """JOINT_SETPOINT (1510), ours, in EPSON's range: where the arm should be now.
+
+    It replaces the one before. `velocities` say how it moves on, rad/s or m/s; `scale` is the
+    share (0, 1] of every limit that the motion may use. A `sequence` of 0 begins a stream, each
+    further one is the next number.
+    """
+
+    sequence: int
+    joints: tuple[float, ...] = ZEROS
+    velocities: tuple[float, ...] = ZEROS
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class MotionCtrl(Message):
     """MOTION_CTRL (2001), Motoman: a command to the controller (`motoman.Command`).
 

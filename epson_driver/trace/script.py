@@ -34,6 +34,7 @@ TELLS = {
     MessageType.JOINT_TRAJ_PT: 'motion',
     MessageType.JOINT_TRAJ: 'motion',
     MessageType.JOINT_TRAJ_PT_FULL: 'motion',
+    MessageType.JOINT_SETPOINT: 'motion',
     MessageType.MOTION_CTRL: 'motion',
     MessageType.IO_INFO: 'io',
     MessageType.IO_READ: 'io',

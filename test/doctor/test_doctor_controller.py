@@ -21,7 +21,17 @@ from epson_driver.share import share_file
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
 
-NAMES = ('abb', 'fanuc', 'generic', 'motoman', 'rc620', 'rc700a', 'spel', 'thesis')
+NAMES = (
+    'abb',
+    'fanuc',
+    'generic',
+    'motoman',
+    'rc620',
+    'rc700a',
+    'setpoints',
+    'spel',
+    'thesis',
+)
 KINDS = [pytest.param(name, marks=() if name == 'rc620' else pytest.mark.slow) for name in NAMES]
 
 IO_OF_SPEL = {'flags': 64}

@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[2]
 OWN = 'epson_driver'
 
 ROS_EXECUTABLES = {
+    'controller_manager': {'ros2_control_node', 'spawner'},
     'joint_state_publisher_gui': {'joint_state_publisher_gui'},
     'moveit_ros_move_group': {'move_group'},
     'robot_state_publisher': {'robot_state_publisher'},
@@ -29,6 +30,7 @@ IMPORTS = {'launch', 'launch_ros'}
 MANIFESTS = {
     'epson_driver': ROOT / 'package.xml',
     'epson_driver_moveit': ROOT / 'variants/epson_driver_moveit/package.xml',
+    'epson_driver_ros2_control': ROOT / 'variants/epson_driver_ros2_control/package.xml',
     'epson_driver_desktop': ROOT / 'variants/epson_driver_desktop/package.xml',
 }
 

@@ -79,6 +79,8 @@ def test_the_launch_files_are_there() -> None:
 def test_what_a_launch_file_names_exists(path: Path) -> None:
     assert list(faults(path, launched(path))) == []
     everything = {'use_sim_controller': 'true', 'launch_rviz': 'true', 'sim_motion': 'ptp'}
+    if 'download' not in path.name:
+        everything['ros2_control'] = 'true'
     declared = declared_names(description(path))
     given = {name: value for name, value in everything.items() if name in declared}
     assert list(faults(path, launched(path, **given))) == []
@@ -239,6 +241,47 @@ def test_rviz_shows_a_file_of_this_package_in_the_robots_frame(name: str) -> Non
 def test_rviz_is_left_out_where_nobody_looks() -> None:
     assert nodes(start('robot_state_visualize', launch_rviz='false'), 'rviz2') == []
     assert nodes(start('moveit_planning_execution', launch_rviz='false'), 'rviz2') == []
+
+
+# --- ros2_control -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', ['robot_interface', 'simulation'])
+def test_ros2_control_stands_in_front_of_the_driver(name: str) -> None:
+    context = start(name, ros2_control='true', namespace='cell', tf_prefix='left_')
+    started = [each.executable for each in context.started if each.executable != 'sim_controller']
+    assert started == ['client', 'robot_state_publisher', 'ros2_control_node', 'spawner']
+    (manager,) = nodes(context, 'ros2_control_node')
+    assert manager.files == [ROOT / 'config' / 'ros2_control' / 'controllers.yaml']
+    joints = [f'left_joint_{number}' for number in range(1, 7)]
+    assert manager.parameters['joints'] == joints == the_client(context).parameters['joint_names']
+    assert manager.name is None
+    (spawner,) = nodes(context, 'spawner')
+    assert spawner.command == ['joint_trajectory_controller']
+    (publisher,) = nodes(context, 'robot_state_publisher')
+    description = publisher.parameters['robot_description']
+    assert '>/cell/epson_driver/joint_commands<' in description
+    assert {each.namespace for each in (manager, spawner, publisher)} == {'cell'}
+
+
+def test_ros2_control_is_off_unless_it_is_asked_for() -> None:
+    context = start('robot_interface', description='true')
+    assert [each.executable for each in context.started] == ['client', 'robot_state_publisher']
+    (publisher,) = nodes(context, 'robot_state_publisher')
+    assert 'ros2_control' not in publisher.parameters['robot_description']
+
+
+def test_ros2_control_needs_a_driver_that_follows_streams() -> None:
+    with pytest.raises(BringupError, match='interface = download'):
+        start('robot_interface_download', ros2_control='true')
+
+
+def test_moveit_executes_through_ros2_control_on_request() -> None:
+    context = start('moveit_planning_execution', ros2_control='true', launch_rviz='false')
+    (move_group,) = nodes(context, 'move_group')
+    names = move_group.parameters['moveit_simple_controller_manager.controller_names']
+    (spawner,) = nodes(context, 'spawner')
+    assert names == spawner.command
 
 
 # --- MoveIt, several robots ---------------------------------------------------------------------

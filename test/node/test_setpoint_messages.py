@@ -49,11 +49,41 @@ def window(ends=0.1, points=20, names=NAMES, velocities=True, begin=NOW - 0.1):
     return message
 
 
-def test_of_a_window_the_last_point_counts_without_its_velocities():
-    setpoint = from_trajectory(window(), NAMES, 'x', NOW)
+def test_of_a_window_all_that_is_to_come_counts_and_the_point_before():
+    setpoint = from_trajectory(window(points=21), NAMES, 'x', NOW)
     assert setpoint.mode is Mode.POSITION
     np.testing.assert_array_equal(setpoint.positions, VALUES)
-    assert setpoint.velocities is None
+    np.testing.assert_array_equal(setpoint.velocities, VALUES)
+    times = setpoint.window.times
+    assert len(times) == 11
+    assert times[0] <= 0.0 < times[1]
+    np.testing.assert_allclose(times, np.arange(11) * 0.01, atol=1e-6)
+    ways = np.linspace(0.5, 1.0, 11)
+    np.testing.assert_allclose(setpoint.window.positions, np.outer(ways, VALUES))
+    np.testing.assert_allclose(setpoint.window.velocities, np.tile(VALUES, (11, 1)))
+
+
+def test_a_window_may_lack_velocities_here_and_there():
+    message = window()
+    message.points[-2].velocities = []
+    assert from_trajectory(message, NAMES, 'x', NOW).window.velocities is None
+
+
+def test_a_window_that_has_passed_is_its_last_point():
+    setpoint = from_trajectory(window(ends=-0.01), NAMES, 'x', NOW)
+    assert setpoint.window is None
+    np.testing.assert_array_equal(setpoint.positions, VALUES)
+
+
+def stuck(message):
+    """Give the last two points the same time."""
+    message.points[-2].time_from_start = message.points[-1].time_from_start
+    return message
+
+
+def gap(message):
+    message.points[-2].positions = []
+    return message
 
 
 @pytest.mark.parametrize('begin', [NOW - 0.02, 0.0], ids=['stamped', 'stamp 0'])
@@ -111,6 +141,9 @@ def short(message):
         (lambda: from_trajectory(window(), NAMES, 'x', NOW + 60.0), 'ended 59.9 s ago'),
         (lambda: from_trajectory(window(), NAMES, 'x', NOW - 60.0), 'the clocks differ'),
         (lambda: from_trajectory(short(window()), NAMES, 'x', NOW), '3 values in positions'),
+        (lambda: from_trajectory(stuck(window()), NAMES, 'x', NOW), 'does not increase'),
+        (lambda: from_trajectory(gap(window()), NAMES, 'x', NOW), 'some of its points have no'),
+        (lambda: from_trajectory(window(points=2000), NAMES, 'x', NOW), 'more than 500 points'),
         (lambda: from_trajectory(window(names='abcdex'), NAMES, 'x', NOW), "unknown joint 'x'"),
         (lambda: from_trajectory(window(names='abcdea'), NAMES, 'x', NOW), 'twice'),
         (lambda: from_joint_state(JointState(name=['a']), NAMES, 'x'), 'lacks b, c, d, e, f'),

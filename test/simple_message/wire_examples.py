@@ -17,6 +17,7 @@ from epson_driver.simple_message import (
     GetVersion,
     JointFeedback,
     JointPosition,
+    JointSetpoint,
     JointTraj,
     JointTrajPt,
     JointTrajPtFull,
@@ -223,6 +224,7 @@ def messages(real: Real) -> st.SearchStrategy[Message]:
         st.builds(Status, *[INT32] * 7),
         st.builds(JointTrajPtFull, INT32, INT32, INT32, number, ten, ten, ten),
         st.builds(JointFeedback, INT32, INT32, number, ten, ten, ten),
+        st.builds(JointSetpoint, INT32, ten, ten, number),
         st.builds(Opaque, vendor_types, st.binary(max_size=100)),
     )
 

@@ -50,6 +50,7 @@ class ProgramHarness:
             cp=cp,
             acknowledge='taken' if self.profile.acknowledge == 'taken' else 'done',
         )
+        self.arm = self.make_arm(self.arm)
         self.clock = Clock()
         self.errors = ErrorRegister()
         self.blocked = None
@@ -74,6 +75,10 @@ class ProgramHarness:
             self.events.append(taken.sequence)
 
         self.arm.take = record
+
+    def make_arm(self, arm):
+        """Return the arm that the program gets; a test may put something before it."""
+        return arm
 
     def began(self):
         """Take note that a trajectory begins; a test may have something else done."""

@@ -7,7 +7,7 @@ import contextlib
 
 import numpy as np
 
-from epson_driver.driver.servo.setpoint import Setpoint
+from epson_driver.driver.servo.setpoint import Setpoint, Window
 
 PERIOD = 0.02
 SERVO = '~/servo'
@@ -16,6 +16,15 @@ JOG = '~/joint_jog'
 
 def positions(values, velocities=None, source=SERVO):
     return Setpoint(source, np.array(values, dtype=float), velocities)
+
+
+def window(state_at, ends=0.1, step=0.01, begins=0.0, source=SERVO):
+    """Return a window of MoveIt Servo. state_at(t): positions and velocities, t s from now."""
+    times = np.arange(begins, ends + step / 2.0, step)
+    states = [state_at(t) for t in times]
+    ways = np.array([each for each, _ in states], dtype=float)
+    speeds = np.array([each for _, each in states], dtype=float)
+    return Setpoint(source, ways[-1], speeds[-1], Window(times, ways, speeds))
 
 
 def velocities(values, source=JOG):

@@ -157,7 +157,7 @@ def listed(*folders: Path) -> list[str]:
 def test_colcon_finds_the_packages_that_the_readme_names() -> None:
     names = ['epson_msgs', 'industrial_msgs', 'epson_driver']
     assert listed(ROOT, ROOT / 'interfaces') == names
-    variants = ['epson_driver_moveit', 'epson_driver_desktop']
+    variants = ['epson_driver_moveit', 'epson_driver_ros2_control', 'epson_driver_desktop']
     assert listed(ROOT, ROOT / 'interfaces', ROOT / 'variants') == [*names, *variants]
 
 

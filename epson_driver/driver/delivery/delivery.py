@@ -28,7 +28,8 @@ class DeliveryRules:
 
     motoman: its points need Motoman's commands. velocity_unit: of a JOINT_TRAJ_PT; uses: which of
     its fields count; speed: a fraction, of a controller that uses none of them. buffer, dead_time
-    (s per point): of a download. All as in the profile (docs/controllers.md).
+    (s per point): of a download. setpoints: it follows JOINT_SETPOINT. All as in the profile
+    (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download'] = 'streaming'
@@ -39,6 +40,7 @@ class DeliveryRules:
     speed: float = 1.0
     buffer: int = 1000
     dead_time: float = 0.0
+    setpoints: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,10 +61,12 @@ class Delivery(Protocol):
     `resumes`: its first point makes a controller go on that is paused, or says why not.
     `keeps_points`: a controller of this kind keeps its points when the client is lost, and goes
     on with them as soon as one connects.
+    `replaces`: setpoints of a stream replace each other; otherwise they are points, in a row.
     """
 
     resumes: bool
     keeps_points: bool
+    replaces: bool
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).
@@ -70,11 +74,13 @@ class Delivery(Protocol):
         Raises GoalRejectedError if the controller cannot take it.
         """
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
         """Return the message for one setpoint of a stream, with the number `sequence`.
 
         `way` has two points: the setpoint before, and this one; with the same time they are the
-        first, where the arm stands. Raises GoalRejectedError if the controller takes no streams.
+        first, where the arm stands. `scale`: the share (0, 1] of the limits that a controller
+        which goes there by itself may use. Raises GoalRejectedError if the controller takes no
+        streams.
         """
 
     def post(self, message: Message, on_reply: OnReply) -> None:

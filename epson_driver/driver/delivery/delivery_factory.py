@@ -40,6 +40,7 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         speed=profile.motion.speed,
         buffer=download.buffer,
         dead_time=download.dead_time,
+        setpoints=profile.program.setpoints,
     )
 
 

@@ -48,6 +48,7 @@ class Download:
 
     resumes = False
     keeps_points = False
+    replaces = False
 
     def __init__(
         self,
@@ -84,7 +85,7 @@ class Download:
             trajectory, list(numbered), len(numbered) * self._rules.dead_time + MAX_START_DELAY_S
         )
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
         """Raise GoalRejectedError: the controller moves when it has all of a download."""
         raise GoalRejectedError(
             ErrorCode.INVALID_GOAL,

@@ -8,6 +8,7 @@ from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, Prepar
 from epson_driver.driver.delivery.trajectory_points import (
     from_standing,
     full_points,
+    setpoint_of,
     trajectory_points,
     with_velocities,
 )
@@ -35,6 +36,7 @@ class Streaming:
         self._limits = limits
         self._mapping = mapping
         self._rules = rules
+        self.replaces = rules.setpoints
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one message for each point of the trajectory."""
@@ -48,8 +50,10 @@ class Streaming:
         )
         return PreparedTrajectory(trajectory, list(points))
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
-        """Return it as a point of one long trajectory."""
+    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
+        """Return it as JOINT_SETPOINT, or as a point of one long trajectory."""
+        if self._rules.setpoints:
+            return setpoint_of(way, sequence, scale, self._limits, self._mapping)
         velocities = None if way.velocities is None else way.velocities[1:]
         one = Trajectory(
             way.joint_names, way.times[1:] - way.times[0], way.positions[1:], velocities
@@ -78,7 +82,7 @@ class FullStreaming(Streaming):
         points = full_points(executed, self._limits, self._mapping)
         return PreparedTrajectory(executed, list(points))
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
         """Raise GoalRejectedError: what interpolates by times stops dead if one comes late."""
         raise GoalRejectedError(
             ErrorCode.INVALID_GOAL,

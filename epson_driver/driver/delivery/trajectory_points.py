@@ -8,6 +8,7 @@ from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
 from epson_driver.simple_message import (
+    JointSetpoint,
     JointTrajPt,
     JointTrajPtFull,
     SpecialSequence,
@@ -122,6 +123,20 @@ def full_points(
         )
         for sequence, (time, positions, point_velocities) in enumerate(rows)
     ]
+
+
+def setpoint_of(
+    way: Trajectory, sequence: int, scale: float, limits: JointLimits, mapping: JointMapping
+) -> JointSetpoint:
+    """Return the last point of a trajectory with velocities as a JOINT_SETPOINT.
+
+    `scale`: the share (0, 1] of the limits that the controller may use.
+    """
+    if way.velocities is None:
+        raise ValueError('the setpoint has no velocities')
+    (position,) = _to_wire(way.positions[-1:], limits, mapping).tolist()
+    (velocity,) = mapping.velocities_to_controller(way.velocities[-1:]).tolist()
+    return JointSetpoint(sequence, joint_data(position), joint_data(velocity), scale)
 
 
 def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> Trajectory:

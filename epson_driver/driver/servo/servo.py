@@ -34,8 +34,10 @@ from epson_driver.driver.goal.goal_checks import check_limits
 from epson_driver.driver.goal.goal_execution import MAX_COUNTED_GAP_S
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.servo.course import Course
 from epson_driver.driver.servo.lead import Lead
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings, Setpoint
+from epson_driver.driver.servo.velocity_estimate import VelocityEstimate
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.state.standstill import Standstill
 from epson_driver.driver.stopping.arm_gate import ArmGate
@@ -53,7 +55,8 @@ MAX_STEP_S = 0.2
 
 DURATION_SHARE = 0.8
 """What of the time that a point covers is sent as its duration: a controller that waited before it
-began may catch up. The tracker is as much slower, so that the arm keeps to the servo's speed."""
+began may catch up. The tracker is as much slower, so that the arm keeps to the servo's speed. So
+it is where setpoints replace each other: they have no duration, but their share of the limits."""
 
 STOP_WITHIN_S = 0.3
 """The arm is never so fast that a stop with its whole limits would take longer, s."""
@@ -69,6 +72,15 @@ MIN_STEP = 1e-6
 
 REST_STEP = 1e-8
 """Nor is a smaller one when it rests: that is rounding."""
+
+ESTIMATE_LEAD_S = 0.04
+"""How far estimated velocities may put the tracker's aim ahead of a setpoint, s."""
+
+ESTIMATE_FRESH_S = 0.07
+"""So long after a setpoint they count, s; then the arm goes to that setpoint, and rests there."""
+
+BEHIND_FILTER_S = 0.2
+"""Time constant of how far the arm is taken to be behind, s."""
 
 NEAR = 0.01
 """An arm that stands so near to the last point, rad or m, has done all that was sent."""
@@ -95,7 +107,8 @@ class _Session:
 
     sent, sent_velocity: of the last point; sequence: of the next. waiting: its reply is awaited,
     since `posted`. span: tracker's time since the last point. time: of the last point. braked:
-    the stream was silent, and the arm brakes.
+    the stream was silent, and the arm brakes. course: where positions lead from `heard` on.
+    behind: how far the arm is behind what was sent, smoothed. scale: the share of the limits.
     """
 
     setpoint: Setpoint
@@ -105,7 +118,11 @@ class _Session:
     sent_velocity: Array
     stepped: float
     standstill: Standstill
+    scale: float
+    course: Course | None = None
+    estimate: VelocityEstimate = field(default_factory=VelocityEstimate)
     lead: Lead = field(default_factory=Lead)
+    behind: float = 0.0
     sequence: int = 0
     waiting: bool = False
     posted: float = 0.0
@@ -316,12 +333,21 @@ class Servo:
             servo_limits(limits, self.settings.share * DURATION_SHARE, STOP_WITHIN_S), start
         )
         session = _Session(
-            setpoint, tracker, now, start, np.zeros_like(start), now, standstill, answered=now
+            setpoint,
+            tracker,
+            now,
+            start,
+            np.zeros_like(start),
+            now,
+            standstill,
+            self.settings.share,
+            answered=now,
         )
         first = self._message(session, start, session.sent_velocity, 0.0)
         self._session = session
         self._goals.plans.end('setpoints moved the arm, while the motion was planned')
         self._refused.pop(setpoint.source, None)
+        self._plot(session, setpoint, now)
         self._note_beyond(setpoint, session, now)
         _log.info('following the stream of %ss on %s', setpoint.mode, setpoint.source)
         self._begun.set()
@@ -338,9 +364,17 @@ class Servo:
         if setpoint.at_rest and session.tracker.at_rest:
             return  # a stick at rest: the stream is as good as silent
         session.heard = now
+        self._plot(session, setpoint, now)
         self.counts.late += session.braked
         session.braked = False
         self._note_beyond(setpoint, session, now)
+
+    def _plot(self, session: _Session, setpoint: Setpoint, now: float) -> None:
+        """Work out once where the positions of a setpoint lead."""
+        if setpoint.positions is None:
+            return
+        estimate = session.estimate.add(now, setpoint.positions)
+        session.course = Course(setpoint, self._limits, estimate)
 
     def _note_beyond(self, setpoint: Setpoint, session: _Session, now: float) -> None:
         beyond = setpoint.beyond(self._limits, session.tracker.limits.velocity)
@@ -405,6 +439,7 @@ class Servo:
     def _step(self, session: _Session, now: float) -> None:
         dt = min(now - session.stepped, MAX_STEP_S)
         session.stepped = now
+        session.behind += (session.lead.lag - session.behind) * min(dt / BEHIND_FILTER_S, 1.0)
         tracker = session.tracker
         if not self._aim(session, now):
             self.stop('no stop inside every limit was found for the setpoints')
@@ -432,12 +467,21 @@ class Servo:
         if silent or factor == 0.0:
             session.braked |= silent and not tracker.at_rest
             return tracker.brake()
-        if setpoint.positions is not None:
-            found = tracker.follow(setpoint.positions, setpoint.velocities, factor)
+        if session.course is not None:
+            found = self._follow(session, session.course, now - session.heard, factor)
         else:
             assert setpoint.velocities is not None  # noqa: S101 - one of the two is there
             found = tracker.move(setpoint.velocities * factor)
         return found or tracker.brake()
+
+    def _follow(self, session: _Session, course: Course, age: float, factor: float) -> bool:
+        """Follow positions, as far ahead in their window as the arm is behind."""
+        setpoint = session.setpoint
+        if setpoint.window is None and setpoint.velocities is None:
+            if age > ESTIMATE_FRESH_S:
+                return session.tracker.follow(course.at(0.0)[0], None, factor)
+            return session.tracker.follow(*course.at(age), factor, ESTIMATE_LEAD_S)
+        return session.tracker.follow(*course.at(age + min(course.reach, session.behind)), factor)
 
     def _message(
         self, session: _Session, position: Array, velocity: Array, span: float
@@ -446,16 +490,17 @@ class Servo:
 
         Raises GoalRejectedError if it breaks a limit, or the controller takes no streams.
         """
-        duration = span * DURATION_SHARE
+        share = 1.0 if self._stopper.replaces else DURATION_SHARE
+        duration = span * share
         way = Trajectory(
             self._limits.names,
             np.array([session.time, session.time + duration]),
             np.array([session.sent, position]),
-            np.array([session.sent_velocity, velocity]) / DURATION_SHARE,
+            np.array([session.sent_velocity, velocity]) / share,
         )
         if span > 0.0:
             check_limits(way, self._limits, may_end_moving=True)
-        message = self._stopper.setpoint(way, session.sequence)
+        message = self._stopper.setpoint(way, session.sequence, session.scale)
         session.sent, session.sent_velocity = position, velocity
         session.span = 0.0
         session.time += duration

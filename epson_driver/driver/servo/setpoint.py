@@ -33,16 +33,31 @@ class ServoSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Points of a stream's near future, k ≥ 2 of them.
+
+    times: strictly increasing, shape (k,), s since the message came. positions: shape (k, n), rad
+    or m. velocities: the same shape, per s, or None.
+    """
+
+    times: Array
+    positions: Array
+    velocities: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Setpoint:
     """One of them, from the topic `source`, joints in the controller's order.
 
     With `positions` (shape (n,), rad or m) `velocities` (the same shape, per s) say how these
-    move on; without, they are what is wanted. One of the two must be there.
+    move on; without, they are what is wanted. One of the two must be there. Positions and
+    velocities of a `window` are those of its last point.
     """
 
     source: str
     positions: Array | None = None
     velocities: Array | None = None
+    window: Window | None = None
 
     @property
     def mode(self) -> Mode:
@@ -66,6 +81,20 @@ class Setpoint:
             for joint, value in zip(limits.names, values.tolist(), strict=True):
                 if not np.isfinite(value):
                     return f'{joint}: {name} = {value} is not finite'
+        return None if self.window is None else self._window_problem(self.window, limits)
+
+    def _window_problem(self, window: Window, limits: JointLimits) -> str | None:
+        """Return what is wrong with a point before the last one, or None."""
+        for name, values in (('positions', window.positions), ('velocities', window.velocities)):
+            if values is None:
+                continue
+            if values.shape != (len(window.times), len(limits.names)):
+                return f'{name} of shape {values.shape} for {len(limits.names)} joints'
+            wrong = np.argwhere(~np.isfinite(values))
+            if wrong.size:
+                point, joint = wrong[0].tolist()
+                value = values[point, joint]
+                return f'{limits.names[joint]}: {name} = {value} is not finite, in point {point}'
         return None
 
     def beyond(self, limits: JointLimits, fastest: Array) -> str | None:

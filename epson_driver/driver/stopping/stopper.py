@@ -116,9 +116,14 @@ class Stopper:
         """See Delivery."""
         return self._delivery.prepare(trajectory, start)
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+    @property
+    def replaces(self) -> bool:
         """See Delivery."""
-        return self._delivery.setpoint(way, sequence)
+        return self._delivery.replaces
+
+    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
+        """See Delivery."""
+        return self._delivery.setpoint(way, sequence, scale)
 
     def post(self, message: Message, on_reply: OnReply) -> None:
         """As in Delivery; a STOP is seen through. Raises ConnectionError."""

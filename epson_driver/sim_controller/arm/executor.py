@@ -50,8 +50,9 @@ class Executor(Protocol):
     accel: float
     """SPEL+ Accel: a fraction (0, 1] of the acceleration, from the next statement on."""
 
-    begun: int
-    """How many points it has begun to go to, since the start."""
+    @property
+    def begun(self) -> int:
+        """How many points it has begun to go to, since the start."""
 
     @property
     def limits(self) -> JointLimits:

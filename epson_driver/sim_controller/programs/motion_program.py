@@ -20,6 +20,8 @@ The rules (REP-I0006 where it says something, the thesis' program otherwise):
   answered. A streamed point in between ends it; points that still move go on first.
 * A reply is not looked at, and a topic that belongs to no download is never answered: two peers
   that answered each other would do so for ever.
+* A JOINT_SETPOINT is a request of a profile with `setpoints` (setpoints.py), else unknown. It is
+  answered at once; one that is refused ends the motion, as a point does.
 * In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
   STOP works.
 
@@ -34,6 +36,7 @@ from epson_driver.motion import Array
 from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile import ProgramProfile
 from epson_driver.sim_controller.arm.executor import Executor, Point
+from epson_driver.sim_controller.arm.following import Following
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.condition.errors import ErrorRegister, Rejection, corrupt
 from epson_driver.sim_controller.ports.requests import UNANSWERED, answer, failure
@@ -50,13 +53,16 @@ from epson_driver.sim_controller.programs.points import (
 )
 from epson_driver.sim_controller.programs.program import ProgramQuit, SendPacket
 from epson_driver.sim_controller.programs.replies import REPLIES
+from epson_driver.sim_controller.programs.setpoints import Setpoints
 from epson_driver.simple_message import (
     BodyError,
     CommType,
     Frame,
     HeaderError,
+    JointSetpoint,
     JointTrajPt,
     MessageType,
+    Opaque,
     Packet,
     Real,
     ReplyCode,
@@ -132,6 +138,7 @@ class MotionProgram:
             profile.skip_first,
         )
         self._hang_up = hang_up
+        self._setpoints = Setpoints(arm, blocked, began) if isinstance(arm, Following) else None
 
     @property
     def runs(self) -> bool:
@@ -170,6 +177,8 @@ class MotionProgram:
             return
         if packet.msg_type == MessageType.JOINT_TRAJ_PT:
             self._receive_point(packet)
+        elif isinstance(packet.message, JointSetpoint) and self._setpoints is not None:
+            self._receive_setpoint(packet, packet.message, self._setpoints)
         elif (response := answer(packet, {})) is not None:
             self._send(response)
 
@@ -180,6 +189,7 @@ class MotionProgram:
     def abort(self) -> None:
         """Brake, and answer all points that are not answered yet with FAILURE."""
         self._last_target = None
+        self._forget_setpoints()
         entries, lost = self._queue.flush()
         self._download.reject()
         sequences = [  # None: of a download
@@ -203,6 +213,7 @@ class MotionProgram:
     def detach(self) -> None:
         """Forget the client and what it was not told to be taken; the arm goes on."""
         self._queue.detach()
+        self._forget_setpoints()
         self._download.forget()
         self._topics = False
         self._accepted = None
@@ -210,6 +221,7 @@ class MotionProgram:
     def pause(self) -> None:
         """Give the arm no more points and answer none, until `resume`."""
         self._queue.paused = True
+        self._forget_setpoints()
 
     def resume(self) -> None:
         """Go on after `pause`."""
@@ -316,6 +328,32 @@ class MotionProgram:
         duration = point.duration if self._used.duration else 0.0
         self._last_target = target_of(point, self._limits)
         return Point(sequence, self._last_target, velocity, duration)
+
+    # Setpoints.
+
+    def _receive_setpoint(
+        self, packet: Packet, setpoint: JointSetpoint, setpoints: Setpoints
+    ) -> None:
+        if packet.comm_type is not CommType.SERVICE_REQUEST:
+            self._errors.enter(corrupt('JOINT_SETPOINT must be a request'))
+            return
+        wrong = packet.dialect.real is not self._real
+        rejection = corrupt('JOINT_SETPOINT: its reals are wrong') if wrong else None
+        if rejection is None and len(self._queue):
+            rejection = corrupt('JOINT_SETPOINT: points wait to be executed')
+        rejection = rejection or setpoints.take(setpoint)
+        if rejection is None:
+            self._errors.clear()
+        else:
+            self._errors.enter(rejection)
+            self.abort()
+            self._accepted = None
+        code = ReplyCode.SUCCESS if rejection is None else ReplyCode.FAILURE
+        self._send(reply(Opaque(MessageType.JOINT_SETPOINT), code))
+
+    def _forget_setpoints(self) -> None:
+        if self._setpoints is not None:
+            self._setpoints.forget()
 
     # Downloads.
 

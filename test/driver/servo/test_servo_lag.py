@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.driver_harness import Harness, pose, simulated
 from support.event_loop import now, run
-from support.streams import PERIOD, positions
+from support.streams import PERIOD, positions, window
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.node.parameters import profile_defaults
@@ -47,7 +47,12 @@ def with_velocities(wave, t):
 
 def windows(wave, t):
     """Return what the node takes of a window that ends 0.1 s ahead."""
-    return positions(pose(wave(t + WINDOW)[0]))
+
+    def state(ahead):
+        way, velocity = wave(t + ahead)
+        return pose(way), pose(velocity)
+
+    return window(state, WINDOW)
 
 
 async def followed(harness, stream, wave):
@@ -92,6 +97,7 @@ STREAMS = {
     'windows': windows,
 }
 BARS = {  # s: positions, with velocities, windows
+    ('setpoints', True): (0.08, 0.05, 0.04),
     ('rc620', True): (0.4, 0.35, 0.3),
     ('rc620', False): (0.45, 0.4, 0.35),
     ('generic', False): (0.45, 0.4, 0.35),

@@ -3,6 +3,7 @@
 """Streams of setpoints: which are followed, when they are not, and how each one ends."""
 
 import asyncio
+import contextlib
 import logging
 
 import numpy as np
@@ -15,13 +16,16 @@ from support.driver_harness import (
     answer,
     cell,
     pose,
+    simulated,
 )
 from support.event_loop import now, run, stand_still, until
 from support.streams import JOG, PERIOD, SERVO, going_on, positions, send, velocities
 
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
-from epson_driver.driver.servo.servo import SILENCE_S
+from epson_driver.driver.servo.servo import ESTIMATE_LEAD_S, SILENCE_S
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings
+from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
 
 EITHER = [False, pytest.param(True, marks=pytest.mark.slow)]
@@ -119,6 +123,23 @@ def test_inv3_a_stream_that_falls_silent_on_its_way_brakes_there():
             assert await harness.rests()
             assert harness.gate is None
             assert harness.driver.servo.counts.late == 0
+
+    run(check())
+
+
+@pytest.mark.invariant(3)
+def test_inv3_positions_that_fall_silent_are_not_passed_by_more_than_the_lead():
+    """Velocities of such a stream are estimated; a setpoint may be passed by that, and no more."""
+
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            await send(harness, ramp(), 1.0)
+            last = SPEED * (1.0 - PERIOD)
+            await over(harness)
+            ways = [sample.positions[0] for _, sample in harness.events.samples]
+            assert max(ways) < last + SPEED * (ESTIMATE_LEAD_S + PERIOD) + 0.01
+            assert harness.at[0] > 0.5 * last
+            assert await harness.rests()
 
     run(check())
 
@@ -379,6 +400,75 @@ def test_bad_setpoints_are_dropped_and_the_stream_goes_on(setpoint, text, said):
             assert text in lines[0]
             assert len(lines) < 6  # once a second
             assert harness.gate is None
+
+    run(check())
+
+
+# --- a controller whose setpoints replace each other --------------------------------------------
+
+
+@contextlib.asynccontextmanager
+async def replacing():
+    """Run a driver with a controller that follows setpoints."""
+    profile = load_controller_profile('setpoints')
+    rules = delivery_rules(profile, 'streaming', 'joint_traj_pt')
+    async with (
+        simulated(profile='setpoints') as (controller, ports),
+        Harness(ports, delivery=rules) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        yield harness, controller
+
+
+def test_setpoints_that_replace_each_other_are_followed_and_then_a_goal_runs():
+    async def check():
+        async with replacing() as (harness, _):
+            await send(harness, ramp(0.3), 1.5)
+            assert harness.driver.servo.lag < 0.1
+            await over(harness)
+            assert np.abs(harness.at - pose(0.3)).max() < 1e-4
+            assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
+            await send(harness, ramp(start=0.1), 0.5)
+            await over(harness)
+            assert harness.at[0] > 0.2
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_an_estop_ends_a_stream_of_setpoints_that_replace_each_other(said):
+    async def check():
+        async with replacing() as (harness, controller):
+            async with going_on(harness, ramp(0.6)):
+                await until(lambda: harness.at[0] > 0.2)
+                controller.apply(Event.ESTOP_PRESS)
+                await until(lambda: harness.gate is not None)
+                await asyncio.sleep(1.0)
+                controller.apply(Event.ESTOP_RELEASE)
+                controller.apply(Event.RESET)
+                controller.apply(Event.MOTORS_ON)
+                await until(lambda: harness.driver.robot.status.drives_powered == 1)
+                await harness.commands.enable()
+                assert await stays(harness)
+                assert [line for line in said() if 'rad apart, servo.start_tolerance' in line]
+            there = harness.at
+            await send(harness, lambda _: positions(there + pose(0.03)), 0.5)
+            await over(harness)
+            assert np.abs(harness.at - there - pose(0.03)).max() < 1e-3
+
+    run(check())
+
+
+@pytest.mark.invariant(3)
+def test_inv3_a_lost_link_rests_an_arm_that_follows_setpoints():
+    async def check():
+        async with replacing() as (harness, controller), going_on(harness, ramp()):
+            await until(lambda: harness.at[0] > 0.1)
+            harness.driver.motion_link.reconnect('for the test')
+            await until(lambda: harness.gate is not None)
+            await until(lambda: not controller.in_motion)
+            assert await stays(harness)
 
     run(check())
 

@@ -1,0 +1,58 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""ros2_control in front of the driver: what its hardware and its controllers are told."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from epson_driver.bringup.client import effective
+from epson_driver.bringup.description import BringupError
+from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import load_robot_model
+
+CONTROLLER = 'joint_trajectory_controller'
+"""The controller that is started."""
+
+DEFAULT_PROFILE = 'rc620'
+
+GOAL_TOLERANCE = {'revolute': 0.01, 'prismatic': 0.001}
+"""How near to a goal the controller waits for each joint, by its type, rad or m."""
+
+
+def ros2_control_arguments(namespace: str) -> dict[str, str]:
+    """Return the arguments of epson_robot.urdf.xacro that add ros2_control's block.
+
+    Topics are absolute, since the node that the plugin makes need not be in the namespace.
+    """
+    inside = '/' + namespace.strip('/') if namespace.strip('/') else ''
+    return {
+        'ros2_control': 'true',
+        'joint_commands_topic': f'{inside}/epson_driver/joint_commands',
+        'joint_states_topic': f'{inside}/joint_states',
+    }
+
+
+def controllers_parameters(model: str, prefix: str = '') -> dict[str, Any]:
+    """Return what differs from config/ros2_control/controllers.yaml for a model and a prefix.
+
+    These are joints, and where each must arrive.
+    """
+    robot = load_robot_model(model)
+    joints = [prefix + name for name in robot.joint_names]
+    goals = [GOAL_TOLERANCE[kind] for kind in robot.joint_types]
+    constraints = {name: {'goal': goal} for name, goal in zip(joints, goals, strict=True)}
+    return {'joints': joints, 'constraints': constraints}
+
+
+def check_streams(values: Mapping[str, str]) -> None:
+    """Raise BringupError if the driver of these launch arguments follows no streams."""
+    resolved = effective(values)
+    program = load_controller_profile(resolved['controller'] or DEFAULT_PROFILE).program
+    interface = resolved['interface'] or program.interface
+    if program.kind == 'motoman':
+        why = f'controller = {resolved["controller"]}: its points are not followed as a stream'
+    elif interface != 'streaming':
+        why = f'interface = {interface}: a download moves when all of it is there'
+    else:
+        return
+    raise BringupError(f'launch argument ros2_control: the driver must follow streams, but {why}')

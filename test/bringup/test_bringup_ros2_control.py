@@ -1,0 +1,158 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""ros2_control in front of the driver: the block of the URDF, the controllers, what is refused.
+
+No controller manager runs here. Names are held against the documentation of
+joint_state_topic_hardware_interface, controller_manager and ros2_controllers of Jazzy, and against
+what the driver subscribes to and publishes.
+"""
+
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from epson_driver.bringup import (
+    CONTROLLER,
+    INTERFACE,
+    BringupError,
+    check_streams,
+    controllers_parameters,
+    launch_arguments,
+    move_group_parameters,
+    robot_description,
+    ros2_control_arguments,
+)
+from epson_driver.robots import load_robot_model
+from epson_driver.share import share_file
+
+VALUES = {each['name']: each['default_value'] for each in launch_arguments(*INTERFACE)}
+VALUES['interface'] = ''
+
+
+def controllers() -> dict[str, Any]:
+    text = share_file('config', 'ros2_control', 'controllers.yaml').read_text('utf-8')
+    return {
+        name.removeprefix('/**/'): section['ros__parameters']
+        for name, section in yaml.safe_load(text).items()
+    }
+
+
+def block(model: str, prefix: str = '', namespace: str = '') -> ElementTree.Element:
+    text = robot_description(model, prefix, **ros2_control_arguments(namespace))
+    (found,) = ElementTree.fromstring(text).findall('ros2_control')
+    return found
+
+
+@pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
+@pytest.mark.parametrize('prefix', ['', 'left_'])
+def test_the_block_has_every_joint_of_the_urdf_that_moves(model: str, prefix: str) -> None:
+    """A joint that the URDF lacks makes the controller manager refuse all of it."""
+    text = robot_description(model, prefix, **ros2_control_arguments(''))
+    root = ElementTree.fromstring(text)
+    moving = [each.get('name') for each in root.findall('joint') if each.get('type') != 'fixed']
+    found = block(model, prefix)
+    assert [each.get('name') for each in found.findall('joint')] == moving
+    assert moving == [prefix + name for name in load_robot_model(model).joint_names]
+    assert (found.get('name'), found.get('type')) == (f'{prefix}epson', 'system')
+
+
+def test_the_plugin_and_its_parameters_are_those_of_the_package() -> None:
+    hardware = block('c3_a601s').find('hardware')
+    assert hardware is not None
+    plugin = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
+    assert hardware.findtext('plugin') == plugin
+    parameters = {each.get('name'): each.text for each in hardware.findall('param')}
+    assert parameters == {
+        'joint_commands_topic': '/epson_driver/joint_commands',
+        'joint_states_topic': '/joint_states',
+    }
+
+
+def test_the_interfaces_are_what_joint_states_and_joint_commands_carry() -> None:
+    for joint in block('c3_a601s').findall('joint'):
+        for kind in ('command_interface', 'state_interface'):
+            assert [each.get('name') for each in joint.findall(kind)] == ['position', 'velocity']
+        assert joint.findall('.//param') == []  # an initial_value would be commanded at first
+
+
+@pytest.mark.parametrize('namespace', ['cell', '/cell/', 'line/two'])
+def test_topics_are_those_of_the_drivers_namespace(namespace: str) -> None:
+    inside = '/' + namespace.strip('/')
+    arguments = ros2_control_arguments(namespace)
+    assert arguments['joint_commands_topic'] == f'{inside}/epson_driver/joint_commands'
+    assert arguments['joint_states_topic'] == f'{inside}/joint_states'
+
+
+def test_the_plain_description_has_no_block() -> None:
+    assert 'ros2_control' not in robot_description('c3_a601s')
+
+
+def test_every_controller_has_a_type_and_claims_what_the_block_offers() -> None:
+    found = controllers()
+    manager = found.pop('controller_manager')
+    types = {name: each['type'] for name, each in manager.items() if isinstance(each, dict)}
+    assert types == {
+        CONTROLLER: 'joint_trajectory_controller/JointTrajectoryController',
+        'forward_position_controller': 'forward_command_controller/ForwardCommandController',
+    }
+    assert set(found) == set(types)
+    joints = list(load_robot_model('c3_a601s').joint_names)
+    assert all(each['joints'] == joints for each in found.values())
+    offered = {'position', 'velocity'}
+    own = found[CONTROLLER]
+    assert {*own['command_interfaces'], *own['state_interfaces']} <= offered
+    assert found['forward_position_controller']['interface_name'] in offered
+    assert manager['update_rate'] == 100
+
+
+def test_joints_and_tolerances_follow_the_model_and_the_prefix() -> None:
+    own = controllers()[CONTROLLER]
+    plain = controllers_parameters('c3_a601s')
+    assert plain['joints'] == own['joints']
+    assert plain['constraints'].items() <= own['constraints'].items()
+    scara = controllers_parameters('gx4_c251s', 'left_')
+    assert scara['joints'] == [f'left_joint_{number}' for number in range(1, 5)]
+    assert scara['constraints']['left_joint_3'] == {'goal': 0.001}  # m
+    assert scara['constraints']['left_joint_4'] == {'goal': 0.01}  # rad
+
+
+def test_moveit_executes_through_the_controller_that_is_started() -> None:
+    manager = move_group_parameters('c3_a601s', 'left_', CONTROLLER)[
+        'moveit_simple_controller_manager'
+    ]
+    assert manager['controller_names'] == [CONTROLLER]
+    assert manager[CONTROLLER]['joints'] == [f'left_joint_{number}' for number in range(1, 7)]
+    assert manager[CONTROLLER]['action_ns'] == 'follow_joint_trajectory'
+    assert set(manager) == {'controller_names', CONTROLLER}
+
+
+@pytest.mark.parametrize(
+    ('given', 'why'),
+    [
+        ({'interface': 'download'}, 'interface = download: a download moves when all of it'),
+        ({'controller': 'abb'}, 'interface = download: a download moves when all of it'),
+        ({'controller': 'motoman'}, 'controller = motoman: its points are not followed'),
+    ],
+)
+def test_a_driver_that_follows_no_streams_is_refused(given: dict[str, str], why: str) -> None:
+    with pytest.raises(BringupError, match=re.escape(why)):
+        check_streams(VALUES | given)
+
+
+@pytest.mark.parametrize('given', [{}, {'controller': 'abb', 'interface': 'streaming'}])
+def test_a_driver_that_follows_streams_is_not(given: dict[str, str]) -> None:
+    check_streams(VALUES | given)
+
+
+def test_moveit_servo_sends_windows_to_the_topic_that_takes_them() -> None:
+    file = yaml.safe_load(share_file('config', 'moveit', 'servo.yaml').read_text('utf-8'))
+    (servo,) = file.values()
+    assert servo['command_out_topic'] == 'epson_driver/servo'
+    assert servo['command_out_type'] == 'trajectory_msgs/JointTrajectory'
+    assert servo['publish_joint_positions']
+    assert servo['publish_joint_velocities']
+    assert servo['max_expected_latency'] < 0.5  # epson_driver.node.setpoint_messages.MAX_AHEAD_S
+    assert servo['move_group_name'] == 'manipulator'
