@@ -20,6 +20,9 @@ class Real(Enum):
     FLOAT64 = 'd'
 
 
+_BIG, _FLOAT64 = ByteOrder.BIG, Real.FLOAT64
+
+
 @dataclass(frozen=True, slots=True)
 class Dialect:
     """Byte order and real width of one controller. EPSON's RC620 (x86): little endian, float32."""
@@ -27,9 +30,17 @@ class Dialect:
     byte_order: ByteOrder = ByteOrder.LITTLE
     real: Real = Real.FLOAT32
 
+    @property
+    def number(self) -> int:
+        """0 to 3: its place in what is kept for each dialect (`DIALECTS`)."""
+        return 2 * (self.byte_order is _BIG) + (self.real is _FLOAT64)
+
     def __str__(self) -> str:
         return f'{self.byte_order.name.lower()} endian with {self.real.name.lower()}'
 
 
 LITTLE_ENDIAN = Dialect()
 BIG_ENDIAN = Dialect(ByteOrder.BIG)
+
+DIALECTS = tuple(Dialect(order, real) for order in ByteOrder for real in Real)
+"""All there are, by their number."""

@@ -44,6 +44,8 @@ def _min_excursion(goal: Goal) -> float:
 
     On a path that ends where it began, an arm that has not moved yet is at the goal, too.
     """
-    excursion = float(np.abs(goal.trajectory.positions - goal.trajectory.positions[-1]).max())
+    positions = goal.trajectory.positions
+    last = positions[-1]
+    excursion = float(np.maximum(positions.max(axis=0) - last, last - positions.min(axis=0)).max())
     finite = goal.goal_tolerance[np.isfinite(goal.goal_tolerance)]
     return excursion / 2 if excursion > 2 * float(finite.max(initial=0.0)) else 0.0

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """When each point of a goal may be sent, and how fast it then runs."""
 
+from collections.abc import Sequence
+
 from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S
 from epson_driver.driver.goal.goal_clock import GoalClock
 from epson_driver.driver.goal.speed_scaling import SpeedScaling, scaled
@@ -19,7 +21,7 @@ class PointSchedule:
     def __init__(
         self,
         trajectory: Trajectory,
-        messages: list[Message],
+        messages: Sequence[Message],
         start: Array,
         scaling: SpeedScaling,
         begins_by: float,
