@@ -17,7 +17,7 @@ LIMIT_TOLERANCE_SHARE = 1e-6
 MAX_USUAL_ANGLE_RAD = 4 * np.pi
 """Two turns, 12.6 rad: an angle beyond this, and beyond its limit, is taken for degrees."""
 
-BLOCK_POINTS = 4096
+BLOCK_POINTS = 2048
 """Points that are looked at together: what is computed of them stays in the processor's cache, and
 takes the same memory however long the trajectory is."""
 
@@ -109,7 +109,8 @@ def _is_not_finite(values: Array, some: slice) -> Mask:
 
 
 def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
-    for index in np.flatnonzero(~np.isfinite(trajectory.times)):
+    times = trajectory.times[:, None]
+    for index, _ in _where(len(times), partial(_is_not_finite, times)):
         yield f'point {index}: time_from_start = {trajectory.times[index]} is not finite'
     for quantity, per in _PER.items():
         values = getattr(trajectory, quantity)
@@ -129,11 +130,22 @@ def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int
                 yield first + int(point), int(joint)
 
 
+def _not_after(times: Array) -> Iterator[int]:
+    """Yield the points whose time is not after that of the point before."""
+
+    def mask(some: slice) -> Mask:
+        following = slice(some.start + 1, some.stop + 1)
+        return (times[following] <= times[some])[:, None]
+
+    for index, _ in _where(len(times) - 1, mask):
+        yield index + 1
+
+
 def _times(trajectory: Trajectory) -> Iterator[str]:
     times = trajectory.times
     if times[0] < 0.0:
         yield f'point 0: time_from_start = {times[0]:g} s is negative'
-    for index in np.flatnonzero(np.diff(times) <= 0.0) + 1:
+    for index in _not_after(times):
         yield (
             f'point {index}: time_from_start = {times[index]:g} s is not after the '
             f'{times[index - 1]:g} s of the point before: times must strictly increase'
@@ -159,7 +171,7 @@ def _beyond(
 
 def _too_fast(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     times, positions = trajectory.times, trajectory.positions
-    if np.any(times[1:] <= times[:-1]):
+    if next(_not_after(times), None) is not None:
         return
     fastest = limits.velocity * (1.0 + LIMIT_TOLERANCE_SHARE)
 

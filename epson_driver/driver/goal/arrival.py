@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether an arm that stands has arrived at its goal."""
 
+from functools import cached_property
+
 import numpy as np
 
 from epson_driver.driver.goal.goal import Goal
@@ -13,8 +15,12 @@ class Arrival:
 
     def __init__(self, goal: Goal) -> None:
         self._goal = goal
-        self._min_excursion = _min_excursion(goal)
         self._left = False
+
+    @cached_property
+    def _min_excursion(self) -> float:
+        """See `_min_excursion`. It looks at every point: not before the first one is sent."""
+        return _min_excursion(self._goal)
 
     def see(self, positions: Array) -> Array:
         """Take measured positions, shape (n,), rad; return how far they are from the end."""
