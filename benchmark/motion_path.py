@@ -43,8 +43,10 @@ KILOBYTE = 1024
 
 @dataclass(frozen=True)
 class Beginning:
-    """How a goal began. Times in s from when it was accepted; memory: what the driver needed more
-    at most until its first point, bytes."""
+    """How a goal began. Times in s, from when it was accepted.
+
+    memory: what the driver needed more, at most, until the arm moved, bytes.
+    """
 
     points: int
     asked: float
@@ -283,9 +285,7 @@ def measure(*, quick: bool) -> MotionPath:
     last = SpecialSequence.END_TRAJECTORY
     with running('generic', 'download') as (user, relay, process_id):
         user.begin(10, process_id, relay, last)
-        downloads = [
-            user.begin(DOWNLOAD_POINTS, process_id, relay, last) for _ in range(repeats)
-        ]
+        downloads = [user.begin(DOWNLOAD_POINTS, process_id, relay, last) for _ in range(repeats)]
     return MotionPath(_median(goals), longer, _median(downloads))
 
 

@@ -106,7 +106,9 @@ def bars(figures: dict[str, Any]) -> Iterator[Bar]:
     )
     # less than 10,000 need less: no block of them is full
     yield Bar(
-        'memory for checks and it, 100,000 to 10,000', longest['memory'] / long['memory'], MAX_GROWTH
+        'memory for checks and it, 100,000 to 10,000',
+        longest['memory'] / long['memory'],
+        MAX_GROWTH,
     )
 
 

@@ -131,7 +131,11 @@ def _motion(data: dict[str, Any]) -> str:
         ratio = f'{trips[name + "_ratio"]:.2f} ×'
         rows.append([f'{text}, round trip', f'{trips[name] * 1e6:.0f} us', ratio])
     rows += [
-        [f'goal of {goal["points"]} points: accepted to first point', _ms(goal, 'first_point'), ''],
+        [
+            f'goal of {goal["points"]} points: accepted to first point',
+            _ms(goal, 'first_point'),
+            '',
+        ],
         ['the same, to the first movement', _ms(goal, 'movement'), ''],
         [
             f'download of {download["points"]} points: accepted to last point',
@@ -176,15 +180,23 @@ def _codec(data: dict[str, Any]) -> str:
         rows.append(
             [row['name']]
             + [f'{row[name] * 1e6:.2f}' for name in names]
-            + [f'{row["ratio"]:.2f} ×']
+            + [f'{row["ratio"]:.2f} ×', f'{(row["encode"] + row["decode"]) / row["barest"]:.1f} ×']
         )
     dribble = data['dribble']
     ratio = dribble['ours'] / dribble['bare']
     rows.append(
-        ['byte by byte, per byte', '', f'{dribble["bare"] * 1e6:.2f}', '']
-        + [f'{dribble["ours"] * 1e6:.2f}', f'{ratio:.2f} ×']
+        [
+            'byte by byte, per byte',
+            '',
+            f'{dribble["bare"] * 1e6:.2f}',
+            '',
+            f'{dribble["ours"] * 1e6:.2f}',
+            f'{ratio:.2f} ×',
+            '',
+        ]
     )
-    return table(['', 'struct: encode', 'decode', 'driver: encode', 'decode', 'ratio'], rows)
+    head = ['', 'struct: encode', 'decode', 'driver: encode', 'decode', 'ratio', 'to barest']
+    return table(head, rows)
 
 
 def docs_page(page: str, data: dict[str, Any]) -> str:

@@ -33,7 +33,7 @@ from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.state.joint_mapping import unmapped
-from epson_driver.link import Link
+from epson_driver.link import Link, LinkState
 from epson_driver.motion import Trajectory
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import JointTrajPt, Message, Packet, Ping
@@ -97,11 +97,16 @@ def echo() -> Iterator[int]:
 
 async def connected(port: int, name: str) -> tuple[Link, 'asyncio.Task[None]']:
     """Return a link that is connected, and its task."""
-    link = Link(name, '127.0.0.1', port, on_packet=lambda _: None, on_state=lambda *_: None)
+    up = asyncio.Event()
+
+    def on_state(state: LinkState, _why: str) -> None:
+        if state is LinkState.CONNECTED:
+            up.set()
+
+    link = Link(name, '127.0.0.1', port, on_packet=lambda _: None, on_state=on_state)
     task = asyncio.create_task(link.run())
     async with asyncio.timeout(CONNECT_TIMEOUT_S):
-        while not link.connected:
-            await asyncio.sleep(0.01)
+        await up.wait()
     return link, task
 
 
@@ -182,7 +187,9 @@ async def _compare(port: int, motion_port: int, points: int, rounds: int) -> Rou
         return statistics.median(ours / floor for ours, floor in pairs)
 
     middle = {name: statistics.median(values) for name, values in times.items()}
-    return RoundTrips(**middle, link_ratio=ratio('link'), goal_ratio=ratio('goal'), ping_ratio=ratio('ping'))
+    return RoundTrips(
+        **middle, link_ratio=ratio('link'), goal_ratio=ratio('goal'), ping_ratio=ratio('ping')
+    )
 
 
 def measure(*, quick: bool) -> RoundTrips:

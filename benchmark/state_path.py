@@ -186,7 +186,7 @@ def course() -> Iterator[tuple[Course, Subscriber, int]]:
     domain = processes.free_ros_domain()
     with TemporaryDirectory() as name, sender(2) as (pipe, (motion, floor_port, state)):
         folder = Path(name)
-        floor = subprocess.Popen(  # noqa: S603 - our own program
+        floor = subprocess.Popen(
             [sys.executable, '-m', 'benchmark.floor', str(floor_port), TOPICS[FLOOR]],
             env=processes.ros_environment(domain),
         )
@@ -217,7 +217,7 @@ def course() -> Iterator[tuple[Course, Subscriber, int]]:
 
 def stages(domain: int) -> Stages:
     """Run the stages one by one in a process of its own, in that domain."""
-    result = subprocess.run(  # noqa: S603 - our own program
+    result = subprocess.run(
         [sys.executable, '-m', 'benchmark.state_stages', TOPICS[STAGES]],
         env=processes.ros_environment(domain) | {'OMP_NUM_THREADS': '1'},
         stdout=subprocess.PIPE,

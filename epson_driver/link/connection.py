@@ -91,7 +91,7 @@ class Connection(asyncio.BufferedProtocol):
         self.transport = transport
         transport.pause_reading()
 
-    def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - asyncio's signature
+    def get_buffer(self, sizehint: int) -> memoryview:
         """Return where to put what is read."""
         return self._buffer
 

@@ -7,7 +7,8 @@
     while (packet := framer.next_packet()) is not None:
         ...
 
-or with `Framer`, `next_frame` and `decode` in two steps, and back with `encode(request(JointTrajPt(...)), dialect)`.
+or in two steps with `Framer`, `next_frame` and `decode`; and back with
+`encode(request(JointTrajPt(...)), dialect)`.
 """
 
 from epson_driver.simple_message.constants import (

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a controller writes numbers: byte order and width of reals are its own, not negotiated."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 
@@ -20,20 +20,18 @@ class Real(Enum):
     FLOAT64 = 'd'
 
 
-_BIG, _FLOAT64 = ByteOrder.BIG, Real.FLOAT64
-
-
 @dataclass(frozen=True, slots=True)
 class Dialect:
     """Byte order and real width of one controller. EPSON's RC620 (x86): little endian, float32."""
 
     byte_order: ByteOrder = ByteOrder.LITTLE
     real: Real = Real.FLOAT32
+    number: int = field(init=False, repr=False, compare=False)
+    """0 to 3: its place in what is kept for each dialect (`DIALECTS`)."""
 
-    @property
-    def number(self) -> int:
-        """0 to 3: its place in what is kept for each dialect (`DIALECTS`)."""
-        return 2 * (self.byte_order is _BIG) + (self.real is _FLOAT64)
+    def __post_init__(self) -> None:
+        number = 2 * (self.byte_order is ByteOrder.BIG) + (self.real is Real.FLOAT64)
+        object.__setattr__(self, 'number', number)
 
     def __str__(self) -> str:
         return f'{self.byte_order.name.lower()} endian with {self.real.name.lower()}'

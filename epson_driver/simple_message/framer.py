@@ -55,6 +55,8 @@ class Framer:
         self._buffer: bytes | bytearray = b''
         self._start = 0
         """Where in the buffer the first frame that was not given out begins."""
+        self._needed = PREFIX_SIZE
+        """Bytes from there on without which nothing can be given out."""
         self._bad_length: int | None = None
 
     @property
@@ -71,11 +73,10 @@ class Framer:
             return
         if self._start == len(self._buffer):  # as a rule: what comes are whole frames
             self._buffer = bytes(data)
-        elif isinstance(self._buffer, bytearray):
-            del self._buffer[: self._start]
+        elif self._start or not isinstance(self._buffer, bytearray):
+            self._buffer = bytearray(memoryview(self._buffer)[self._start :])
             self._buffer += data
         else:
-            self._buffer = bytearray(memoryview(self._buffer)[self._start :])
             self._buffer += data
         self._start = 0
 
@@ -88,7 +89,7 @@ class Framer:
         if self._bad_length is not None:
             raise self._error(self._bad_length)
         buffered = len(self._buffer) - self._start
-        if buffered < PREFIX_SIZE:
+        if buffered < self._needed:
             return None
         if self.byte_order is None:
             self.byte_order = self._detect()
@@ -97,7 +98,9 @@ class Framer:
         if not HEADER_SIZE <= length <= self._max_length:
             raise self._fail(length)
         if buffered < PREFIX_SIZE + length:
+            self._needed = PREFIX_SIZE + length
             return None
+        self._needed = PREFIX_SIZE
         start = self._start + PREFIX_SIZE
         self._start = start + length
         msg_type, comm_type, reply_code = _HEADER[order].unpack_from(self._buffer, start)
@@ -117,6 +120,7 @@ class Framer:
     def _fail(self, length: int) -> FrameError:
         self._buffer = b''
         self._start = 0
+        self._needed = 0
         self._bad_length = length
         return self._error(length)
 

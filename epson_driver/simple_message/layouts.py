@@ -13,7 +13,7 @@ import struct
 from collections.abc import Iterable
 from dataclasses import fields
 from itertools import product
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from typing import Any, Protocol
 
 from epson_driver.simple_message.constants import MessageType
@@ -69,19 +69,34 @@ class Layout(Protocol):
 class BodyReader:
     """Reads bodies of one class, form and dialect where they lie in a buffer."""
 
-    __slots__ = ('_message_class', '_pick', '_unpack_from', 'dialect')
+    __slots__ = ('_message_class', '_setters', '_unpack_from', 'dialect')
 
     def __init__(
-        self, message_class: type[Message], dialect: Dialect, body: struct.Struct, pick: Any
+        self,
+        message_class: type[Message],
+        dialect: Dialect,
+        body: struct.Struct,
+        places: Iterable[int | slice],
     ) -> None:
         self.dialect = dialect
         self._message_class = message_class
         self._unpack_from = body.unpack_from
-        self._pick = pick
+        # The slots themselves: __init__ of a frozen class takes twice as long.
+        slots = [getattr(message_class, field.name) for field in fields(message_class)]  # type: ignore[arg-type]
+        self._setters = tuple(
+            (slot.__set__, place) for slot, place in zip(slots, places, strict=True)
+        )
 
     def read(self, buffer: bytes | bytearray, start: int = 0) -> Message:
         """Return the message whose body begins at `start`; all of it must be there."""
-        return self._message_class(*self._pick(self._unpack_from(buffer, start)))
+        values = self._unpack_from(buffer, start)
+        message = _NEW(self._message_class)
+        for write, place in self._setters:
+            write(message, values[place])
+        return message
+
+
+_NEW = object.__new__
 
 
 class _Form:
@@ -104,25 +119,16 @@ class _Form:
             )
             for dialect in DIALECTS
         ]
-        self.frames = [
-            struct.Struct(f'{body.format[0]}4i{body.format[1:]}') for body in self.bodies
-        ]
-        """With the header: its four words come first."""
-        self.lengths = [frame.size - PREFIX_SIZE for frame in self.frames]
-        places: list[int | slice] = []
+        frames = [struct.Struct(f'{body.format[0]}4i{body.format[1:]}') for body in self.bodies]
+        self.pack = [frame.pack for frame in frames]
+        """Pack a frame: the header's four words come first."""
+        self.lengths = [frame.size - PREFIX_SIZE for frame in frames]
+        self.places: list[int | slice] = []
+        """Where the values of each field are among all the values of a body."""
         at = 0
         for count, one in zip(counts, scalar, strict=True):
-            places.append(at if one else slice(at, at + count))
+            self.places.append(at if one else slice(at, at + count))
             at += count
-        self.pick = _picker(places)
-        """Returns the fields' values, in order, of all the values of a body."""
-
-
-def _picker(places: list[int | slice]) -> Any:
-    if len(places) > 1:
-        return itemgetter(*places)
-    (place,) = places
-    return lambda values: (values[place],)
 
 
 class FixedLayout:
@@ -140,20 +146,21 @@ class FixedLayout:
         self._codes = tuple(width[-1] for width in widths)
         self._scalar = tuple(width in ('i', 'r') for width in widths)
         choices = [tuple(int(n) for n in (width[:-1] or '1').split('|')) for width in widths]
-        self._forms = [
-            _Form(counts, self._codes, self._scalar) for counts in product(*choices)
-        ]
+        self._forms = [_Form(counts, self._codes, self._scalar) for counts in product(*choices)]
+        self._several = tuple(
+            index for index, one in reversed(list(enumerate(self._scalar))) if not one
+        )
+        """The fields that have several values, the last one first."""
         self._form_of_counts = {
-            tuple(
-                count for count, one in zip(form.counts, self._scalar, strict=True) if not one
-            ): form
-            for form in self._forms
+            tuple(form.counts[index] for index in self._several): form for form in self._forms
         }
-        """By the counts of the fields that have several values."""
+        only = len(self._forms) == 1 and len(self._several) <= 1
+        self._only_form = self._forms[0] if only else None
+        """Where that is all: a wrong count is then a wrong number of values."""
         self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
         for form, dialect in product(self._forms, DIALECTS):
             body = form.bodies[dialect.number]
-            reader = BodyReader(message_class, dialect, body, form.pick)
+            reader = BodyReader(message_class, dialect, body, form.places)
             self._readers.setdefault((body.size, dialect.byte_order), reader)
 
     def size(self, dialect: Dialect) -> int:
@@ -164,27 +171,24 @@ class FixedLayout:
         """Return the body. Raises FieldError where a value does not fit the wire."""
         return self.frame(message, 0, 0, dialect)[PREFIX_SIZE + HEADER_SIZE :]
 
-    def frame(
-        self, message: Message, comm_type: int, reply_code: int, dialect: Dialect
-    ) -> bytes:
+    def frame(self, message: Message, comm_type: int, reply_code: int, dialect: Dialect) -> bytes:
         """Return header and body. Raises FieldError where a value does not fit the wire."""
-        flat: list[Any] = [0, self.msg_type, comm_type, reply_code]
-        counts = []
-        for value, scalar in zip(self._values(message), self._scalar, strict=True):
-            if scalar:
-                flat.append(value)
-            else:
-                flat.extend(value)
-                counts.append(len(value))
-        form = self._form_of_counts.get(tuple(counts))
+        values = self._values(message)
+        form = self._only_form or self._form_of_counts.get(
+            tuple([len(values[index]) for index in self._several])
+        )
         if form is None:
             raise self._count_error(message)
+        flat = list(values)
+        for index in self._several:
+            flat[index : index + 1] = values[index]
         number = dialect.number
-        flat[0] = form.lengths[number]
         try:
-            return form.frames[number].pack(*flat)
+            return form.pack[number](
+                form.lengths[number], self.msg_type, comm_type, reply_code, *flat
+            )
         except (struct.error, OverflowError, TypeError) as cause:
-            raise self._value_error(message, dialect) from cause
+            raise self._error(message, dialect) from cause
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
         """Return what reads bodies of `size` bytes, with the real width that this shows.
@@ -205,6 +209,12 @@ class FixedLayout:
         """Return the message and the real width its length shows. Raises BodyError."""
         reader = self.reader(len(body), byte_order)
         return reader.read(body), reader.dialect.real
+
+    def _error(self, message: Message, dialect: Dialect) -> FieldError:
+        counts = tuple(len(self._values(message)[index]) for index in self._several)
+        if counts not in self._form_of_counts:
+            return self._count_error(message)
+        return self._value_error(message, dialect)
 
     def _count_error(self, message: Message) -> FieldError:
         for index, (value, scalar) in enumerate(

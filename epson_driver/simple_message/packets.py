@@ -153,15 +153,17 @@ class PacketFramer(Framer):
         raises: then the next call returns the one after it.
         """
         buffer, start = self._buffer, self._start
+        if len(buffer) - start < self._needed:
+            return None
         body = start + _WHOLE_HEADER
         header = self._headers.get(bytes(buffer[start:body]))
-        if header is None:
+        if header is None or len(buffer) - start < header[0]:
             return self._unknown()
         size, comm_type, reply_code, reader = header
-        if len(buffer) - start < size:
-            return None
         self._start = start + size
-        return Packet(reader.read(buffer, body), comm_type, reply_code, reader.dialect)
+        self._needed = PREFIX_SIZE
+        message = reader.read(buffer, body)
+        return _NEW(Packet, (message, comm_type, reply_code, reader.dialect))
 
     def _unknown(self) -> Packet | None:
         """Return the next packet, and keep what its header says if that is all there is to it."""
@@ -182,4 +184,5 @@ class PacketFramer(Framer):
         return packet
 
 
+_NEW = tuple.__new__
 _WHOLE_HEADER = PREFIX_SIZE + HEADER_SIZE

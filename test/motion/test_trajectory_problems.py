@@ -153,7 +153,9 @@ def test_invariant_2_no_point_of_a_long_trajectory_is_overlooked(
     columns[quantity][point, 1] = value
     found = list(problems(Trajectory(NAMES, **columns), LIMITS))
     assert any(words in text for text in found)
-    named = f'points {point - 1} to {point}, elbow' if 'needed' in words else f'point {point}, elbow'
+    named = (
+        f'points {point - 1} to {point}, elbow' if 'needed' in words else f'point {point}, elbow'
+    )
     assert any(text.startswith(named) for text in found)
 
 

@@ -57,7 +57,9 @@ def test_a_joint_state_is_filled_anew_for_each_sample():
 
 def test_a_status_that_is_said_again_has_the_stamp_of_its_own_time():
     writer = messages.RobotStatusWriter()
-    for second, status in enumerate((Status(), Status(in_motion=1), Status(in_motion=1), Status())):
+    for second, status in enumerate(
+        (Status(), Status(in_motion=1), Status(in_motion=1), Status())
+    ):
         stamp = Time(sec=second)
         assert writer.write(status, stamp) == messages.robot_status(status, stamp)
 

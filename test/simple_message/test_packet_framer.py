@@ -12,8 +12,8 @@ from wire_examples import DIALECTS, EXAMPLES, bits, packets
 
 from epson_driver.simple_message import (
     ByteOrder,
-    Framer,
     FrameError,
+    Framer,
     JointPosition,
     PacketFramer,
     SimpleMessageError,
@@ -79,9 +79,7 @@ def test_invariant_8_headers_that_came_before_change_nothing(data: st.DataObject
         frames[at] = frames[at][:place] + bytes([byte]) + frames[at][place + 1 :]
     stream = b''.join(frames) + data.draw(st.binary(max_size=30))
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=12)))
-    chunks = [
-        stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)
-    ]
+    chunks = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
     order = data.draw(st.sampled_from([None, dialect.byte_order]))
     assert at_once(PacketFramer(order), chunks) == in_two_steps(chunks, order)
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a JOINT_TRAJ_PT must be before the arm moves for it."""
 
-
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
