@@ -47,7 +47,8 @@ class Subscriber:
 
     def publishers(self, topic: int) -> int:
         """Return how many publish a topic, by its place."""
-        return self._node.count_publishers(self._subscriptions[topic].topic_name)
+        count: int = self._node.count_publishers(self._subscriptions[topic].topic_name)
+        return count
 
     def count(self, topic: int) -> int:
         """Return how many came since they were taken."""

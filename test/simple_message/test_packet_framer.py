@@ -66,7 +66,7 @@ def seen(packet):
 
 
 @pytest.mark.invariant(7, 8)
-@settings(max_examples=examples(100))
+@settings(max_examples=examples(50))
 @given(data=st.data())
 def test_invariant_8_headers_that_came_before_change_nothing(data: st.DataObject) -> None:
     """Frames repeat their headers, with other bodies; some bytes are wrong; cut anywhere."""
