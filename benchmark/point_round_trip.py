@@ -43,6 +43,7 @@ REPLY = struct.Struct('<4ii10f')
 ANSWER = REPLY.pack(56, 10, 3, 1, 0, *(0.0,) * 10)
 POINT_PERIOD_S = 0.004
 CONNECT_TIMEOUT_S = 30.0
+LIMITS = load_robot_model('c3_a601s').limits
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,7 @@ async def by_link(link: Link, message: Message, points: int) -> None:
 
 async def by_goal(link: Link, points: int) -> None:
     """Send the points of a goal."""
-    limits = load_robot_model('c3_a601s').limits
-    joints = len(limits.names)
+    limits, joints = LIMITS, len(LIMITS.names)
     times = POINT_PERIOD_S * np.arange(points)
     positions = 0.1 * np.sin(times[:, None] + np.arange(joints))
     trajectory = Trajectory(limits.names, times, positions)
