@@ -43,7 +43,8 @@ help:
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff and mypy"
 	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
-	@echo "make bench         measure the CPU time of the smoother, drivers, collision checks, the SPEL+ program and the panel"
+	@echo "make bench         measure the driver beside programs that do the least (docs/performance.md), and the CPU time of"
+	@echo "                   smoother, drivers, collision checks, SPEL+ program and panel (ARGS=--quick: only the former)"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to benchmark/results"
 	@echo "make soak          send 2,000 goals and 20,000 service calls, and watch the driver's memory (ten minutes)"
@@ -101,11 +102,14 @@ docs: $(VENV)/.docs
 
 # one thread per process: the matrices are small, and two processes share the machine
 bench: $(VENV)/.bench
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.performance $(ARGS)
+ifeq ($(filter --quick,$(ARGS)),)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.cost
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.collision
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.robots
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.spel_program
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.panel
+endif
 
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)

@@ -38,7 +38,7 @@ def write(folder: Path, results: Results) -> None:
         'targets': [asdict(outcome) for outcome in results.outcomes],
         'families': [figures.as_dict() for figures in results.families],
     }
-    text = json.dumps(_rounded(data), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(rounded(data), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / FIGURES).write_text(text + '\n', encoding='utf-8')
     render(folder)
 
@@ -90,12 +90,12 @@ def _bound(value: float | None) -> float:
     return math.inf if value is None else value
 
 
-def _rounded(value: object) -> object:
+def rounded(value: object) -> object:
     """Return the same with numbers of six digits, and null for what is not finite."""
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
+        return {key: rounded(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_rounded(item) for item in value]
+        return [rounded(item) for item in value]
     if isinstance(value, float):
         return float(f'{value:.6g}') if math.isfinite(value) else None
     return value

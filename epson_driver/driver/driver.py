@@ -385,8 +385,7 @@ class Driver:
     async def _watch_status(self) -> None:
         """Drop what is too old, and say so once a second while there is no status."""
         while True:
-            await passed(self._status_missing.slice)
-            if self._status_missing.passed():
+            if await passed(self._status_missing):
                 self._status_missing.restart()
                 if self.robot.status is not None:
                     self.robot.status = None
@@ -396,8 +395,7 @@ class Driver:
     async def _watch_joints(self) -> None:
         """Drop joints that are too old: the link may be up and the STATUS go on without them."""
         while True:
-            await passed(self._joints_missing.slice)
-            if self._joints_missing.passed() and self.robot.sample is not None:
+            if await passed(self._joints_missing) and self.robot.sample is not None:
                 self.robot.sample = None
                 self.fault(f'no joint state for {self._joints_missing.patience:g} s')
 

@@ -6,11 +6,11 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 
 from epson_driver.inputs import HOST
+from epson_driver.link.connection import Connection, Receivers
 from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
-from epson_driver.link.silence import Silence, passed
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
 from epson_driver.link.wire_events import Address, Tap, WireEvent
@@ -19,9 +19,7 @@ from epson_driver.simple_message import (
     ByteOrder,
     CommType,
     Dialect,
-    Frame,
     FrameError,
-    Framer,
     JointFeedback,
     JointPosition,
     Message,
@@ -30,7 +28,6 @@ from epson_driver.simple_message import (
     Ping,
     ReplyCode,
     SimpleMessageError,
-    decode,
     encode,
     reply,
     request,
@@ -38,15 +35,10 @@ from epson_driver.simple_message import (
 )
 from epson_driver.socket_errors import reason
 
-READ_SIZE_BYTES = 65536
 CONNECT_TIMEOUT_S = 1.0
 MIN_PROVEN_UPTIME_S = 1.0
 """A connection that lasted this long, s, makes the next retry immediate. One that was closed
 sooner (a controller that has its one client already) leaves the back-off where it was."""
-
-MAX_FRAMES_PER_TURN = 50
-"""Frames that are handled before others in the event loop have their turn: a controller that sends
-without a pause must not keep another robot of this process waiting."""
 
 MAX_UNSENT_BYTES = 65536
 """A controller that leaves more bytes than this unread is disconnected (docs/invariants.md, 7)."""
@@ -99,13 +91,15 @@ class Link:
         self._quiet = quiet
         self._log_throttle = LogThrottle()
         self._pending = PendingReplies()
-        self._writer: asyncio.StreamWriter | None = None
+        self._receivers = Receivers(
+            self._received, self._dispatch, self._bad_frame, self._on_event
+        )
+        self._connection: Connection | None = None
+        """The one that messages can be sent on; None while there is none."""
         self._written: Dialect | None = None
         """What was sent last on this connection was written in it; None before that."""
-        self._framer = Framer(byte_order)
         self.attempt = 0
         """Attempts to connect since a connection has lasted."""
-        self._ended_because: str | None = None
         self.last_received = 0.0
         """When the newest bytes were read, loop time, s: what was read at once came no later."""
 
@@ -117,23 +111,24 @@ class Link:
     @property
     def addresses(self) -> tuple[Address, Address] | None:
         """Our own and the controller's end of the connection; None while there is none."""
-        if self._writer is None:
+        if self._connection is None:
             return None
-        ends = [self._writer.get_extra_info(name) for name in ('sockname', 'peername')]
+        transport = self._connection.transport
+        ends = [transport.get_extra_info(name) for name in ('sockname', 'peername')]
         if None in ends:  # it died before it could be asked
             return None
         own, other = ends
         return (own[0], own[1]), (other[0], other[1])
 
     @property
-    def transport(self) -> asyncio.WriteTransport | None:
+    def transport(self) -> asyncio.Transport | None:
         """The connection's transport; None while there is none."""
-        return None if self._writer is None else self._writer.transport
+        return None if self._connection is None else self._connection.transport
 
     @property
     def unread(self) -> bytes:
         """The received bytes of a frame that is not complete yet."""
-        return self._framer.unread
+        return b'' if self._connection is None else self._connection.framer.unread
 
     async def run(self) -> None:
         """Keep the link alive until this is cancelled."""
@@ -158,13 +153,13 @@ class Link:
         Returns what `give_up` takes. Raises ConnectionError if the link is not connected or the
         controller does not read, FieldError if a value does not fit.
         """
-        if self._writer is None:
+        if self._connection is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
         packet = request(message)
         data = encode(packet, self.dialect)
         now = asyncio.get_running_loop().time()
         self._written = self.dialect
-        self._write(self._writer, data)
+        self._write(self._connection, data)
         waiting = PendingRequest(
             packet.msg_type, sequence_of(message), now, on_reply, command_of(message)
         )
@@ -177,11 +172,11 @@ class Link:
 
     def tell(self, message: Message) -> None:
         """Send a topic, which is not answered. Raises as `post` does."""
-        if self._writer is None:
+        if self._connection is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
         data = encode(topic(message), self.dialect)
         self._written = self.dialect
-        self._write(self._writer, data)
+        self._write(self._connection, data)
 
     def follow(self, dialect: Dialect) -> None:
         """Write as another port of the controller does.
@@ -190,104 +185,60 @@ class Link:
         have been understood, and what is received on it later could not be.
         """
         self.dialect = dialect
-        if self._writer is None:
+        if self._connection is None:
             return
+        came = self._connection.framer.byte_order
         if self._written not in (None, dialect):
             self.reconnect(f'what was sent was {self._written}, the state is {dialect}')
-        elif self._framer.byte_order not in (None, dialect.byte_order):
-            came = self._framer.byte_order.name.lower()
-            self.reconnect(f'what came was {came} endian, the state is {dialect}')
+        elif came not in (None, dialect.byte_order):
+            self.reconnect(f'what came was {came.name.lower()} endian, the state is {dialect}')
 
     def reconnect(self, why: str) -> None:
         """Close the connection, if there is one, after what was sent; then connect again.
 
         Replies that were on their way are not received any more.
         """
-        if self._writer is not None:
-            self._ended_because = why
-            self._writer.close()
-            self._writer = None
+        if self._connection is not None:
+            self._connection.close(why)
+            self._connection = None
 
     @property
     def unsent(self) -> int:
         """Bytes that wait for the controller to read what was sent before."""
-        return 0 if self._writer is None else self._writer.transport.get_write_buffer_size()
+        transport = self.transport
+        return 0 if transport is None else transport.get_write_buffer_size()
 
     async def _connect_and_receive(self) -> float | None:
         """Return when the connection was established (loop time, s), or None if it was not."""
         loop = asyncio.get_running_loop()
+        connection = Connection(self._receivers, self._byte_order, self._receive_timeout)
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                reader, writer = await asyncio.open_connection(self.host, self.port)
+                await loop.create_connection(lambda: connection, self.host, self.port)
         except (OSError, TimeoutError, ValueError) as error:  # ValueError: no name of a host
             why = reason(error) or f'no answer within {CONNECT_TIMEOUT_S:g} s'
             self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
             return None
         established = loop.time()
-        _configure(writer.get_extra_info('socket'))
-        self._writer = writer
+        _configure(connection.transport.get_extra_info('socket'))
+        self._connection = connection
         self.last_received = established
         self.statistics.connections += 1
         self.statistics.connected_since = established
-        self._framer = Framer(self._byte_order)
         self._written = None
-        self._ended_because = None
-        self._tell(WireEvent.OPENED)
-        self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
         try:
-            why = await self._receive(reader)
+            self._on_event(WireEvent.OPENED)
+            self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
+            connection.begin()
+            why = await connection.ended
         finally:
-            self._tell(WireEvent.CLOSED)
-            self._writer = None
+            self._on_event(WireEvent.CLOSED)
+            self._connection = None
             self.statistics.connected_since = None
             self._pending.clear()
-            writer.close()
+            connection.end('closed')
         self._step(LinkEvent.LOST, f'{self.host}:{self.port}: {why}')
         return established
-
-    async def _receive(self, reader: asyncio.StreamReader) -> str:
-        """Receive until the connection ends; return why it did."""
-        framer = self._framer
-        try:
-            async with self._patience() as heard:
-                while data := await reader.read(READ_SIZE_BYTES):
-                    self._received(data)
-                    heard()
-                    framer.receive_data(data)
-                    handled = 0
-                    while (frame := framer.next_frame()) is not None:
-                        self._dispatch(frame)
-                        handled += 1
-                        if handled % MAX_FRAMES_PER_TURN == 0:
-                            await asyncio.sleep(0)
-                            heard()
-        except FrameError as error:
-            self._bad_frame(error)
-            return str(error)
-        except TimeoutError as error:  # ours has no text; the keepalive's (ETIMEDOUT) has
-            return str(error) or f'silent for {self._receive_timeout:g} s'
-        except OSError as error:
-            if isinstance(error, ConnectionResetError):
-                self._tell(WireEvent.RESET)
-            return str(error)
-        if self._ended_because is not None:
-            return self._ended_because
-        self._tell(WireEvent.ENDED)
-        return 'closed by the controller'
-
-    @contextlib.asynccontextmanager
-    async def _patience(self) -> AsyncIterator[Callable[[], None]]:
-        """Raise TimeoutError after `receive_timeout` s in which what it yields was not called."""
-        if self._receive_timeout is None:
-            yield lambda: None
-            return
-        silence = Silence(self._receive_timeout)
-        async with asyncio.timeout(None) as limit:
-            watch = asyncio.create_task(_watch(silence, limit))
-            try:
-                yield silence.heard
-            finally:
-                watch.cancel()
 
     def _received(self, data: bytes) -> None:
         self.last_received = asyncio.get_running_loop().time()
@@ -295,19 +246,14 @@ class Link:
         if self.trace is not None:
             self.trace(WireEvent.RECEIVED, data)
 
-    def _dispatch(self, frame: Frame) -> None:
+    def _dispatch(self, packet: Packet) -> None:
         self.statistics.frames_received += 1
-        try:
-            packet = decode(frame)
-        except SimpleMessageError as error:
-            self._bad_frame(error)
-            return
         if isinstance(packet.message, DIALECT_MESSAGES):
             self.dialect = packet.dialect
-        if packet.comm_type is CommType.SERVICE_REQUEST:
-            self._answer(packet)
-        elif packet.comm_type is CommType.TOPIC:
+        if packet.comm_type is CommType.TOPIC:
             self._on_packet(packet)
+        elif packet.comm_type is CommType.SERVICE_REQUEST:
+            self._answer(packet)
         else:
             self._settle(packet)
 
@@ -326,25 +272,28 @@ class Link:
             answer = reply(Ping(packet.message.padding), ReplyCode.SUCCESS)
         else:
             answer = reply(Opaque(packet.msg_type), ReplyCode.FAILURE)
-        if self._writer is not None:
-            self._write(self._writer, encode(answer, packet.dialect))
+        if self._connection is not None:
+            with contextlib.suppress(ConnectionError):  # it has ended then
+                self._write(self._connection, encode(answer, packet.dialect))
 
-    def _write(self, writer: asyncio.StreamWriter, data: bytes) -> None:
+    def _write(self, connection: Connection, data: bytes) -> None:
         """Raises ConnectionError, and ends the connection, if the controller does not read."""
-        if writer.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
-            writer.transport.abort()
-            raise ConnectionError('the controller leaves what is sent unread')
-        writer.write(data)
+        if connection.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            why = 'the controller leaves what is sent unread'
+            connection.abort(why)
+            raise ConnectionError(why)
+        connection.transport.write(data)
         self.statistics.frames_sent += 1
         self.statistics.bytes_sent += len(data)
         if self.trace is not None:
             self.trace(WireEvent.SENT, data)
 
-    def _tell(self, event: WireEvent) -> None:
+    def _on_event(self, event: WireEvent) -> None:
         if self.trace is not None:
             self.trace(event, b'')
 
     def _bad_frame(self, error: SimpleMessageError) -> None:
+        self.statistics.frames_received += not isinstance(error, FrameError)
         self.statistics.bad_frames[error.field] += 1
         level = logging.DEBUG if self._quiet else logging.WARNING
         line = self._log_throttle.line(str(error), asyncio.get_running_loop().time())
@@ -354,14 +303,6 @@ class Link:
     def _step(self, event: LinkEvent, why: str) -> None:
         self.state = TRANSITIONS[self.state, event]
         self._on_state(self.state, why)
-
-
-async def _watch(silence: Silence, limit: asyncio.Timeout) -> None:
-    while True:
-        await passed(silence.slice)
-        if silence.passed():
-            limit.reschedule(asyncio.get_running_loop().time())
-            return
 
 
 def _configure(connection: socket.socket) -> None:

@@ -12,9 +12,9 @@ import asyncio
 SLICES = 8
 """A delay of this process adds at most this part of the patience to the silence."""
 
-READING_TURNS = 4
-"""Turns of the event loop after a timer, by which what waited in a socket has been handed on. The
-selector is asked before timers are looked at; a stream's reader has it a turn later."""
+READING_TURNS = 2
+"""Turns of the event loop after a timer, by which what waited in a socket has been read: in the
+first the selector is asked, and what it finds has its turn after what was in line before it."""
 
 
 class Silence:
@@ -27,6 +27,11 @@ class Silence:
         self.patience = patience
         self.slice = patience / SLICES
         self._quiet = 0
+
+    @property
+    def broken(self) -> bool:
+        """Whether something came in this slice."""
+        return self._quiet < 0
 
     def heard(self) -> None:
         """Begin to count anew, as something was received."""
@@ -42,8 +47,14 @@ class Silence:
         return self._quiet >= SLICES
 
 
-async def passed(seconds: float) -> None:
-    """Sleep, and return only when what came meanwhile has been read."""
-    await asyncio.sleep(seconds)
+async def passed(silence: Silence) -> bool:
+    """Sleep for a slice, and count it when what came meanwhile has been read.
+
+    Returns whether nothing came for all of the patience.
+    """
+    await asyncio.sleep(silence.slice)
     for _ in range(READING_TURNS):
+        if silence.broken:
+            break
         await asyncio.sleep(0)
+    return silence.passed()

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A planned trajectory, and everything that can be wrong with it before it is sent."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 
@@ -14,6 +16,12 @@ LIMIT_TOLERANCE_SHARE = 1e-6
 
 MAX_USUAL_ANGLE_RAD = 4 * np.pi
 """Two turns, 12.6 rad: an angle beyond this, and beyond its limit, is taken for degrees."""
+
+BLOCK_POINTS = 2048
+"""Points that are looked at together: what is computed of them stays in the processor's cache, and
+takes the same memory however long the trajectory is."""
+
+Mask = npt.NDArray[np.bool_]
 
 _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
 """What follows the joint's unit, rad or m."""
@@ -40,6 +48,8 @@ class Trajectory:
 
     def in_order(self, joint_names: tuple[str, ...]) -> 'Trajectory':
         """Return the same trajectory with its joints in another order (the same set of names)."""
+        if joint_names == self.joint_names:
+            return self
         columns = [self.joint_names.index(name) for name in joint_names]
         return Trajectory(
             joint_names,
@@ -94,23 +104,48 @@ def _like_degrees(positions: Array, limits: JointLimits) -> bool:
     )
 
 
+def _is_not_finite(values: Array, some: slice) -> Mask:
+    return ~np.isfinite(values[some])
+
+
 def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
-    for index in np.flatnonzero(~np.isfinite(trajectory.times)):
+    times = trajectory.times[:, None]
+    for index, _ in _where(len(times), partial(_is_not_finite, times)):
         yield f'point {index}: time_from_start = {trajectory.times[index]} is not finite'
     for quantity, per in _PER.items():
         values = getattr(trajectory, quantity)
         if values is not None:
-            for point, joint in np.argwhere(~np.isfinite(values)):
+            for point, joint in _where(len(values), partial(_is_not_finite, values)):
                 name = trajectory.joint_names[joint]
                 value = f'{values[point, joint]} {limits.units[joint]}{per}'
                 yield f'point {point}, {name}: {quantity} = {value} is not finite'
+
+
+def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int]]:
+    """Yield point and joint for what a mask, shape (some, n), has of `count` points."""
+    for first in range(0, count, BLOCK_POINTS):
+        found = mask(slice(first, min(first + BLOCK_POINTS, count)))
+        if found.any():
+            for point, joint in np.argwhere(found):
+                yield first + int(point), int(joint)
+
+
+def _not_after(times: Array) -> Iterator[int]:
+    """Yield the points whose time is not after that of the point before."""
+
+    def mask(some: slice) -> Mask:
+        following = slice(some.start + 1, some.stop + 1)
+        return (times[following] <= times[some])[:, None]
+
+    for index, _ in _where(len(times) - 1, mask):
+        yield index + 1
 
 
 def _times(trajectory: Trajectory) -> Iterator[str]:
     times = trajectory.times
     if times[0] < 0.0:
         yield f'point 0: time_from_start = {times[0]:g} s is negative'
-    for index in np.flatnonzero(np.diff(times) <= 0.0) + 1:
+    for index in _not_after(times):
         yield (
             f'point {index}: time_from_start = {times[index]:g} s is not after the '
             f'{times[index - 1]:g} s of the point before: times must strictly increase'
@@ -121,7 +156,12 @@ def _beyond(
     values: Array, low: Array, high: Array, quantity: str, per: str, limits: JointLimits
 ) -> Iterator[str]:
     slack = LIMIT_TOLERANCE_SHARE * (high - low)
-    for point, joint in np.argwhere((values < low - slack) | (values > high + slack)):
+    low_limit, high_limit = low - slack, high + slack
+
+    def outside(some: slice) -> Mask:
+        return (values[some] < low_limit) | (values[some] > high_limit)
+
+    for point, joint in _where(len(values), outside):
         unit = limits.units[joint] + per
         value = f'{values[point, joint]:.6g} {unit}'
         allowed = f'{low[joint]:.6g} … {high[joint]:.6g} {unit}'
@@ -130,13 +170,20 @@ def _beyond(
 
 
 def _too_fast(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
-    steps = np.diff(trajectory.times)
-    if np.any(steps <= 0.0):
+    times, positions = trajectory.times, trajectory.positions
+    if next(_not_after(times), None) is not None:
         return
-    speeds = np.abs(np.diff(trajectory.positions, axis=0)) / steps[:, None]
-    for segment, joint in np.argwhere(speeds > limits.velocity * (1.0 + LIMIT_TOLERANCE_SHARE)):
+    fastest = limits.velocity * (1.0 + LIMIT_TOLERANCE_SHARE)
+
+    def speeds(some: slice) -> Array:
+        """Return the mean speeds of segments."""
+        some = slice(some.start, some.stop + 1)
+        return np.abs(np.diff(positions[some], axis=0)) / np.diff(times[some])[:, None]
+
+    for segment, joint in _where(len(times) - 1, lambda some: speeds(some) > fastest):
+        speed = speeds(slice(segment, segment + 1))[0, joint]
         yield (
             f'points {segment} to {segment + 1}, {limits.names[joint]}: '
-            f'{speeds[segment, joint]:.6g} {limits.units[joint]}/s would be needed, '
+            f'{speed:.6g} {limits.units[joint]}/s would be needed, '
             f'the velocity limit is {limits.velocity[joint]:.6g} {limits.units[joint]}/s'
         )

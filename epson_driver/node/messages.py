@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver's values as ROS messages."""
 
-from array import array
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,16 +22,36 @@ class JointStateWriter:
     """Fills one JointState again and again: names are set once, numbers for each sample."""
 
     def __init__(self, joint_names: Sequence[str], frame_id: str = '') -> None:
-        self._message = JointState(name=list(joint_names))
-        self._message.header.frame_id = frame_id
+        zeros = [0.0] * len(joint_names)
+        message = JointState(name=list(joint_names), position=zeros, velocity=zeros)
+        message.header.frame_id = frame_id
+        self._message = message
+        self._positions = np.frombuffer(message.position)  # the message's own memory
+        self._velocities = np.frombuffer(message.velocity)
 
     def write(self, sample: JointSample, stamp: Time) -> JointState:
         """Return the message, valid until the next call. Values are the measured ones."""
         message = self._message
         message.header.stamp = stamp
-        message.position = array('d', sample.positions.tobytes())
-        message.velocity = array('d', sample.velocities.tobytes())
+        self._positions[:] = sample.positions
+        self._velocities[:] = sample.velocities
         return message
+
+
+class RobotStatusWriter:
+    """Fills one RobotStatus: most STATUS messages say what the one before said."""
+
+    def __init__(self) -> None:
+        self._status = Status()
+        self._message = robot_status(self._status, Time())
+
+    def write(self, status: Status, stamp: Time) -> RobotStatus:
+        """Return the message, valid until the next call."""
+        if status == self._status:
+            self._message.header.stamp = stamp
+        else:
+            self._status, self._message = status, robot_status(status, stamp)
+        return self._message
 
 
 def robot_status(status: Status, stamp: Time) -> RobotStatus:

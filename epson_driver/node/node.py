@@ -84,6 +84,7 @@ class ClientNode:
         self._joint_state = messages.JointStateWriter(
             self.driver.configuration.limits.names, self._parameters['frame_id']
         )
+        self._status = messages.RobotStatusWriter()
         self._clock = node.get_clock()
         self._stamps = RosTimeStamps(self._clock, self._loop.time)
         self._diagnostics = Diagnostics(self.driver, node.get_fully_qualified_name().lstrip('/'))
@@ -230,7 +231,7 @@ class ClientNode:
     def on_status(self, status: Status) -> None:
         """Publish `robot_status`."""
         stamp = self._clock.now().to_msg()
-        self._robot_status.publish(messages.robot_status(status, stamp))
+        self._robot_status.publish(self._status.write(status, stamp))
 
     def on_link_state(self, name: str, why: str) -> None:
         """Publish `~/link_state`."""

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.clock import Clock
-from rclpy.time import Time
 
 MAX_READING_NS = 100_000
 """Both clocks were read at once if it took less than this, ns; else it was interrupted."""
@@ -20,6 +19,8 @@ DRIFT_FILTER_DIVISOR = 256
 MIN_SPACING_NS = 1_000
 """Between two stamps, ns: tf ignores what has the same one again."""
 
+NS_PER_S = 1_000_000_000
+
 MIN_STEP_BACK_NS = 100_000_000
 """If ROS's clock is set back by more than this, ns, stamps go back as well."""
 
@@ -32,9 +33,10 @@ class RosTimeStamps:
         self._monotonic = monotonic
         self._ahead: int | None = None
         self._last = 0
+        self._message = TimeMessage()
 
     def stamp(self, moment: float) -> TimeMessage:
-        """Return the builtin_interfaces/Time of that moment."""
+        """Return the builtin_interfaces/Time of that moment, valid until the next call."""
         before = self._monotonic()
         ros = self._clock.now().nanoseconds
         after = self._monotonic()
@@ -48,7 +50,8 @@ class RosTimeStamps:
         if stamp < self._last + MIN_SPACING_NS and stamp > self._last - MIN_STEP_BACK_NS:
             stamp = self._last + MIN_SPACING_NS
         self._last = stamp
-        return Time(nanoseconds=stamp).to_msg()
+        self._message.sec, self._message.nanosec = divmod(stamp, NS_PER_S)
+        return self._message
 
 
 def _nanoseconds(seconds: float) -> int:

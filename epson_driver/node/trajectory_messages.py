@@ -3,6 +3,7 @@
 """Trajectories, tolerances and durations, read from ROS messages; trajectories, written as one."""
 
 from collections.abc import Iterable, Sequence
+from operator import attrgetter
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -41,7 +42,7 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'the trajectory has no points')
     trajectory = Trajectory(
         names,
-        np.array([duration_in_s(point.time_from_start) for point in message.points]),
+        _times(message.points),
         _table(message.points, 'positions', names),
         _optional_table(message.points, 'velocities', names),
         _optional_table(message.points, 'accelerations', names),
@@ -53,21 +54,31 @@ def _optional_table(
     points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]
 ) -> Array | None:
     """Return None if no point has the quantity; one point that has it obliges the others."""
-    if not any(len(getattr(point, quantity)) for point in points):
+    if not any(map(attrgetter(quantity), points)):
         return None
     return _table(points, quantity, names)
 
 
 def _table(points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]) -> Array:
     """Return a quantity of all points, shape (points, n)."""
-    for index, point in enumerate(points):
-        count = len(getattr(point, quantity))
-        if count != len(names):
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
-                f'point {index}: {count} {quantity} for {len(names)} joints',
-            )
-    return np.array([getattr(point, quantity) for point in points], dtype=float)
+    rows = list(map(attrgetter(quantity), points))
+    if set(map(len, rows)) != {len(names)}:
+        index, count = next(
+            (index, len(row)) for index, row in enumerate(rows) if len(row) != len(names)
+        )
+        raise GoalRejectedError(
+            ErrorCode.INVALID_GOAL, f'point {index}: {count} {quantity} for {len(names)} joints'
+        )
+    # each is an array('d'): their bytes, one after the other, are the table
+    return np.frombuffer(b''.join(rows)).reshape(len(rows), len(names))
+
+
+def _times(points: Sequence[JointTrajectoryPoint]) -> Array:
+    """Return the points' time_from_start, s, as `duration_in_s` does of each."""
+    durations = list(map(attrgetter('time_from_start'), points))
+    seconds = np.fromiter(map(attrgetter('sec'), durations), float, len(durations))
+    nanoseconds = np.fromiter(map(attrgetter('nanosec'), durations), float, len(durations))
+    return seconds + nanoseconds * 1e-9
 
 
 def tolerances_from_messages(

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wire protocol: bytes in, messages out. No sockets, no clock, no ROS.
 
-    framer = Framer()
+    framer = PacketFramer()
     framer.receive_data(chunk)
-    while (frame := framer.next_frame()) is not None:
-        packet = decode(frame)
+    while (packet := framer.next_packet()) is not None:
+        ...
 
-and back with `encode(request(JointTrajPt(...)), dialect)`.
+or in two steps with `Framer`, `next_frame` and `decode`; and back with
+`encode(request(JointTrajPt(...)), dialect)`.
 """
 
 from epson_driver.simple_message.constants import (
@@ -91,6 +92,7 @@ from epson_driver.simple_message.motoman_io import (
 )
 from epson_driver.simple_message.packets import (
     Packet,
+    PacketFramer,
     check_header,
     decode,
     encode,
@@ -152,6 +154,7 @@ __all__ = [
     'MotomanIoResult',
     'Opaque',
     'Packet',
+    'PacketFramer',
     'Ping',
     'ReadIoBit',
     'ReadIoBitReply',

@@ -15,7 +15,7 @@ least 2**16 in the other, so that exactly one order can be right.
 """
 
 import struct
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from epson_driver.simple_message.dialect import ByteOrder
 from epson_driver.simple_message.errors import FrameError
@@ -30,8 +30,7 @@ _PREFIX = {order: struct.Struct(order.value + 'i') for order in ByteOrder}
 _HEADER = {order: struct.Struct(order.value + 'iii') for order in ByteOrder}
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(NamedTuple):
     """One message as it came: the header's words, unchecked, and the body's bytes."""
 
     msg_type: int
@@ -53,8 +52,11 @@ class Framer:
             raise ValueError(f'max_length = {max_length}: must be {HEADER_SIZE} … {MAX_LENGTH}')
         self.byte_order = byte_order
         self._max_length = max_length
-        self._buffer = bytearray()
+        self._buffer: bytes | bytearray = b''
         self._start = 0
+        """Where in the buffer the first frame that was not given out begins."""
+        self._needed = PREFIX_SIZE
+        """Bytes from there on without which nothing can be given out."""
         self._bad_length: int | None = None
 
     @property
@@ -69,10 +71,14 @@ class Framer:
         """
         if self._bad_length is not None:
             return
-        if self._start:
-            del self._buffer[: self._start]
-            self._start = 0
-        self._buffer += data
+        if self._start == len(self._buffer):  # as a rule: what comes are whole frames
+            self._buffer = bytes(data)
+        elif self._start or not isinstance(self._buffer, bytearray):
+            self._buffer = bytearray(memoryview(self._buffer)[self._start :])
+            self._buffer += data
+        else:
+            self._buffer += data
+        self._start = 0
 
     def next_frame(self) -> Frame | None:
         """Return the next whole frame, or None until more bytes have come.
@@ -83,7 +89,7 @@ class Framer:
         if self._bad_length is not None:
             raise self._error(self._bad_length)
         buffered = len(self._buffer) - self._start
-        if buffered < PREFIX_SIZE:
+        if buffered < self._needed:
             return None
         if self.byte_order is None:
             self.byte_order = self._detect()
@@ -92,7 +98,9 @@ class Framer:
         if not HEADER_SIZE <= length <= self._max_length:
             raise self._fail(length)
         if buffered < PREFIX_SIZE + length:
+            self._needed = PREFIX_SIZE + length
             return None
+        self._needed = PREFIX_SIZE
         start = self._start + PREFIX_SIZE
         self._start = start + length
         msg_type, comm_type, reply_code = _HEADER[order].unpack_from(self._buffer, start)
@@ -110,8 +118,9 @@ class Framer:
         raise self._fail(self._length(ByteOrder.LITTLE))
 
     def _fail(self, length: int) -> FrameError:
-        self._buffer.clear()
+        self._buffer = b''
         self._start = 0
+        self._needed = 0
         self._bad_length = length
         return self._error(length)
 

@@ -13,11 +13,13 @@ import struct
 from collections.abc import Iterable
 from dataclasses import fields
 from itertools import product
-from typing import Protocol
+from operator import attrgetter
+from typing import Any, Protocol
 
 from epson_driver.simple_message.constants import MessageType
-from epson_driver.simple_message.dialect import ByteOrder, Dialect, Real
+from epson_driver.simple_message.dialect import DIALECTS, ByteOrder, Dialect, Real
 from epson_driver.simple_message.errors import BodyError, FieldError
+from epson_driver.simple_message.framer import HEADER_SIZE, PREFIX_SIZE
 from epson_driver.simple_message.io_layouts import IO_REPLY_ROWS, IO_ROWS
 from epson_driver.simple_message.io_messages import IoInfo
 from epson_driver.simple_message.messages import (
@@ -65,21 +67,69 @@ class Layout(Protocol):
         """
 
 
-class _Form:
-    """One possible shape of a body: its field counts, and compiled structs per dialect."""
+class BodyReader:
+    """Reads bodies of one class, form and dialect where they lie in a buffer."""
 
-    def __init__(self, counts: tuple[int, ...], codes: tuple[str, ...]) -> None:
+    __slots__ = ('_message_class', '_setters', '_unpack_from', 'dialect')
+
+    def __init__(
+        self,
+        message_class: type[Message],
+        dialect: Dialect,
+        body: struct.Struct,
+        places: Iterable[int | slice],
+    ) -> None:
+        self.dialect = dialect
+        self._message_class = message_class
+        self._unpack_from = body.unpack_from
+        # The slots themselves: __init__ of a frozen class takes twice as long.
+        slots = [getattr(message_class, field.name) for field in fields(message_class)]  # type: ignore[arg-type]
+        self._setters = tuple(
+            (slot.__set__, place) for slot, place in zip(slots, places, strict=True)
+        )
+
+    def read(self, buffer: bytes | bytearray, start: int = 0) -> Message:
+        """Return the message whose body begins at `start`; all of it must be there."""
+        values = self._unpack_from(buffer, start)
+        message = _NEW(self._message_class)
+        for write, place in self._setters:
+            write(message, values[place])
+        return message
+
+
+_NEW = object.__new__
+
+
+class _Form:
+    """One possible shape of a body: its field counts, and compiled structs by dialect number.
+
+    codes: per field, as `struct` has them, `r` for a real. scalar: is a field one value?
+    """
+
+    def __init__(
+        self, counts: tuple[int, ...], codes: tuple[str, ...], scalar: tuple[bool, ...]
+    ) -> None:
         self.counts = counts
-        self.structs = {
-            Dialect(order, real): struct.Struct(
-                order.value
+        self.bodies = [
+            struct.Struct(
+                dialect.byte_order.value
                 + ''.join(
-                    f'{n}{real.value if code == "r" else code}'
+                    f'{n}{dialect.real.value if code == "r" else code}'
                     for n, code in zip(counts, codes, strict=True)
                 )
             )
-            for order, real in product(ByteOrder, Real)
-        }
+            for dialect in DIALECTS
+        ]
+        frames = [struct.Struct(f'{body.format[0]}4i{body.format[1:]}') for body in self.bodies]
+        self.pack = [frame.pack for frame in frames]
+        """Pack a frame: the header's four words come first."""
+        self.lengths = [frame.size - PREFIX_SIZE for frame in frames]
+        self.places: list[int | slice] = []
+        """Where the values of each field are among all the values of a body."""
+        at = 0
+        for count, one in zip(counts, scalar, strict=True):
+            self.places.append(at if one else slice(at, at + count))
+            at += count
 
 
 class FixedLayout:
@@ -93,63 +143,86 @@ class FixedLayout:
         if names != expected:
             raise TypeError(f'{message_class.__name__}: layout names {names}, class {expected}')
         self._names: tuple[str, ...] = names
+        self._values: Any = attrgetter(*names) if len(names) > 1 else _only(names[0])
         self._codes = tuple(width[-1] for width in widths)
         self._scalar = tuple(width in ('i', 'r') for width in widths)
         choices = [tuple(int(n) for n in (width[:-1] or '1').split('|')) for width in widths]
-        self._forms = [_Form(counts, self._codes) for counts in product(*choices)]
-        self._form_of_counts = {form.counts: form for form in self._forms}
-        self._form_of_size: dict[int, tuple[_Form, Real]] = {}
-        for form, real in product(self._forms, Real):
-            size = form.structs[Dialect(real=real)].size
-            self._form_of_size.setdefault(size, (form, real))
+        self._forms = [_Form(counts, self._codes, self._scalar) for counts in product(*choices)]
+        self._several = tuple(
+            index for index, one in reversed(list(enumerate(self._scalar))) if not one
+        )
+        """The fields that have several values, the last one first."""
+        self._form_of_counts = {
+            tuple(form.counts[index] for index in self._several): form for form in self._forms
+        }
+        only = len(self._forms) == 1 and len(self._several) <= 1
+        self._only_form = self._forms[0] if only else None
+        """Where that is all: a wrong count is then a wrong number of values."""
+        self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
+        for form, dialect in product(self._forms, DIALECTS):
+            body = form.bodies[dialect.number]
+            reader = BodyReader(message_class, dialect, body, form.places)
+            self._readers.setdefault((body.size, dialect.byte_order), reader)
 
     def size(self, dialect: Dialect) -> int:
         """Return the size of the body's first form in bytes."""
-        return self._forms[0].structs[dialect].size
+        return self._forms[0].bodies[dialect.number].size
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
         """Return the body. Raises FieldError where a value does not fit the wire."""
-        flat: list[int | float] = []
-        counts = []
-        for name, scalar in zip(self._names, self._scalar, strict=True):
-            value = getattr(message, name)
-            if scalar:
-                flat.append(value)
-                counts.append(1)
-            else:
-                flat.extend(value)
-                counts.append(len(value))
-        form = self._form_of_counts.get(tuple(counts))
+        return self.frame(message, 0, 0, dialect)[PREFIX_SIZE + HEADER_SIZE :]
+
+    def frame(self, message: Message, comm_type: int, reply_code: int, dialect: Dialect) -> bytes:
+        """Return header and body. Raises FieldError where a value does not fit the wire."""
+        values = self._values(message)
+        form = self._only_form or self._form_of_counts.get(
+            tuple([len(values[index]) for index in self._several])
+        )
         if form is None:
-            raise self._count_error(counts)
+            raise self._count_error(message)
+        flat = list(values)
+        for index in self._several:
+            flat[index : index + 1] = values[index]
+        number = dialect.number
         try:
-            return form.structs[dialect].pack(*flat)
+            return form.pack[number](
+                form.lengths[number], self.msg_type, comm_type, reply_code, *flat
+            )
         except (struct.error, OverflowError, TypeError) as cause:
-            raise self._value_error(message, dialect) from cause
+            raise self._error(message, dialect) from cause
+
+    def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
+        """Return what reads bodies of `size` bytes, with the real width that this shows.
+
+        Raises BodyError for a size that the type does not have.
+        """
+        found = self._readers.get((size, byte_order))
+        if found is None:
+            sizes = ' or '.join(str(size) for size in sorted({size for size, _ in self._readers}))
+            raise BodyError(
+                'body',
+                f'{size} bytes',
+                f'{self.message_class.__name__} (msg_type {self.msg_type}) has {sizes}',
+            )
+        return found
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
         """Return the message and the real width its length shows. Raises BodyError."""
-        found = self._form_of_size.get(len(body))
-        if found is None:
-            sizes = ' or '.join(str(size) for size in sorted(self._form_of_size))
-            raise BodyError(
-                'body',
-                f'{len(body)} bytes',
-                f'{self.message_class.__name__} (msg_type {self.msg_type}) has {sizes}',
-            )
-        form, real = found
-        flat = form.structs[Dialect(byte_order, real)].unpack(body)
-        values: list[object] = []
-        at = 0
-        for count, scalar in zip(form.counts, self._scalar, strict=True):
-            values.append(flat[at] if scalar else flat[at : at + count])
-            at += count
-        return self.message_class(*values), real
+        reader = self.reader(len(body), byte_order)
+        return reader.read(body), reader.dialect.real
 
-    def _count_error(self, counts: list[int]) -> FieldError:
-        for index, count in enumerate(counts):
+    def _error(self, message: Message, dialect: Dialect) -> FieldError:
+        counts = tuple(len(self._values(message)[index]) for index in self._several)
+        if counts not in self._form_of_counts:
+            return self._count_error(message)
+        return self._value_error(message, dialect)
+
+    def _count_error(self, message: Message) -> FieldError:
+        for index, (value, scalar) in enumerate(
+            zip(self._values(message), self._scalar, strict=True)
+        ):
             allowed = {form.counts[index] for form in self._forms}
-            if count not in allowed:
+            if not scalar and (count := len(value)) not in allowed:
                 rule = ' or '.join(str(n) for n in sorted(allowed))
                 return FieldError(self._names[index], f'{count} values', f'must have {rule}')
         raise AssertionError('counts fit, but not together')
@@ -165,6 +238,12 @@ class FixedLayout:
                 except (struct.error, OverflowError, TypeError):
                     return FieldError(name if scalar else f'{name}[{index}]', item, rule)
         raise AssertionError('every value fits alone, but not together')
+
+
+def _only(name: str) -> Any:
+    """Return what gets an attribute, in a tuple."""
+    get = attrgetter(name)
+    return lambda message: (get(message),)
 
 
 class TrajectoryLayout:

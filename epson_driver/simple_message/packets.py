@@ -3,18 +3,29 @@
 """Messages with their header: packets to bytes, frames to packets."""
 
 import struct
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from epson_driver.simple_message.constants import CommType, ReplyCode
-from epson_driver.simple_message.dialect import LITTLE_ENDIAN, Dialect, Real
+from epson_driver.simple_message.dialect import LITTLE_ENDIAN, ByteOrder, Dialect, Real
 from epson_driver.simple_message.errors import BodyError, FieldError, HeaderError
-from epson_driver.simple_message.framer import HEADER_SIZE, MAX_LENGTH, Frame
-from epson_driver.simple_message.layouts import LAYOUT_OF_CLASS, LAYOUT_OF_REPLY, LAYOUT_OF_TYPE
+from epson_driver.simple_message.framer import (
+    HEADER_SIZE,
+    MAX_LENGTH,
+    PREFIX_SIZE,
+    Frame,
+    Framer,
+)
+from epson_driver.simple_message.layouts import (
+    LAYOUT_OF_CLASS,
+    LAYOUT_OF_REPLY,
+    LAYOUT_OF_TYPE,
+    BodyReader,
+    FixedLayout,
+)
 from epson_driver.simple_message.messages import Message, Opaque
 
 
-@dataclass(frozen=True, slots=True)
-class Packet:
+class Packet(NamedTuple):
     """A message and how it is meant. `dialect` is how a received packet was written."""
 
     message: Message
@@ -59,7 +70,10 @@ def encode(packet: Packet, dialect: Dialect) -> bytes:
             rule = f'a frame holds at most {MAX_LENGTH - HEADER_SIZE} bytes of body'
             raise FieldError('body', f'{len(body)} bytes', rule)
     else:
-        body = LAYOUT_OF_CLASS[type(message)].encode(message, dialect)
+        layout = LAYOUT_OF_CLASS[type(message)]
+        if isinstance(layout, FixedLayout):
+            return layout.frame(message, packet.comm_type, packet.reply_code, dialect)
+        body = layout.encode(message, dialect)
     prefix = struct.pack(
         dialect.byte_order.value + '4i',
         HEADER_SIZE + len(body),
@@ -109,3 +123,66 @@ def decode(frame: Frame) -> Packet:
             if comm_type is not CommType.SERVICE_REPLY:
                 raise
     return Packet(message, comm_type, reply_code, Dialect(frame.byte_order, real))
+
+
+class _Header(NamedTuple):
+    """What a header says that was found right once. size: of its frame, with the prefix."""
+
+    size: int
+    comm_type: CommType
+    reply_code: ReplyCode
+    body: BodyReader
+
+
+class PacketFramer(Framer):
+    """A framer that gives out packets.
+
+    A controller sends few different headers, over and over. What one of them says is worked out
+    when it comes for the first time; after that its bytes alone tell how to read what follows.
+    """
+
+    def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:
+        super().__init__(byte_order, max_length)
+        self._headers: dict[bytes, _Header] = {}
+        """By their bytes: some for each layout, and none that were wrong."""
+
+    def next_packet(self) -> Packet | None:
+        """Return the packet of the next whole frame, or None until more bytes have come.
+
+        Raises FrameError as `next_frame` does, and for a frame that is no packet what `decode`
+        raises: then the next call returns the one after it.
+        """
+        buffer, start = self._buffer, self._start
+        if len(buffer) - start < self._needed:
+            return None
+        body = start + _WHOLE_HEADER
+        header = self._headers.get(bytes(buffer[start:body]))
+        if header is None or len(buffer) - start < header[0]:
+            return self._unknown()
+        size, comm_type, reply_code, reader = header
+        self._start = start + size
+        self._needed = PREFIX_SIZE
+        message = reader.read(buffer, body)
+        return _NEW(Packet, (message, comm_type, reply_code, reader.dialect))
+
+    def _unknown(self) -> Packet | None:
+        """Return the next packet, and keep what its header says if that is all there is to it."""
+        frame = self.next_frame()
+        if frame is None:
+            return None
+        packet = decode(frame)
+        layout = LAYOUT_OF_CLASS.get(type(packet.message))
+        if isinstance(layout, FixedLayout):
+            length = HEADER_SIZE + len(frame.body)
+            words = struct.pack(f'{frame.byte_order.value}4i', length, *frame[:3])
+            self._headers[words] = _Header(
+                PREFIX_SIZE + length,
+                packet.comm_type,
+                packet.reply_code,
+                layout.reader(len(frame.body), frame.byte_order),
+            )
+        return packet
+
+
+_NEW = tuple.__new__
+_WHOLE_HEADER = PREFIX_SIZE + HEADER_SIZE

@@ -166,14 +166,14 @@ def test_bytes_that_come_often_enough_are_no_silence():
 def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):
     """A pulled cable ends as ETIMEDOUT, which Python raises as TimeoutError."""
     timed_out = TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
-    read = asyncio.StreamReader.read
+    read = socket.socket.recv_into
     calls = []
 
-    async def fail_once(reader, count=-1):
-        calls.append(count)
+    def fail_once(sock, *args):
+        calls.append(sock)
         if len(calls) == 1:
             raise timed_out
-        return await read(reader, count)
+        return read(sock, *args)
 
     async def scenario():
         async def talk(connection):
@@ -181,11 +181,12 @@ def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):
             await asyncio.Event().wait()  # without reading
 
         async with Peer(talk) as peer:
-            monkeypatch.setattr(asyncio.StreamReader, 'read', fail_once)
+            monkeypatch.setattr(socket.socket, 'recv_into', fail_once)
             async with Harness(peer.port) as harness:  # the motion link has no receive timeout
                 await until(lambda: harness.packets or not harness.running)
                 assert harness.running
                 assert os.strerror(errno.ETIMEDOUT) in harness.reasons('backing_off')[0]
+                await until(lambda: harness.packets)
             monkeypatch.undo()
 
     run(scenario())
@@ -461,6 +462,52 @@ def test_a_link_that_is_asked_to_reconnect_sends_what_was_posted_and_starts_anew
             assert harness.reasons('backing_off') == [f'127.0.0.1:{peer.port}: a reply is missing']
             assert len(peer.received) == 68  # the one point
             assert not answers
+
+    run(scenario())
+
+
+def test_nothing_is_handled_of_what_came_with_the_reason_to_reconnect():
+    async def scenario():
+        async def talk(connection):
+            await connection.send(joints(1.0) + joints(2.0))
+            await connection.stay()
+
+        async with Peer(talk) as peer, Harness(peer.port) as harness:
+            harness.on_packet = lambda _: harness.link.reconnect('enough')
+            await until(lambda: peer.connections == 2)
+            assert greetings(harness)[0] == 1.0
+            assert 2.0 not in greetings(harness)
+            assert harness.reasons('backing_off')[0].endswith('enough')
+
+    run(scenario())
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize('where', ['packet', 'trace', 'turn'])
+def test_inv9_what_the_owner_raises_ends_the_link_and_is_raised(where):
+    """docs/invariants.md, 9: asyncio only logs what a protocol raises."""
+    many = 60 if where == 'turn' else 1
+
+    async def scenario():
+        async def talk(connection):
+            await connection.send(joints(1.0) * many)
+            await connection.stay()
+
+        async with Peer(talk) as peer:
+            harness = Harness(peer.port)
+
+            def fail(*_):
+                if len(harness.packets) == many:
+                    raise LookupError('a mistake')
+
+            if where == 'trace':
+                harness.link.trace = lambda event, _: event is WireEvent.RECEIVED and 1 / 0
+            else:
+                harness.on_packet = fail
+            with pytest.raises((LookupError, ZeroDivisionError)):
+                await harness.link.run()
+            await until(lambda: not peer.busy)
+            assert not harness.link.connected
 
     run(scenario())
 

@@ -8,7 +8,7 @@ import logging
 from support.event_loop import run, stand_still, until
 from support.link_harness import Harness, Peer, frame, joints
 
-from epson_driver.link.link import MAX_FRAMES_PER_TURN
+from epson_driver.link.connection import MAX_FRAMES_PER_TURN
 
 MANY = 1000
 

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from epson_driver.motion import JointLimits, Trajectory, problems
+from epson_driver.motion.trajectory import BLOCK_POINTS
 from epson_driver.robots import load_robot_model
 
 NAMES = ('shoulder', 'elbow', 'wrist')
@@ -123,6 +124,39 @@ def test_invariant_2_each_problem_names_point_joint_value_and_limit(
     changes: list[tuple[str, Any, float]], sentences: list[str]
 ) -> None:
     assert list(problems(trajectory(*changes), LIMITS)) == sentences
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize(
+    'point', [1, BLOCK_POINTS - 1, BLOCK_POINTS, BLOCK_POINTS + 1, 2 * BLOCK_POINTS + 9]
+)
+@pytest.mark.parametrize(
+    ('quantity', 'value', 'words'),
+    [
+        ('positions', NAN, 'positions = nan rad is not finite'),
+        ('positions', 2.5, 'position 2.5 rad is outside'),
+        ('velocities', -9.0, 'velocity -9 rad/s is outside'),
+        ('positions', 1.5, 'rad/s would be needed'),
+    ],
+)
+def test_invariant_2_no_point_of_a_long_trajectory_is_overlooked(
+    point: int, quantity: str, value: float, words: str
+) -> None:
+    """Long ones are looked at in blocks: also at their borders."""
+    count = 2 * BLOCK_POINTS + 10
+    columns = {
+        'times': 0.1 * np.arange(count),
+        'positions': np.zeros((count, 3)),
+        'velocities': np.zeros((count, 3)),
+    }
+    assert list(problems(Trajectory(NAMES, **columns), LIMITS)) == []
+    columns[quantity][point, 1] = value
+    found = list(problems(Trajectory(NAMES, **columns), LIMITS))
+    assert any(words in text for text in found)
+    named = (
+        f'points {point - 1} to {point}, elbow' if 'needed' in words else f'point {point}, elbow'
+    )
+    assert any(text.startswith(named) for text in found)
 
 
 def test_a_trajectory_without_points_is_a_problem() -> None:

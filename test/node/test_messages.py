@@ -55,6 +55,15 @@ def test_a_joint_state_is_filled_anew_for_each_sample():
     assert len(second.velocity) == 2
 
 
+def test_a_status_that_is_said_again_has_the_stamp_of_its_own_time():
+    writer = messages.RobotStatusWriter()
+    for second, status in enumerate(
+        (Status(), Status(in_motion=1), Status(in_motion=1), Status())
+    ):
+        stamp = Time(sec=second)
+        assert writer.write(status, stamp) == messages.robot_status(status, stamp)
+
+
 def test_robot_status_maps_each_field_to_its_own():
     for field, value in product(FIELDS, (-1, 0, 1)):
         fields = dict.fromkeys(FIELDS, 0) | {field: value}

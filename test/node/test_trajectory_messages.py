@@ -104,6 +104,7 @@ def test_a_trajectory_without_points():
             'point 1: 1 velocities for 3 joints',
         ),
         ([point(0, (0, 0, 0), (), (0, 0))], 'point 0: 2 accelerations for 3 joints'),
+        ([*good(1), point(1, (0, 0)), point(2, (0,) * 4)], 'point 1: 2 positions for 3 joints'),
     ],
 )
 def test_arrays_of_the_wrong_length(points, text):

@@ -115,11 +115,12 @@ class Harness:
     def __init__(self, port, **options):
         self.packets = []
         self.changes = []
+        self.on_packet = lambda packet: None
         self.link = Link(
             'test',
             '127.0.0.1',
             port,
-            on_packet=self.packets.append,
+            on_packet=self._take,
             on_state=lambda state, why: self.changes.append((state, why)),
             **options,
         )
@@ -130,6 +131,10 @@ class Harness:
 
     async def __aexit__(self, *_):
         await self.stop()
+
+    def _take(self, packet):
+        self.packets.append(packet)
+        self.on_packet(packet)
 
     async def stop(self):
         self._task.cancel()

@@ -10,7 +10,7 @@ same for all deliveries, and so are STOP and the end of a goal:
 * Motoman (motoman_delivery.py): as streaming, in Motoman's messages.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -47,11 +47,13 @@ class DeliveryRules:
 class PreparedTrajectory:
     """A trajectory as it is executed, and its messages, in the order in which they are posted.
 
+    They may be made only when they are asked for (lazy_points.py).
+
     delay: how long after the first of them the controller lets the arm stand before it moves, s.
     """
 
     trajectory: Trajectory
-    messages: list[Message]
+    messages: Sequence[Message]
     delay: float = 0.0
 
 

@@ -5,6 +5,7 @@
 from dataclasses import replace
 
 from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.lazy_points import LazyPoints
 from epson_driver.driver.delivery.trajectory_points import (
     from_standing,
     full_points,
@@ -16,7 +17,7 @@ from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.simple_message import Message
+from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
 
 
 class Streaming:
@@ -40,15 +41,20 @@ class Streaming:
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one message for each point of the trajectory."""
-        points = trajectory_points(
-            trajectory,
-            start,
-            self._limits,
-            self._mapping,
-            self._rules.velocity_unit,
-            self._rules.uses,
-        )
-        return PreparedTrajectory(trajectory, list(points))
+
+        def make(first: int, end: int) -> list[JointTrajPt]:
+            return trajectory_points(
+                trajectory,
+                start,
+                self._limits,
+                self._mapping,
+                self._rules.velocity_unit,
+                self._rules.uses,
+                first=first,
+                end=end,
+            )
+
+        return PreparedTrajectory(trajectory, LazyPoints(len(trajectory.times), make))
 
     def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
         """Return it as JOINT_SETPOINT, or as a point of one long trajectory."""
@@ -79,8 +85,11 @@ class FullStreaming(Streaming):
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return a point where the arm stands, and one for each that follows."""
         executed = with_velocities(from_standing(trajectory, start, self._limits))
-        points = full_points(executed, self._limits, self._mapping)
-        return PreparedTrajectory(executed, list(points))
+
+        def make(first: int, end: int) -> list[JointTrajPtFull]:
+            return full_points(executed, self._limits, self._mapping, first=first, end=end)
+
+        return PreparedTrajectory(executed, LazyPoints(len(executed.times), make))
 
     def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
         """Raise GoalRejectedError: what interpolates by times stops dead if one comes late."""

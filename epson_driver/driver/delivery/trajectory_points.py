@@ -46,8 +46,13 @@ def trajectory_points(
     mapping: JointMapping | None = None,
     velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
     uses: FieldsUsed = FieldsUsed.BOTH,
+    *,
+    first: int = 0,
+    end: int | None = None,
 ) -> list[JointTrajPt]:
     """Return the messages that stream a checked trajectory from `start` (shape (n,), rad).
+
+    Those of the points `first` to `end` - 1; of all, if nothing is said.
 
     `velocity` is the largest that the plan uses in the segment, from its mean speed and the
     velocities at both ends: the arm is never asked to be faster than planned. It is a fraction of
@@ -60,42 +65,51 @@ def trajectory_points(
     which its profile calls unused is not asked to be faster than planned either.
     """
     mapping = mapping or unmapped(len(start))
-    steps = mapping.velocities_to_controller(
-        np.diff(trajectory.positions, axis=0, prepend=start[None, :])
+    rows, times = trajectory.positions[first:end], trajectory.times[first:end]
+    before, since = (
+        (trajectory.positions[first - 1], trajectory.times[first - 1]) if first else (start, 0.0)
     )
-    durations = np.diff(trajectory.times, prepend=0.0)
+    steps = mapping.velocities_to_controller(np.diff(rows, axis=0, prepend=before[None, :]))
+    durations = np.diff(times, prepend=since)
     timed = np.maximum(durations, MIN_DURATION_S)
     speeds = np.abs(steps) / timed[:, None]
     if trajectory.velocities is not None and uses is not FieldsUsed.VELOCITY:
-        ends = np.abs(mapping.velocities_to_controller(trajectory.velocities))
-        speeds = np.maximum(speeds, ends)
-        speeds[1:] = np.maximum(speeds[1:], ends[:-1])
-    if durations[0] == 0.0:
+        from_row = max(first - 1, 0)  # the velocity at the beginning of the first segment, too
+        ends = np.abs(mapping.velocities_to_controller(trajectory.velocities[from_row:end]))
+        begins = ends if first else np.vstack([np.zeros_like(ends[:1]), ends])
+        speeds = np.maximum(np.maximum(speeds, ends[-len(rows) :]), begins[: len(rows)])
+    untimed = first == 0 and durations[0] == 0.0
+    if untimed:
         way = float(np.max(np.abs(steps[0]) / limits.velocity))
         timed[0] = max(way / FIRST_POINT_VELOCITY_FRACTION, MIN_DURATION_S)
     if velocity_unit is VelocityUnit.FRACTION:
         velocities, largest = np.max(speeds / limits.velocity, axis=1), 1.0
-        if durations[0] == 0.0:
+        if untimed:
             velocities[0] = FIRST_POINT_VELOCITY_FRACTION
     else:
         velocities, largest = np.max(speeds, axis=1), float(limits.velocity.max())
-        if durations[0] == 0.0:
+        if untimed:
             velocities[0] = float(np.max(np.abs(steps[0]))) / timed[0]
     velocities = np.clip(velocities, MIN_VELOCITY, largest)
-    rows = zip(
-        _to_wire(trajectory.positions, limits, mapping).tolist(),
+    values = zip(
+        _to_wire(rows, limits, mapping).tolist(),
         velocities.tolist(),
         timed.tolist(),
         strict=True,
     )
     return [
         JointTrajPt(sequence, joint_data(point), velocity, duration)
-        for sequence, (point, velocity, duration) in enumerate(rows)
+        for sequence, (point, velocity, duration) in enumerate(values, first)
     ]
 
 
 def full_points(
-    trajectory: Trajectory, limits: JointLimits, mapping: JointMapping | None = None
+    trajectory: Trajectory,
+    limits: JointLimits,
+    mapping: JointMapping | None = None,
+    *,
+    first: int = 0,
+    end: int | None = None,
 ) -> list[JointTrajPtFull]:
     """Return the same as JOINT_TRAJ_PT_FULL: time from the start, positions and velocities.
 
@@ -105,10 +119,11 @@ def full_points(
     if trajectory.velocities is None:
         raise ValueError('the trajectory has no velocities')
     mapping = mapping or unmapped(trajectory.positions.shape[1])
-    velocities = np.clip(trajectory.velocities, -limits.velocity, limits.velocity)
+    some = slice(first, end)
+    velocities = np.clip(trajectory.velocities[some], -limits.velocity, limits.velocity)
     rows = zip(
-        trajectory.times.tolist(),
-        _to_wire(trajectory.positions, limits, mapping).tolist(),
+        trajectory.times[some].tolist(),
+        _to_wire(trajectory.positions[some], limits, mapping).tolist(),
         mapping.velocities_to_controller(velocities).tolist(),
         strict=True,
     )
@@ -121,7 +136,7 @@ def full_points(
             joint_data(positions),
             joint_data(point_velocities),
         )
-        for sequence, (time, positions, point_velocities) in enumerate(rows)
+        for sequence, (time, positions, point_velocities) in enumerate(rows, first)
     ]
 
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether an arm that stands has arrived at its goal."""
 
+from functools import cached_property
+
 import numpy as np
 
 from epson_driver.driver.goal.goal import Goal
@@ -13,8 +15,12 @@ class Arrival:
 
     def __init__(self, goal: Goal) -> None:
         self._goal = goal
-        self._min_excursion = _min_excursion(goal)
         self._left = False
+
+    @cached_property
+    def _min_excursion(self) -> float:
+        """See `_min_excursion`. It looks at every point: not before the first one is sent."""
+        return _min_excursion(self._goal)
 
     def see(self, positions: Array) -> Array:
         """Take measured positions, shape (n,), rad; return how far they are from the end."""
@@ -44,6 +50,8 @@ def _min_excursion(goal: Goal) -> float:
 
     On a path that ends where it began, an arm that has not moved yet is at the goal, too.
     """
-    excursion = float(np.abs(goal.trajectory.positions - goal.trajectory.positions[-1]).max())
+    positions = goal.trajectory.positions
+    last = positions[-1]
+    excursion = float(np.maximum(positions.max(axis=0) - last, last - positions.min(axis=0)).max())
     finite = goal.goal_tolerance[np.isfinite(goal.goal_tolerance)]
     return excursion / 2 if excursion > 2 * float(finite.max(initial=0.0)) else 0.0

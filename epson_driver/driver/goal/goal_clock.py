@@ -28,23 +28,28 @@ class Reference:
     """
 
     def __init__(self, trajectory: Trajectory, start: Array) -> None:
-        times, positions = trajectory.times, trajectory.positions
-        velocities, accelerations = trajectory.velocities, trajectory.accelerations
-        if times[0] > 0.0:
-            rest = np.zeros_like(start)
-            times = np.concatenate([[0.0], times])
-            positions = np.vstack([start, positions])
-            velocities = None if velocities is None else np.vstack([rest, velocities])
-            accelerations = None if accelerations is None else np.vstack([rest, accelerations])
-        self._last = positions[-1]
-        self._end = float(times[-1])
-        self._interpolation = Interpolation(times, positions, velocities, accelerations)
+        parts = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+        self._last = trajectory.positions[-1]
+        self._end = trajectory.duration
+        self._begin = float(trajectory.times[0])
+        rest = np.zeros_like(start)
+        self._first = Interpolation(
+            np.array([0.0, self._begin]),
+            *(
+                None if part is None else np.stack([before, part[0]])
+                for before, part in zip((start, rest, rest), parts, strict=True)
+            ),
+        )
+        """From where the arm stands to the first point, if that has a time."""
+        self._interpolation = Interpolation(trajectory.times, *parts)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return positions and velocities, shape (n,), rad and rad/s, at `time` s."""
         if time >= self._end:
             return self._last, np.zeros_like(self._last)
-        positions, velocities, _ = self._interpolation.at(max(time, 0.0))
+        time = max(time, 0.0)
+        part = self._first if time < self._begin else self._interpolation
+        positions, velocities, _ = part.at(time)
         return positions, velocities
 
 

@@ -9,7 +9,7 @@ callable it was given.
 """
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -158,7 +158,7 @@ class GoalExecution:
     def start(
         self,
         trajectory: Trajectory,
-        points: list[Message],
+        points: Sequence[Message],
         now: float,
         at: Array | None = None,
         begin_within: float = 0.0,

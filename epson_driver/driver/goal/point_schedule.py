@@ -24,7 +24,7 @@ class PointSchedule:
     def __init__(
         self,
         trajectory: Trajectory,
-        messages: list[Message],
+        messages: Sequence[Message],
         start: Array,
         scaling: SpeedScaling,
         begins_by: float,

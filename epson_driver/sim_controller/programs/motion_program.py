@@ -28,7 +28,6 @@ The rules (REP-I0006 where it says something, the thesis' program otherwise):
 What a profile's `ProgramProfile` changes in these rules stands there.
 """
 
-import dataclasses
 import logging
 from collections.abc import Callable
 
@@ -444,5 +443,5 @@ class MotionProgram:
 
     def _send(self, packet: Packet) -> None:
         if packet.reply_code is ReplyCode.FAILURE and not self._profile.failure_replies:
-            packet = dataclasses.replace(packet, reply_code=ReplyCode.SUCCESS)
+            packet = packet._replace(reply_code=ReplyCode.SUCCESS)
         self._send_packet(packet)

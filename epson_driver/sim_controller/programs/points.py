@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a JOINT_TRAJ_PT must be before the arm moves for it."""
 
-import dataclasses
-
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
@@ -62,7 +60,7 @@ def taken_for_point(frame: Frame, accepts: str, size: int) -> Frame | None:
         point, request = MessageType.JOINT_TRAJ_PT, CommType.SERVICE_REQUEST
         return Frame(point, request, ReplyCode.INVALID, body, frame.byte_order)
     if accepts == 'longer' and frame.msg_type == MessageType.JOINT_TRAJ_PT:
-        return dataclasses.replace(frame, body=frame.body[:size])
+        return frame._replace(body=frame.body[:size])
     return frame
 
 

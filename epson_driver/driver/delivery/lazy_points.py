@@ -1,0 +1,50 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a trajectory that are made when they are about to be sent.
+
+However many there are, the first one is there at once, and only some are in memory.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar, overload
+
+from epson_driver.simple_message import Message
+
+BLOCK_POINTS = 64
+"""So many are made at a time: enough for numpy, few enough for the first one."""
+
+M = TypeVar('M', bound=Message)
+
+
+class LazyPoints(Sequence[M]):
+    """`count` messages; `make(first, end)` returns those of points `first` to `end` - 1."""
+
+    def __init__(self, count: int, make: Callable[[int, int], Sequence[M]]) -> None:
+        self._count = count
+        self._make = make
+        self._first = 0
+        self._made: Sequence[M] = ()
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> M: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[M]: ...
+
+    def __getitem__(self, index: int | slice) -> M | Sequence[M]:
+        """Return one of them, or some, which are then all made."""
+        if isinstance(index, slice):
+            return [self[each] for each in range(*index.indices(self._count))]
+        if not -self._count <= index < self._count:
+            raise IndexError(index)
+        index %= self._count
+        at = index - self._first
+        if not 0 <= at < len(self._made):
+            self._first = index - index % BLOCK_POINTS
+            self._made = self._make(self._first, min(self._first + BLOCK_POINTS, self._count))
+            at = index - self._first
+        return self._made[at]

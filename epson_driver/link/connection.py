@@ -1,0 +1,199 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One TCP connection: what is received becomes packets, until it ends for a reason.
+
+A protocol, not a stream: what was read is handled in the same turn of the event loop, so that
+nothing waits for a task to be woken.
+"""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from epson_driver.link.silence import READING_TURNS, Silence
+from epson_driver.link.wire_events import WireEvent
+from epson_driver.simple_message import (
+    ByteOrder,
+    FrameError,
+    Packet,
+    PacketFramer,
+    SimpleMessageError,
+)
+
+READ_SIZE_BYTES = 65536
+MAX_FRAMES_PER_TURN = 50
+"""Frames that are handled before others in the event loop have their turn: a controller that sends
+without a pause must not keep another robot of this process waiting."""
+
+
+@dataclass(frozen=True)
+class Receivers:
+    """Who is told what, in the event loop.
+
+    data: the bytes of each read, before anything is made of them; packet: each packet; bad_frame:
+    each frame that is none, the connection goes on unless it is a FrameError; event: what else
+    happens. What they raise ends the connection, and `Connection.ended` raises it.
+    """
+
+    data: Callable[[bytes], None]
+    packet: Callable[[Packet], None]
+    bad_frame: Callable[[SimpleMessageError], None]
+    event: Callable[[WireEvent], None]
+
+
+class Connection(asyncio.BufferedProtocol):
+    """Make it in the event loop; nothing is read before `begin`.
+
+    `receive_timeout`: s of silence after which it ends (see Silence); None: never.
+    """
+
+    transport: asyncio.Transport
+
+    def __init__(
+        self, receivers: Receivers, byte_order: ByteOrder | None, receive_timeout: float | None
+    ) -> None:
+        self.framer = PacketFramer(byte_order)
+        self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        """Why it ended, as a sentence."""
+        self._loop = asyncio.get_running_loop()
+        self._receivers = receivers
+        self._buffer = memoryview(bytearray(READ_SIZE_BYTES))
+        self._silence = None if receive_timeout is None else Silence(receive_timeout)
+        self._timer: asyncio.Handle | None = None
+        self._why: str | None = None
+
+    def begin(self) -> None:
+        """Receive from now on."""
+        if self._silence is not None:
+            self._timer = self._loop.call_later(self._silence.slice, self._look, READING_TURNS)
+        self.transport.resume_reading()
+
+    def end(self, why: str) -> None:
+        """End it now: nothing more is handled of what was received."""
+        self._finish(why)
+        self.transport.close()
+
+    def close(self, why: str) -> None:
+        """End it as soon as what was sent is on its way; nothing more is handled."""
+        self._why = why
+        self.transport.close()
+
+    def abort(self, why: str) -> None:
+        """End it now; what was not sent is lost."""
+        self._finish(why)
+        self.transport.abort()
+
+    # --- as a protocol ----------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Wait for `begin`."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - for the type checker
+        self.transport = transport
+        transport.pause_reading()
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Return where to put what is read."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Handle what was read."""
+        data = bytes(self._buffer[:nbytes])
+        try:
+            self._receivers.data(data)
+        except Exception as error:  # noqa: BLE001 - `ended` raises it
+            self._fail(error)
+            return
+        self.framer.receive_data(data)
+        self._handle()
+
+    def eof_received(self) -> None:
+        """Take note that the controller has closed it."""
+        self._close_of_controller()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Say why it ended, if that is not known."""
+        if self.ended.done():
+            return
+        if self._why is not None:
+            self._finish(self._why)
+        elif exc is None:
+            self._close_of_controller()
+        else:
+            if isinstance(exc, ConnectionResetError):
+                self._receivers.event(WireEvent.RESET)
+            self._finish(str(exc))
+
+    # ----------------------------------------------------------------------------------------
+
+    def _handle(self) -> None:
+        """Handle what there is of frames, and let others have their turn between many."""
+        if self.transport.is_closing():
+            return
+        if self._silence is not None:
+            self._silence.heard()
+        try:
+            all_handled = self._handle_some()
+        except Exception as error:  # noqa: BLE001 - `ended` raises it
+            self._fail(error)
+            return
+        if self.transport.is_closing():
+            return
+        if not all_handled:
+            self.transport.pause_reading()
+            self._loop.call_soon(self._handle)
+        elif not self.transport.is_reading():
+            self.transport.resume_reading()
+
+    def _handle_some(self) -> bool:
+        """Handle a turn's frames; return whether those were all."""
+        next_packet, take = self.framer.next_packet, self._receivers.packet
+        closing = self.transport.is_closing
+        for _ in range(MAX_FRAMES_PER_TURN):
+            try:
+                packet = next_packet()
+            except FrameError as error:
+                self._receivers.bad_frame(error)
+                self.end(str(error))
+                return True
+            except SimpleMessageError as error:
+                self._receivers.bad_frame(error)
+                continue
+            if packet is None:
+                return True
+            take(packet)
+            if closing():  # what was taken has closed it
+                return True
+        return False
+
+    def _close_of_controller(self) -> None:
+        if self._why is None and not self.ended.done():
+            self._receivers.event(WireEvent.ENDED)
+            self._finish('closed by the controller')
+
+    def _look(self, turns: int) -> None:
+        """Look after a slice whether nothing came, once what waits in the socket has been read."""
+        silence = self._silence
+        if silence is None or self.transport.is_closing():
+            return
+        if turns and not silence.broken:
+            self._timer = self._loop.call_soon(self._look, turns - 1)
+        elif silence.passed():
+            self.end(f'silent for {silence.patience:g} s')
+        else:
+            self._timer = self._loop.call_later(silence.slice, self._look, READING_TURNS)
+
+    def _fail(self, error: Exception) -> None:
+        if not self.ended.done():
+            self.ended.set_exception(error)
+        self._stop_looking()
+        self.transport.abort()
+
+    def _finish(self, why: str) -> None:
+        if not self.ended.done():
+            self.ended.set_result(why)
+        self._stop_looking()
+
+    def _stop_looking(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
