@@ -21,6 +21,7 @@ NAMES = (
     'demo',
     'doctor',
     'exercise',
+    'fleet',
     'jog',
     'panel',
     'pendant',
