@@ -22,7 +22,7 @@ from epson_driver.bringup.description import (
     semantic_description,
 )
 from epson_driver.bringup.moveit import move_group_parameters, rviz_parameters
-from epson_driver.bringup.several import EACH, several_robots
+from epson_driver.bringup.several import EACH, fleet_robots, several_robots
 
 __all__ = [
     'DEFAULT_MODEL',
@@ -33,6 +33,7 @@ __all__ = [
     'client_parameters',
     'controller_arguments',
     'effective',
+    'fleet_robots',
     'launch_arguments',
     'misspelled_arguments',
     'model_argument',

@@ -109,6 +109,12 @@ TABLE = (
         '127.0.0.1,127.0.0.2',
         'One address per robot, in the order of namespaces, separated by commas.',
     ),
+    Argument(
+        'robots',
+        '',
+        'Which robots of params_file this machine drives: their namespaces, separated by commas. '
+        'Empty: all of them.',
+    ),
 )
 
 _ROWS = {row.name: row for row in TABLE}

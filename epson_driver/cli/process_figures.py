@@ -5,23 +5,22 @@
 import os
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 TICK_S = 1.0 / os.sysconf('SC_CLK_TCK')
 
 _PSS = re.compile(r'(?m)^Pss:\s+(\d+) kB$')
 
 
-class Use(NamedTuple):
+@dataclass(frozen=True)
+class Use:
     """CPU time so far, s, and memory, bytes; what processes share counts in equal parts."""
 
     cpu_s: float
     memory_bytes: int
 
-    def __add__(self, other: object) -> 'Use':
-        if not isinstance(other, Use):
-            return NotImplemented
+    def __add__(self, other: 'Use') -> 'Use':
         return Use(self.cpu_s + other.cpu_s, self.memory_bytes + other.memory_bytes)
 
 
