@@ -145,7 +145,7 @@ clean:
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The steps of the installation, each with a stamp. install.py prints the progress.
-$(VENV)/.runtime: requirements/runtime.txt requirements/constraints.txt
+$(VENV)/.runtime: requirements/runtime.txt requirements/constraints.txt requirements/hashes.txt
 	@command -v $(PYTHON) >/dev/null || { echo "no $(PYTHON): Python 3.11 or newer is needed (make PYTHON=...)" >&2; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "$(PYTHON) is too old: Python 3.11 or newer is needed (make PYTHON=...)" >&2; exit 1; }

@@ -51,7 +51,7 @@ class Sight:
     def __init__(
         self, host: Sequence[str], names: Sequence[str], environment: dict[str, str], *words: str
     ) -> None:
-        self._names = set(names)
+        self._names = tuple(names)
         self._process = subprocess.Popen(
             [*host, *OBSERVER, *names, *words],
             stdin=subprocess.DEVNULL,
@@ -60,16 +60,18 @@ class Sight:
             env=environment,
         )
         self._lines: SimpleQueue[list[str]] = SimpleQueue()
+        self.said: list[tuple[str, str]] = []
+        """What it has said of which robot, as far as somebody has waited for it."""
         self.created = 0.0
         """When it became a participant, s."""
         Thread(target=self._read, daemon=True).start()
 
-    def wait_for(self, what: str) -> float:
-        """Wait until it has said this of every robot since it was last asked; return when.
+    def wait_for(self, what: str, *names: str) -> float:
+        """Wait until it has said this of these robots, or of all, since then; return when, s.
 
         Raises TimeoutError that names those of which it did not.
         """
-        left = set(self._names)
+        left = set(names or self._names)
         until = time.monotonic() + PATIENCE_S
         last = self.created
         while left:
@@ -79,7 +81,9 @@ class Sight:
                 raise TimeoutError(f'{what}: not said of {", ".join(sorted(left))}') from None
             if words[0] == 'created':
                 self.created = float(words[1])
-            elif words[0] == what:
+                continue
+            self.said.append((words[0], words[1]))
+            if words[0] == what and words[1] in left:
                 left.discard(words[1])
                 last = float(words[2])
         return last

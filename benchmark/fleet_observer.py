@@ -7,7 +7,7 @@ It prints a line for each thing it sees, with the time (CLOCK_MONOTONIC, s), unt
 * `created TIME`: it begins to be a participant of DDS;
 * `seen NAME TIME`: the first message of that robot's driver has come;
 * with --states `heard NAME TIME`, `silent NAME TIME`: joint states come (again); none came for a
-  while.
+  while; `gone NAME TIME`: DDS has given that robot up.
 """
 
 import argparse
@@ -30,7 +30,9 @@ class Observer:
     """Subscribes to what each robot keeps for those who come late, and to its joint states."""
 
     def __init__(self, node: Node, names: list[str], *, states: bool) -> None:
+        self._node = node
         self._seen: set[str] = set()
+        self._silent: set[str] = set()
         self._last: dict[str, float] = {}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for name in names:
@@ -47,7 +49,12 @@ class Observer:
         for name, last in list(self._last.items()):
             if now - last > SILENCE_S:
                 del self._last[name]
+                self._silent.add(name)
                 tell('silent', name)
+        for name in list(self._silent):
+            if not self._node.count_publishers(f'/{name}/joint_states'):
+                self._silent.discard(name)
+                tell('gone', name)
 
     def _on_link(self, name: str, _message: Any) -> None:
         if name not in self._seen:
@@ -56,6 +63,7 @@ class Observer:
 
     def _on_state(self, name: str, _message: Any) -> None:
         if name not in self._last:
+            self._silent.discard(name)
             tell('heard', name)
         self._last[name] = time.monotonic()
 

@@ -73,9 +73,9 @@ def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
     names = _words(values['robots']) if values['robots'] else there
     lacking = [name for name in names if name not in there]
     if lacking or not names:
-        which = f'{lacking[0]} in {path}' if lacking else f'a robot in {path}'
+        which = lacking[0] if lacking else 'robot'
         raise BringupError(
-            f'launch argument robots: there is no {which}, whose robots are '
+            f'launch argument robots: there is no {which} in {path}; its robots are '
             f'{", ".join(there) or "none"} (a section /NAME/{NODE_NAME} for each)'
         )
     given = dict.fromkeys(EACH, '') | {'origin_xyz': '0 0 0', 'origin_rpy': '0 0 0'}

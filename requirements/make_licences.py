@@ -1,0 +1,148 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Writes docs/licences.md: the licence of every Python package in constraints.txt.
+
+Run it after a change there (`make licences`, which installs all of them first). A licence is what
+the installed package says of itself: License-Expression, else the classifiers, else License, else
+the package.xml that comes with packages of ROS. Tests compare the page with what is installed.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from email.message import Message
+from importlib.metadata import Distribution, distributions
+from pathlib import Path
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).resolve().parents[1]
+CONSTRAINTS, PAGE = ROOT / 'requirements' / 'constraints.txt', ROOT / 'docs' / 'licences.md'
+NOT_STATED = 'not stated'
+MAX_LENGTH = 60
+"""Of a License field that is a name; longer ones are a whole licence."""
+
+HEAD = """\
+# Licences of what is installed
+
+epson_driver is under the Apache License 2.0. These are the licences of the Python packages that `make` installs, in the
+versions of `requirements/constraints.txt`, as each package states them. Running the driver needs those marked **run**
+and what they depend on; the others are for tests, docs and benchmarks. Written by `make licences`; a test compares it
+with what is installed.
+
+"""
+
+WORDS = {
+    'MIT License': 'MIT',
+    'The MIT License (MIT)': 'MIT',
+    'Apache License 2.0': 'Apache-2.0',
+    'Apache 2.0': 'Apache-2.0',
+    'Apache Software License': 'Apache-2.0',
+    'Apache License, Version 2.0': 'Apache-2.0',
+    'BSD': 'BSD',
+    'BSD License': 'BSD',
+    '3-Clause BSD License': 'BSD-3-Clause',
+    'BSD 3-Clause License': 'BSD-3-Clause',
+    'Mozilla Public License 2.0 (MPL 2.0)': 'MPL-2.0',
+    'ISC License (ISCL)': 'ISC',
+    'Python Software Foundation License': 'PSF-2.0',
+}
+"""Other names for the same licence."""
+
+
+def canonical(name: str) -> str:
+    """Return the name by which a package is the same in every spelling."""
+    return re.sub(r'[-_.]+', '-', name).lower()
+
+
+def pinned() -> dict[str, tuple[str, str]]:
+    """Return name and version of each package in the constraints, by its canonical name."""
+    text = CONSTRAINTS.read_text(encoding='utf-8')
+    found = re.findall(r'(?m)^([\w.-]+)==(\S+)', text)
+    return {canonical(name): (name, version) for name, version in found}
+
+
+def licence(package: Distribution) -> str:
+    """Return what an installed package says that its licence is."""
+    about = package.metadata
+    assert isinstance(about, Message)
+    stated = list(_stated(about)) or sorted(_of_manifests(package))
+    names = [WORDS.get(name, name) for name in stated if name not in ('', 'UNKNOWN')]
+    return ', '.join(dict.fromkeys(names)) or NOT_STATED
+
+
+def _stated(about: Message) -> Iterator[str]:
+    expression = about.get('License-Expression')
+    if expression:
+        yield str(expression)
+        return
+    classifiers = [str(each) for each in about.get_all('Classifier', [])]
+    found = [each.split(' :: ')[-1] for each in classifiers if each.startswith('License :: ')]
+    found = [each for each in found if each not in ('OSI Approved', 'Other/Proprietary License')]
+    if found:
+        yield from found
+        return
+    field = str(about.get('License', '')).strip().strip('"%')
+    if field and '\n' not in field and len(field) <= MAX_LENGTH and field.isprintable():
+        yield field
+
+
+def _of_manifests(package: Distribution) -> set[str]:
+    """Return the licences in the package.xml files that came with a package."""
+    found = set()
+    for file in package.files or ():
+        path = Path(str(package.locate_file(file)))
+        if path.name == 'package.xml' and path.is_file():
+            root = ElementTree.parse(path).getroot()  # noqa: S314 - of an installed package
+            found |= {str(each.text).strip() for each in root.findall('license') if each.text}
+    return found
+
+
+def installed() -> dict[str, tuple[str, str]]:
+    """Return version and licence of each pinned package that is here, by its canonical name."""
+    wanted = pinned()
+    found = {}
+    for package in distributions():
+        name = canonical(package.metadata['Name'])
+        if name in wanted and package.version == wanted[name][1]:
+            found[name] = (package.version, licence(package))
+    return found
+
+
+def listed(text: str) -> dict[str, tuple[str, str]]:
+    """Return version and licence of each package that a page lists, by its canonical name."""
+    rows = re.findall(r'(?m)^\| ([\w.-]+) \| (\S+) \| (.+?) \| .*\|$', text)
+    return {canonical(name): (version, words) for name, version, words in rows}
+
+
+def run_names() -> set[str]:
+    """Return the packages that the driver itself asks for, by their canonical names."""
+    text = (ROOT / 'requirements' / 'runtime.txt').read_text(encoding='utf-8')
+    return {canonical(name) for name in re.findall(r'(?m)^([A-Za-z][\w.-]*)', text)}
+
+
+def page(known: dict[str, tuple[str, str]]) -> str:
+    """Return the page for these packages."""
+    rows = []
+    for name, (shown, version) in sorted(pinned().items()):
+        words = known[name][1] if known.get(name, ('',))[0] == version else NOT_STATED
+        mark = '**run**' if name in run_names() else ''
+        rows.append(f'| {shown} | {version} | {words.replace("|", "/")} | {mark} |\n')
+    return f'{HEAD}| package | version | licence | |\n|---|---|---|---|\n{"".join(rows)}'
+
+
+def main() -> int:
+    """Write the page; what is not installed here stays as it is listed."""
+    before = listed(PAGE.read_text(encoding='utf-8')) if PAGE.is_file() else {}
+    known = before | installed()
+    unknown = [f'{n}=={v}' for k, (n, v) in pinned().items() if known.get(k, ('',))[0] != v]
+    if unknown:
+        print(f'not installed, and not listed: {", ".join(unknown)}', file=sys.stderr)
+        return 1
+    PAGE.write_text(page(known), encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
