@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robots of a fleet that one parameters file names, or those of them that are this machine's.
 
-A driver for each, in a process of its own and in its namespace.
+A driver for each, in a process of its own and in its namespace: if one ends, the others go on.
 """
 
 from pathlib import Path
@@ -37,7 +37,7 @@ def generate_launch_description():
 def robots(context: LaunchContext):
     """Return a group for each robot, which scopes its arguments."""
     values = dict(context.launch_configurations)
-    shared = {name: values[name] for name in SHARED}
+    shared = {name: values[name] for name in SHARED} | {'shutdown_on_exit': 'false'}
     path = Path(__file__).with_name('robot_interface.launch.py')
     return [
         GroupAction(

@@ -100,6 +100,12 @@ TABLE = (
     ),
     Argument('origin_xyz', '0 0 0', 'Where base_link is in parent: x y z [m].'),
     Argument('origin_rpy', '0 0 0', 'How base_link is turned in parent: roll pitch yaw [rad].'),
+    Argument(
+        'shutdown_on_exit',
+        'true',
+        'End the launch when the client or the simulated controller ends.',
+        SWITCH,
+    ),
     Argument('panel', 'false', 'Start the browser panel as well.', SWITCH),
     Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
     Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),

@@ -80,7 +80,7 @@ def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
         )
     given = dict.fromkeys(EACH, '') | {'origin_xyz': '0 0 0', 'origin_rpy': '0 0 0'}
     lists = {'namespaces': ','.join(names), 'robot_ips': ',' * (len(names) - 1)}
-    return several_robots(given | lists | {'params_file': path})
+    return [robot | {'params_file': path} for robot in several_robots(given | lists)]
 
 
 def _words(text: str) -> list[str]:

@@ -331,6 +331,7 @@ def test_a_fleet_is_what_its_file_names(
     clients = nodes(context, 'client')
     assert [each.namespace for each in clients] == expected
     assert all(each.files == [Path(file)] for each in clients)
+    assert {each.on_exit for each in context.started} == {None}  # the others go on
     last = clients[-1].parameters
     assert last['joint_names'] == [f'robot_2_joint_{number}' for number in range(1, 5)]
     assert 'robot_ip' not in last  # the file has it
