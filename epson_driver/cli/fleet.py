@@ -162,15 +162,16 @@ def _show(fleet: Fleet, watch: Watch, seconds: float | None, console: Console) -
     """
     until = None if seconds is None else time.monotonic() + seconds
     first = True
-    with Live(console=console, auto_refresh=False, transient=True) as live:
+    terminal = console.is_terminal
+    with Live(console=console, auto_refresh=False, transient=not terminal) as live:
         while True:
             rows, others = _window(fleet, watch)
             shown = table(rows, others)
             done = until is not None and time.monotonic() >= until
-            if done or (first and not console.is_terminal):
-                console.print(shown)
-            elif console.is_terminal:
+            if terminal:
                 live.update(shown, refresh=True)
+            elif first or done:
+                console.print(shown)
             if done:
                 return 0 if all(is_up(row) for row in rows) else 1
             first = False

@@ -3,13 +3,16 @@
 """The processes of a simulated fleet: controllers, drivers, and a discovery server for them."""
 
 import os
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from epson_driver.cli import processes
 from epson_driver.cli.discovery_server import VARIABLE, discovery_server, free_port
+from epson_driver.cli.interrupt import interrupts_held
 from epson_driver.cli.processes import Process
 
 ADDRESS = '127.0.0.1'
@@ -59,27 +62,31 @@ def running_fleet(
         'ROS_DOMAIN_ID': str(domain),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }
-    with ExitStack() as stack:
+    running: list[Process] = []
+
+    def start(make: Callable[[], Process]) -> Process:
+        with interrupts_held((signal.SIGINT, signal.SIGTERM)):
+            running.insert(0, make())  # the last are told first: drivers stop their arms
+        return running[0]
+
+    try:
         discovery = None
+        os.environ.pop(VARIABLE, None)
         if server:
             port = free_port(ADDRESS)
-            discovery = discovery_server(folder / 'discovery_server.log', ADDRESS, port)
-            stack.callback(discovery.end)
+            log = folder / 'discovery_server.log'
+            discovery = start(partial(discovery_server, log, ADDRESS, port))
             environment[VARIABLE] = f'{ADDRESS}:{port}'
-        else:
-            os.environ.pop(VARIABLE, None)
         os.environ.update(environment)  # for the drivers, and for the nodes of this process
-        started: list[Process] = []
-        stack.callback(processes.end_together, started)
-        controllers = {}
-        for name in names:
-            controllers[name] = processes.sim_controller(folder / f'controller_{name}.log')
-            started.append(controllers[name])
+        controllers = {
+            name: start(partial(processes.sim_controller, folder / f'controller_{name}.log'))
+            for name in names
+        }
         ports = {name: controller.ports() for name, controller in controllers.items()}
         drivers: dict[str, Process] = {}
         for group in [names] if together else [(name,) for name in names]:
-            log = folder / f'client_{group[0]}.log'
-            driver = processes.clients(log, {name: ports[name] for name in group}, domain)
-            started.insert(0, driver)  # drivers are told first, and stop their arms
-            drivers |= dict.fromkeys(group, driver)
+            own, log = {name: ports[name] for name in group}, folder / f'client_{group[0]}.log'
+            drivers |= dict.fromkeys(group, start(partial(processes.clients, log, own, domain)))
         yield Fleet(controllers, drivers, discovery, environment)
+    finally:
+        processes.end_together(running)

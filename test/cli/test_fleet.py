@@ -20,6 +20,7 @@ from support.interrupts import obey_interrupts
 from epson_driver.cli import discovery_server, process_figures, processes
 from epson_driver.cli.fleet import Row, is_up, table
 from epson_driver.cli.fleet_watch import Seen
+from epson_driver.cli.interrupt import interrupts_held
 from epson_driver.cli.process_figures import NOTHING, Use
 from epson_driver.cli.processes import RunError
 
@@ -115,6 +116,15 @@ def test_those_who_end_together_are_told_before_one_is_waited_for() -> None:
 
     processes.end_together([Ending('a'), Ending('b')])  # type: ignore[list-item]
     assert told == [('a', signal.SIGINT), ('b', signal.SIGINT), 'a', 'b']
+
+
+def test_a_signal_waits_while_something_is_started() -> None:
+    known = []
+    with pytest.raises(KeyboardInterrupt), interrupts_held((signal.SIGINT,)):
+        signal.raise_signal(signal.SIGINT)
+        known.append('what was started')
+    assert known
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @contextmanager

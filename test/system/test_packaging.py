@@ -45,6 +45,7 @@ EXECUTABLES = (
     'demo',
     'doctor',
     'exercise',
+    'fleet',
     'jog',
     'panel',
     'pendant',
