@@ -178,7 +178,7 @@ def measure(robots: int, *, together: bool, server: bool, seconds: float) -> Cas
 
 
 def measure_data(subscribers: int, seconds: float) -> Data:
-    """Have one robot send its joint states to so many other hosts; return what passes its cable."""
+    """Have a robot send its joint states to so many other hosts; return what passes its cable."""
     listening = [f'listener_{number}' for number in range(1, subscribers + 1)]
     with (
         hosts(['robot_1', *listening, OFFICE], server=False) as (network, variables, folder),
@@ -204,9 +204,7 @@ def measure_data(subscribers: int, seconds: float) -> Data:
         return Data(subscribers, sent.packets / seconds, sent.bytes / seconds)
 
 
-def _steady(
-    network: Network, drivers: Sequence[Process], seconds: float
-) -> tuple[Traffic, float]:
+def _steady(network: Network, drivers: Sequence[Process], seconds: float) -> tuple[Traffic, float]:
     """Return what passes in the next seconds, and the cores that the drivers use meanwhile."""
     before = network.traffic()
     used = sum(cpu_time(each.process_id) for each in drivers)

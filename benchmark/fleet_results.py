@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of benchmark.fleet: as JSON, as tables with ratios, as a picture, and for more robots.
+"""The figures of benchmark.fleet: as JSON, as tables with ratios, as a picture; a model of more.
 
 What is expected of more robots than were run is the line through the two largest runs of the same
 kind on logarithmic scales: a model, no measurement.
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 MODELLED = (100, 300)
 SHAPES = {False: 'a process each', True: 'one process'}
-DISCOVERIES = {False: 'simple', True: 'server'}
+DISCOVERIES = {False: 'simple discovery', True: 'discovery server'}
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ def picture(cases: Sequence[Case], path: Path) -> None:
                 [value(case) for case in found],
                 STYLES[together],
                 color=COLOURS[server],
-                label=f'{"a discovery server" if server else "simple discovery"}, {SHAPES[together]}',
+                label=f'{DISCOVERIES[server]}, {SHAPES[together]}',
             )
         panel.set_title(title)
         panel.set_ylabel(unit)

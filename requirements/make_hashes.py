@@ -14,6 +14,7 @@ import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from pip._internal.commands import create_command
 from pip._internal.index.collector import LinkCollector, parse_links
@@ -33,8 +34,9 @@ MINORS = range(11, 15)
 """Of Python 3."""
 
 HEAD = """\
-# The SHA-256 of every file that may be installed for Python 3.11 to 3.14 on Linux (x86-64, arm64) and macOS (arm64).
-# For pip's -c, beside constraints.txt: with it, pip installs nothing else. Written by `make hashes`.
+# The SHA-256 of every file that may be installed: Python 3.11 to 3.14; Linux on x86-64 and arm64,
+# macOS on arm64. For pip's -c, beside constraints.txt: with it, pip installs nothing else.
+# Written by `make hashes`.
 """
 
 
@@ -45,7 +47,7 @@ def pinned() -> Iterator[tuple[str, str]]:
 
 
 def wanted(filename: str, version: str) -> bool:
-    """Return whether a file is of this version, and may be installed somewhere that is supported."""
+    """Return whether a file is of this version, and for a Python and system that we support."""
     try:
         if filename.endswith('.whl'):
             _, found, _, tags = parse_wheel_filename(filename)
@@ -74,8 +76,8 @@ def _fits_python(interpreter: str, abi: str) -> bool:
 def _fits_system(platform: str) -> bool:
     if platform.startswith('macosx'):
         return platform.endswith(('_arm64', '_universal2'))
-    linux = platform.startswith(('manylinux', 'linux')) and platform.endswith(('x86_64', 'aarch64'))
-    return linux or platform == 'any'
+    linux = r'(manylinux|linux)\w*_(x86_64|aarch64)'
+    return platform == 'any' or re.fullmatch(linux, platform) is not None
 
 
 def hashes(name: str, version: str, collector: LinkCollector) -> list[str]:
@@ -96,16 +98,16 @@ def block(name: str, version: str, found: list[str]) -> str:
 
 def main() -> int:
     """Write the file; return 1, and leave it as it is, if a package has no hash."""
-    command = create_command('index')
+    command: Any = create_command('index')
     options, _ = command.parse_args(['versions'])
-    session = getattr(command, 'get_default_session')(options)  # noqa: B009 - of this command
-    collector = LinkCollector.create(session, options=options)
     blocks, lacking = [], []
-    for name, version in pinned():
-        found = hashes(name, version, collector)
-        if not found:
-            lacking.append(f'{name}=={version}')
-        blocks.append(block(name, version, found))
+    with command.main_context():
+        collector = LinkCollector.create(command.get_default_session(options), options=options)
+        for name, version in pinned():
+            found = hashes(name, version, collector)
+            if not found:
+                lacking.append(f'{name}=={version}')
+            blocks.append(block(name, version, found))
     if lacking:
         print(f'the index has no hash for {", ".join(lacking)}', file=sys.stderr)
         return 1

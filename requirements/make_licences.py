@@ -12,8 +12,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
-from email.message import Message
-from importlib.metadata import Distribution, distributions
+from importlib.metadata import Distribution, PackageMetadata, distributions
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -26,10 +25,10 @@ MAX_LENGTH = 60
 HEAD = """\
 # Licences of what is installed
 
-epson_driver is under the Apache License 2.0. These are the licences of the Python packages that `make` installs, in the
-versions of `requirements/constraints.txt`, as each package states them. Running the driver needs those marked **run**
-and what they depend on; the others are for tests, docs and benchmarks. Written by `make licences`; a test compares it
-with what is installed.
+epson_driver is under the Apache License 2.0. These are the licences of the Python packages that
+`make` installs, in the versions of `requirements/constraints.txt`, as each package states them.
+The driver asks for those marked **run**, which bring some of the others; the rest is for tests,
+docs and benchmarks. Written by `make licences`; a test compares it with what is installed.
 
 """
 
@@ -65,25 +64,22 @@ def pinned() -> dict[str, tuple[str, str]]:
 
 def licence(package: Distribution) -> str:
     """Return what an installed package says that its licence is."""
-    about = package.metadata
-    assert isinstance(about, Message)
-    stated = list(_stated(about)) or sorted(_of_manifests(package))
+    stated = list(_stated(package.metadata)) or sorted(_of_manifests(package))
     names = [WORDS.get(name, name) for name in stated if name not in ('', 'UNKNOWN')]
     return ', '.join(dict.fromkeys(names)) or NOT_STATED
 
 
-def _stated(about: Message) -> Iterator[str]:
-    expression = about.get('License-Expression')
-    if expression:
-        yield str(expression)
+def _stated(about: PackageMetadata) -> Iterator[str]:
+    if 'License-Expression' in about:
+        yield about['License-Expression']
         return
-    classifiers = [str(each) for each in about.get_all('Classifier', [])]
+    classifiers = about.get_all('Classifier') or []
     found = [each.split(' :: ')[-1] for each in classifiers if each.startswith('License :: ')]
     found = [each for each in found if each not in ('OSI Approved', 'Other/Proprietary License')]
     if found:
         yield from found
         return
-    field = str(about.get('License', '')).strip().strip('"%')
+    field = about['License'].strip().strip('"%') if 'License' in about else ''
     if field and '\n' not in field and len(field) <= MAX_LENGTH and field.isprintable():
         yield field
 

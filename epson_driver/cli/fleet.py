@@ -83,8 +83,8 @@ def main() -> int:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='epson_driver fleet',
-        description='Simulated robots with their drivers in a ROS domain of their own, each in its '
-        'namespace, and a table of how they do, until Ctrl-C.',
+        description='Simulated robots with their drivers in a ROS domain of their own, each in '
+        'its namespace, and a table of how they do, until Ctrl-C.',
     )
     parser.add_argument(
         '--robots',
@@ -211,9 +211,7 @@ def _uses(ids: dict[str, int]) -> dict[str, Use]:
     if not process_figures.available():
         return dict.fromkeys(ids, NOTHING)
     own = os.getpid()  # its child processes are the others
-    return {
-        name: process_figures.use(each, children=each != own) for name, each in ids.items()
-    }
+    return {name: process_figures.use(each, children=each != own) for name, each in ids.items()}
 
 
 def is_up(row: Row) -> bool:

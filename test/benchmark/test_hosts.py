@@ -12,9 +12,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+
 from benchmark.fleet import SERVER, Sight, environment
 from benchmark.hosts import Network, NoNamespacesError
-
 from epson_driver.cli.discovery_server import discovery_server
 from epson_driver.cli.processes import EXECUTABLE, Process, end_together
 
@@ -186,9 +186,7 @@ def test_robots_go_on_while_the_discovery_server_is_dead_and_newcomers_are_found
 
 @pytest.mark.slow
 @pytest.mark.parametrize('server', [False, True], ids=['simple', 'server'])
-def test_a_robot_that_joins_late_is_heard(
-    make_floor: Callable[..., Floor], server: bool
-) -> None:
+def test_a_robot_that_joins_late_is_heard(make_floor: Callable[..., Floor], server: bool) -> None:
     floor = make_floor(CELL, OFFICE, SERVER, server=server)
     if server:
         floor.server()

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver fleet`: what it shows, and that nothing of it is left when it ends."""
 
+import io
 import os
 import re
 import signal
@@ -31,9 +32,8 @@ USED = Use(0.1, 100_000_000)
 
 def text_of(*rows: Row, **others: Use) -> list[str]:
     """Return the lines of the table."""
-    console = Console(width=140, record=True, file=Path(os.devnull).open('w', encoding='utf-8'))
+    console = Console(width=140, record=True, file=io.StringIO())
     console.print(table(rows, others))
-    console.file.close()
     return console.export_text().splitlines()
 
 
@@ -118,11 +118,25 @@ def test_those_who_end_together_are_told_before_one_is_waited_for() -> None:
     assert told == [('a', signal.SIGINT), ('b', signal.SIGINT), 'a', 'b']
 
 
+@pytest.fixture
+def _interruptible() -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt, also where a shell's `&` has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures('_interruptible')
 def test_a_signal_waits_while_something_is_started() -> None:
     known = []
-    with pytest.raises(KeyboardInterrupt), interrupts_held((signal.SIGINT,)):
-        signal.raise_signal(signal.SIGINT)
-        known.append('what was started')
+
+    def start() -> None:
+        with interrupts_held((signal.SIGINT,)):
+            signal.raise_signal(signal.SIGINT)
+            known.append('what was started')
+
+    with pytest.raises(KeyboardInterrupt):
+        start()
     assert known
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 

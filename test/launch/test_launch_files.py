@@ -323,9 +323,7 @@ FLEET_FILE = """
     ('robots', 'expected'),
     [('', ['cell/robot_1', 'robot_2']), ('robot_2', ['robot_2'])],
 )
-def test_a_fleet_is_what_its_file_names(
-    tmp_path: Path, robots: str, expected: list[str]
-) -> None:
+def test_a_fleet_is_what_its_file_names(tmp_path: Path, robots: str, expected: list[str]) -> None:
     file = written(tmp_path, FLEET_FILE)
     context = start('fleet', params_file=file, robots=robots, use_sim_controller='true')
     clients = nodes(context, 'client')
