@@ -137,7 +137,7 @@ pictures: $(VENV)/.dev
 hashes: $(VENV)/.driver
 	$(BIN)/python requirements/make_hashes.py
 
-licences: $(VENV)/.dev $(VENV)/.docs $(VENV)/.bench $(VENV)/.browser
+licences: $(VENV)/.driver
 	$(BIN)/python requirements/make_licences.py
 
 clean:

@@ -131,7 +131,7 @@ HINTS = (
         f'the one that {HASHES} lists: then do not install it.',
     ),
     (
-        'Hashes are required in --require-hashes mode',
+        '--require-hashes mode',
         f'{HASHES} lacks a package that is needed: make hashes writes it anew.',
     ),
     ('Permission denied', f'{VENV} cannot be written to: whose is it?'),

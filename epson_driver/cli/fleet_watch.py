@@ -106,8 +106,8 @@ class Watch:
         counts = {}
         for name, subscription in self._states.items():
             counts[name] = 0
-            with subscription.handle as handle:
-                while handle.take_message(JointState, True) is not None:
+            with subscription.handle:
+                while subscription.handle.take_message(JointState, True) is not None:
                     counts[name] += 1
         return counts
 
