@@ -3,9 +3,9 @@
 """Writes docs/licences.md: the licence of every Python package in constraints.txt.
 
 Run it after a change there (`make licences`; what is not installed is installed into a folder that
-goes again). A licence is what the installed package says of itself: License-Expression, else the classifiers, else License, else
-the package.xml of a package of ROS, else its licence file. A package ros-jazzy-NAME is empty, and
-brings ros-NAME. Tests compare the page with what is installed.
+goes again). A licence is what the installed package says of itself: License-Expression, else the
+classifiers, else License, else the package.xml of a package of ROS, else its licence file. A
+package ros-jazzy-NAME is empty, and brings ros-NAME. Tests compare the page with what is installed.
 """
 
 from __future__ import annotations
@@ -38,6 +38,9 @@ docs and benchmarks. Written by `make licences`; a test compares it with what is
 
 NO_NAMES = ('', 'UNKNOWN', 'LICENSE', 'any-OSI')
 """What stands in a License field that nobody filled in."""
+
+NO_LICENCES = ('OSI Approved', 'DFSG approved', 'Other/Proprietary License')
+"""Classifiers that name none."""
 
 SENTENCES = {
     'Apache License': 'Apache-2.0',
@@ -98,7 +101,11 @@ def _stated(about: PackageMetadata) -> Iterator[str]:
         return
     classifiers = about.get_all('Classifier') or []
     found = [each.split(' :: ')[-1] for each in classifiers if each.startswith('License :: ')]
-    found = [each for each in found if each not in ('OSI Approved', 'DFSG approved', 'Other/Proprietary License')]
+    found = [
+        each
+        for each in found
+        if each not in ('OSI Approved', 'DFSG approved', 'Other/Proprietary License')
+    ]
     if found:
         yield from found
         return
