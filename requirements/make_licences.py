@@ -4,8 +4,8 @@
 
 Run it after a change there (`make licences`; what is not installed is installed into a folder that
 goes again). A licence is what the installed package says of itself: License-Expression, else the
-classifiers, else License, else the package.xml of a package of ROS, else its licence file. A
-package ros-jazzy-NAME is empty, and brings ros-NAME. Tests compare the page with what is installed.
+classifiers, else License, else the package.xml of a package of ROS, else its licence file;
+ros-jazzy-NAME is empty, and brings ros-NAME. Tests compare the page with what is installed.
 """
 
 from __future__ import annotations
