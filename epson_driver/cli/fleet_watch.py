@@ -48,7 +48,8 @@ class Watch:
         self._answers: dict[str, float] = {}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         states = QoSProfile(depth=KEPT_STATES, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._states, self._clients = {}, {}
+        self._states: dict[str, Any] = {}
+        self._clients: dict[str, Any] = {}
         for name in names:
             driver = f'/{name}/epson_driver'
             self._node.create_subscription(
