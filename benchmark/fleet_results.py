@@ -10,13 +10,18 @@ import json
 import math
 import os
 import platform
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+WIDTH = 120
 MODELLED = (100, 300)
+MIN_ROBOTS = 4
+"""Of the runs that a model rests on: with one robot there are no pairs."""
+
 SHAPES = {False: 'a process each', True: 'one process'}
 DISCOVERIES = {False: 'simple discovery', True: 'discovery server'}
 
@@ -96,9 +101,12 @@ def report(results: Results, machine: str) -> str:
     """Return the figures as Markdown."""
     parts = [
         '# How robots find each other',
-        f'Written by `make bench-fleet` ({machine}); docs/fleet.md says what follows from it. '
-        'Each driver is on a\nhost of its own, or one process has them all; nobody has a '
-        'controller, so what passes is discovery.',
+        textwrap.fill(
+            f'Written by `make bench-fleet` ({machine}); docs/fleet.md says what follows from it. '
+            'Each driver is on a host of its own, or one process has them all; nobody has a '
+            'controller, so what passes is discovery.',
+            WIDTH,
+        ),
         _measured(results.cases),
     ]
     compared = _compared(results.cases)
@@ -200,7 +208,8 @@ def _data(data: Sequence[Data]) -> str:
 def _modelled(cases: Sequence[Case]) -> str:
     rows = []
     for (together, server), found in _kinds(cases).items():
-        if len(found) < 2 or found[-1].robots == found[-2].robots:
+        found = [case for case in found if case.robots >= MIN_ROBOTS]
+        if len({case.robots for case in found}) < 2:
             continue
         for robots in MODELLED:
             size = expected(found, robots, lambda case: case.start_bytes)
