@@ -148,13 +148,13 @@ def _measured(cases: Sequence[Case]) -> str:
         'drivers',
         'discovery',
         'all seen, s',
-        'by a newcomer, s',
-        'packets at start',
-        'MB at start',
+        'newcomer, s',
+        'start, packets',
+        'MB',
         'newcomer, packets',
         'later, packets/s',
         'kB/s',
-        'CPU at start, s',
+        'CPU, s',
     ]
     rows = [
         [
