@@ -30,12 +30,14 @@ unexport PYTHONDONTWRITEBYTECODE
 # Otherwise Fast DDS would multicast on every network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo browser docs test test-all test-rest soak-tests coverage lint bench bench-motion soak soak-motion faults fuzz generate pictures clean help
+.PHONY: demo fleet browser docs test test-all test-rest soak-tests coverage lint bench bench-motion bench-fleet
+.PHONY: soak soak-motion faults fuzz generate pictures hashes licences clean help
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
 	@echo "                   (ARGS='--trajectory FILE': another one; ARGS=--plan: plan a pick and place first;"
 	@echo "                   ARGS=--panel: watch it in a browser, and go on until Ctrl-C)"
+	@echo "make fleet N=16    run so many simulated robots with their drivers behind a discovery server, until Ctrl-C"
 	@echo "make test          run the tests (some of them: make test ARGS=test/driver)"
 	@echo "make browser       install what drives Debian's chromium in tests of the panel, which are skipped without"
 	@echo "make test-all      run the slow tests as well (half an hour)"
@@ -47,6 +49,8 @@ help:
 	@echo "                   smoother, drivers, collision checks, SPEL+ program and panel (ARGS=--quick: only the former)"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to benchmark/results"
+	@echo "make bench-fleet   measure how 1 to 32 robots find each other, and what that costs the network (ten minutes;"
+	@echo "                   ARGS=--quick: up to 4)"
 	@echo "make soak          send 2,000 goals and 20,000 service calls, and watch the driver's memory (ten minutes)"
 	@echo "make soak-motion   an hour in which everything happens to goals (ARGS='--minutes 5': less)"
 	@echo "make faults        every fault in every phase of a motion, on every controller (minutes)"
@@ -54,6 +58,8 @@ help:
 	@echo "make soak-tests    run 2,000 random plans, and new examples for every property (hours)"
 	@echo "make generate      regenerate meshes, URDFs and MoveIt files from config/robots"
 	@echo "make pictures      redraw the pictures of the robots in docs and the animation of the README (ten minutes)"
+	@echo "make hashes        write the hashes of all pinned packages anew, after a change to requirements/constraints.txt"
+	@echo "make licences      write docs/licences.md anew, after the same"
 	@echo "make clean         remove the environment and everything else that make has created"
 	@echo "PYTHON=...         the interpreter to use, 3.11 or newer (now: $(PYTHON))"
 
@@ -68,6 +74,9 @@ docs: ALSO := docs
 
 demo: $(VENV)/.driver $(DEMO_EXTRAS:%=$(VENV)/.%)
 	$(BIN)/epson_driver demo $(ARGS)
+
+fleet: $(VENV)/.driver
+	$(BIN)/epson_driver fleet --robots $(or $(N),4) $(ARGS)
 
 # for the panel's tests in a browser (apt install chromium), which are skipped without it
 browser: $(VENV)/.browser
@@ -114,6 +123,10 @@ endif
 bench-motion: $(VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
 
+# a network of its own on this machine; needs the right to make one (benchmark/hosts.py), and iproute2
+bench-fleet: $(VENV)/.driver
+	$(BIN)/python -m benchmark.fleet $(ARGS)
+
 # ten minutes; the tests have a short form of it
 soak: $(VENV)/.driver
 	$(BIN)/python -m benchmark.soak $(ARGS)
@@ -139,12 +152,18 @@ pictures: $(VENV)/.dev
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.picture $(ARGS)
 	$(if $(ARGS),,OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.animation)
 
+hashes: $(VENV)/.driver
+	$(BIN)/python requirements/make_hashes.py
+
+licences: $(VENV)/.driver
+	$(BIN)/python requirements/make_licences.py
+
 clean:
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* demo-report.png demo-report.html demo-report.json
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The steps of the installation, each with a stamp. install.py prints the progress.
-$(VENV)/.runtime: requirements/runtime.txt requirements/constraints.txt
+$(VENV)/.runtime: requirements/runtime.txt requirements/constraints.txt requirements/hashes.txt
 	@command -v $(PYTHON) >/dev/null || { echo "no $(PYTHON): Python 3.11 or newer is needed (make PYTHON=...)" >&2; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "$(PYTHON) is too old: Python 3.11 or newer is needed (make PYTHON=...)" >&2; exit 1; }

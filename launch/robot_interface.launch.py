@@ -34,7 +34,9 @@ from epson_driver.share import share_file
 
 def generate_launch_description():
     """Return the arguments, and the processes that follow from them."""
-    arguments = launch_arguments(*INTERFACE, 'interface', 'description', *DESCRIPTION)
+    arguments = launch_arguments(
+        *INTERFACE, 'interface', 'description', *DESCRIPTION, 'shutdown_on_exit'
+    )
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
@@ -46,6 +48,7 @@ def generate_launch_description():
 def processes(context: LaunchContext):
     """Return the client, preceded by the controller if there is one; the launch ends with each."""
     values = dict(context.launch_configurations)
+    last = values['shutdown_on_exit'] == 'true'
     actions = [LogInfo(msg=f'WARNING: {each}') for each in misspelled_arguments(values)]
     parameters = client_parameters(values)
     controlled = values['ros2_control'] == 'true'
@@ -57,7 +60,7 @@ def processes(context: LaunchContext):
             ExecuteProcess(
                 cmd=[controller, *controller_arguments(values)],
                 output='screen',
-                on_exit=Shutdown(reason='the simulated controller ended'),
+                on_exit=Shutdown(reason='the simulated controller ended') if last else None,
             )
         )
     files = [values['params_file']] if values['params_file'] else []
@@ -69,7 +72,7 @@ def processes(context: LaunchContext):
             namespace=values['namespace'],
             parameters=[*files, parameters],
             output='screen',
-            on_exit=Shutdown(reason='the client ended'),
+            on_exit=Shutdown(reason='the client ended') if last else None,
         )
     )
     if controlled or values['description'] == 'true':

@@ -33,6 +33,8 @@ from typing import IO, NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 VENV = ROOT / '.venv'
 CONSTRAINTS = 'requirements/constraints.txt'
+HASHES = 'requirements/hashes.txt'
+"""With it as a second file of constraints, pip installs no file that is not in it."""
 INTERFACES = ('control_msgs', 'epson_msgs', 'industrial_msgs')
 MEGABYTE = 1e6
 DISK_MARGIN = 1.3
@@ -123,7 +125,15 @@ HINTS = (
         'A package has no file for {system}; the last lines of pip name it. '
         'Another Python may do: make PYTHON=...',
     ),
-    ('DO NOT MATCH THE HASHES|BadZipFile', 'A download is damaged: pip cache purge.'),
+    (
+        'DO NOT MATCH THE HASHES|BadZipFile',
+        'A download is damaged (pip cache purge), or the index has another file of that name than '
+        f'the one that {HASHES} lists: then do not install it.',
+    ),
+    (
+        '--require-hashes mode',
+        f'{HASHES} lacks a package that is needed: make hashes writes it anew.',
+    ),
     ('Permission denied', f'{VENV} cannot be written to: whose is it?'),
 )
 NO_HINT = 'Run make again; if it ends the same way, start from the beginning: make clean.'
@@ -330,10 +340,10 @@ def site_packages() -> Path:
 
 
 def pinned(name: str) -> str:
-    """Return a requirement for the version in the constraints."""
-    text = (ROOT / CONSTRAINTS).read_text(encoding='utf-8')
-    (version,) = re.findall(rf'(?m)^{re.escape(name)}==(\S+)', text)
-    return f'{name}=={version}'
+    """Return a requirement for the pinned version, with the hashes of its files."""
+    text = (ROOT / HASHES).read_text(encoding='utf-8')
+    (requirement,) = re.findall(rf'(?m)^{re.escape(name)}==(?:.*\\\n)*.*$', text)
+    return f'{requirement}\n'
 
 
 def disk_use(folder: Path) -> float:
@@ -401,7 +411,8 @@ def install(name: str, bar: Bar) -> Pip:
             return 0.75 + 0.25 * (there - before) / seen.unpacking
         return 0.75 * (seen.downloaded + seen.part) / max(step.download, 1)
 
-    run([packages(*(word for file in step.files for word in ('-r', file)))], bar, seen, share)
+    files = (word for file in step.files for word in ('-r', file))
+    run([packages('-c', HASHES, *files)], bar, seen, share)
     slim()
     return seen
 
@@ -411,10 +422,9 @@ def runtime(bar: Bar) -> Pip:
     bar.draw(None, 'making the environment')
     if not Path(python()).exists():
         venv.EnvBuilder(symlinks=True, with_pip=True).create(VENV)
-    run(
-        [pip('install', '--no-compile', '--progress-bar=off', pinned('pip'))],
-        bar,
-    )
+    itself = VENV / 'pip.txt'  # the pip that comes with Python knows no hashes in constraints
+    itself.write_text(pinned('pip'), encoding='utf-8')
+    run([pip('install', '--no-compile', '--progress-bar=off', '-r', str(itself))], bar)
     return install('runtime', bar)
 
 

@@ -28,7 +28,7 @@ from epson_driver.bringup.ros2_control import (
     controllers_parameters,
     ros2_control_arguments,
 )
-from epson_driver.bringup.several import EACH, several_robots
+from epson_driver.bringup.several import EACH, fleet_robots, several_robots
 
 __all__ = [
     'CONTROLLER',
@@ -42,6 +42,7 @@ __all__ = [
     'controller_arguments',
     'controllers_parameters',
     'effective',
+    'fleet_robots',
     'launch_arguments',
     'misspelled_arguments',
     'model_argument',

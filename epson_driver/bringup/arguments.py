@@ -107,6 +107,12 @@ TABLE = (
     ),
     Argument('origin_xyz', '0 0 0', 'Where base_link is in parent: x y z [m].'),
     Argument('origin_rpy', '0 0 0', 'How base_link is turned in parent: roll pitch yaw [rad].'),
+    Argument(
+        'shutdown_on_exit',
+        'true',
+        'End the launch when the client or the simulated controller ends.',
+        SWITCH,
+    ),
     Argument('panel', 'false', 'Start the browser panel as well.', SWITCH),
     Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
     Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
@@ -115,6 +121,12 @@ TABLE = (
         'robot_ips',
         '127.0.0.1,127.0.0.2',
         'One address per robot, in the order of namespaces, separated by commas.',
+    ),
+    Argument(
+        'robots',
+        '',
+        'Which robots of params_file this machine drives: their namespaces, separated by commas. '
+        'Empty: all of them.',
     ),
 )
 

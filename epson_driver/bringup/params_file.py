@@ -25,8 +25,7 @@ def file_parameters(path: str, namespace: str) -> dict[str, Any]:
     if not Path(path).is_file():
         raise BringupError(f'launch argument params_file = {path}: there is no such file')
     node = '/' + '/'.join([*filter(None, namespace.split('/')), NODE_NAME])
-    content = read_yaml(Path(path))
-    sections = dict(_sections(content)) if isinstance(content, Mapping) else {}
+    sections = node_sections(Path(path))
     matching = [values for name, values in sections.items() if _matches(name, node)]
     if not matching:
         raise BringupError(
@@ -34,6 +33,15 @@ def file_parameters(path: str, namespace: str) -> dict[str, Any]:
             f'it has some for {", ".join(sections) or "no node"}'
         )
     return {name: value for values in matching for name, value in values.items()}
+
+
+def node_sections(path: Path) -> dict[str, dict[str, Any]]:
+    """Return what a file has, by the node's name, which may have `*` and `**` in it.
+
+    Raises InputError for a file that is no YAML.
+    """
+    content = read_yaml(path)
+    return dict(_sections(content)) if isinstance(content, Mapping) else {}
 
 
 def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, dict[str, Any]]]:

@@ -1,10 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Several robots from lists; the prefix of each is made from its namespace."""
+"""Several robots from lists, or from one file; the prefix of each is made from its namespace."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from epson_driver.bringup.description import BringupError
+from epson_driver.bringup.params_file import NODE_NAME, node_sections
 
 EACH = (
     'robot_model',
@@ -52,6 +54,33 @@ def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
         | {argument: words[index] for argument, words in lists.items()}
         for index, name in enumerate(names)
     ]
+
+
+def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
+    """Return the arguments of each robot that params_file names, or of those of `robots` only.
+
+    A robot is a section for its node by its full name, `/robot_1/epson_driver`. Raises
+    BringupError if there is none, or not one of `robots`; InputError for a file that is no YAML.
+    """
+    path = values['params_file']
+    if not Path(path).is_file():
+        raise BringupError(f'launch argument params_file = {path}: there is no such file')
+    there = [
+        name.removesuffix(f'/{NODE_NAME}').strip('/')
+        for name in node_sections(Path(path))
+        if name.endswith(f'/{NODE_NAME}') and '*' not in name
+    ]
+    names = _words(values['robots']) if values['robots'] else there
+    lacking = [name for name in names if name not in there]
+    if lacking or not names:
+        which = lacking[0] if lacking else 'robot'
+        raise BringupError(
+            f'launch argument robots: there is no {which} in {path}; its robots are '
+            f'{", ".join(there) or "none"} (a section /NAME/{NODE_NAME} for each)'
+        )
+    given = dict.fromkeys(EACH, '') | {'origin_xyz': '0 0 0', 'origin_rpy': '0 0 0'}
+    lists = {'namespaces': ','.join(names), 'robot_ips': ',' * (len(names) - 1)}
+    return [robot | {'params_file': path} for robot in several_robots(given | lists)]
 
 
 def _words(text: str) -> list[str]:

@@ -6,6 +6,7 @@ EXECUTABLES = {
     'client': 'the ROS 2 node: joint states, robot status, FollowJointTrajectory',
     'sim_controller': 'a simulated EPSON controller',
     'demo': 'both of them, and a planned trajectory executed, with a report',
+    'fleet': 'many simulated robots with their drivers, and how they do',
     'panel': 'the robots in a browser: 3D, lamps, curves, log and buttons',
     'jog': 'move single joints by keys',
     'smooth': 'make a planned trajectory smooth: a file, a report and a picture',

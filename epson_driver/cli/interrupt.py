@@ -4,6 +4,8 @@
 
 import os
 import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NoReturn
 
 INTERRUPTED = 130
@@ -32,6 +34,27 @@ def ignore_interrupts() -> None:
     Nothing else keeps a second Ctrl-C from killing an interpreter that shuts down.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
+    """Keep signals waiting during the block: what it starts is known to who must end it.
+
+    To be used in the main thread.
+    """
+    waiting: list[int] = []
+
+    def wait(number: int, _frame: object) -> None:
+        waiting.append(number)
+
+    before = {number: signal.signal(number, wait) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if waiting:
+            signal.raise_signal(waiting[0])
 
 
 def end_of_signals() -> None:

@@ -146,6 +146,10 @@ class Process:
         """End it as Ctrl-C does and return its exit code; after 5 s, end it with SIGKILL."""
         if self._popen.poll() is None:
             self._popen.send_signal(number)
+        return self.ended()
+
+    def ended(self) -> int:
+        """Return the exit code of one that was told to end; after 5 s, end it with SIGKILL."""
         try:
             return self._popen.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
@@ -255,6 +259,15 @@ def clients(
     arguments = [word for name in robots for word in ('--namespace', name)]
     arguments += ['--ros-args', '--params-file', str(file)]
     return Process('client', arguments, log, ros_environment(domain), run)
+
+
+def end_together(started: Sequence[Process], number: int = signal.SIGINT) -> None:
+    """End processes as Ctrl-C does: tell all of them, in this order, then wait for each."""
+    for process in started:
+        if process.returncode is None:
+            process.send(number)
+    for process in started:
+        process.ended()
 
 
 @contextlib.contextmanager

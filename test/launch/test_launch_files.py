@@ -34,6 +34,7 @@ from epson_driver.bringup.arguments import TABLE
 FOLDER = ROOT / 'launch'
 FILES = sorted(FOLDER.glob('*.launch.py'))
 WANTED = {
+    'fleet',
     'load_c3_a601s',
     'moveit_planning_execution',
     'robot_interface_download',
@@ -346,6 +347,55 @@ def test_several_robots_share_nothing() -> None:
 def test_lists_of_robots_that_do_not_fit_are_refused(arguments: dict[str, str], text: str) -> None:
     with pytest.raises(RuntimeError, match=f'^{re.escape(text)}$'):
         start('several_robots', **arguments)
+
+
+FLEET_FILE = """
+/**:
+  ros__parameters: {controller: rc700a}
+/cell:
+  robot_1:
+    epson_driver: {ros__parameters: {robot_ip: 192.168.0.1}}
+/robot_2/epson_driver:
+  ros__parameters: {robot_ip: 192.168.0.2, robot_model: gx4_c251s}
+/robot_2/another_node:
+  ros__parameters: {a: 1}
+"""
+
+
+@pytest.mark.parametrize(
+    ('robots', 'expected'),
+    [('', ['cell/robot_1', 'robot_2']), ('robot_2', ['robot_2'])],
+)
+def test_a_fleet_is_what_its_file_names(tmp_path: Path, robots: str, expected: list[str]) -> None:
+    file = written(tmp_path, FLEET_FILE)
+    context = start('fleet', params_file=file, robots=robots, use_sim_controller='true')
+    clients = nodes(context, 'client')
+    assert [each.namespace for each in clients] == expected
+    assert all(each.files == [Path(file)] for each in clients)
+    assert {each.on_exit for each in context.started} == {None}  # the others go on
+    last = clients[-1].parameters
+    assert last['joint_names'] == [f'robot_2_joint_{number}' for number in range(1, 5)]
+    assert 'robot_ip' not in last  # the file has it
+    command = nodes(context, 'sim_controller')[-1].command
+    words = dict(zip(command[::2], command[1::2], strict=True))
+    assert (words['--host'], words['--controller']) == ('192.168.0.2', 'rc700a')
+    assert words['--robot'] == 'gx4_c251s'
+
+
+@pytest.mark.parametrize(
+    ('robots', 'file', 'text'),
+    [
+        ('robot_3', FLEET_FILE, 'robots: there is no robot_3 in'),
+        ('', '/**: {ros__parameters: {a: 1}}', 'robots: there is no robot in'),
+    ],
+)
+def test_a_robot_that_no_file_names_is_refused(
+    tmp_path: Path, robots: str, file: str, text: str
+) -> None:
+    with pytest.raises(BringupError, match=text):
+        start('fleet', params_file=written(tmp_path, file), robots=robots)
+    with pytest.raises(BringupError, match='there is no such file'):
+        start('fleet', params_file='/no/such.yaml')
 
 
 @pytest.mark.parametrize('name', ['robot.rviz', 'moveit.rviz'])
