@@ -184,7 +184,9 @@ class User:
         handle = self._complete(lambda: self._action.send_goal_async(goal), self._note_accepted)
         result = self._complete_later(handle.get_result_async)
         if not self._moved.wait(PATIENCE_S):
-            raise TimeoutError(f'the arm does not move: {result[0].result().result.error_string}')
+            raise TimeoutError(
+                f'the arm does not move: {result[0][0].result().result.error_string}'
+            )
         until = time.monotonic() + PATIENCE_S
         while last is not None and relay.points[-1][1] != last and time.monotonic() < until:
             time.sleep(0.01)

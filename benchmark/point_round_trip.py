@@ -131,8 +131,8 @@ async def by_link(link: Link, message: Message, points: int) -> None:
 async def by_goal(link: Link, points: int) -> None:
     """Send the points of a goal."""
     limits, joints = LIMITS, len(LIMITS.names)
-    times = POINT_PERIOD_S * np.arange(points)
-    positions = 0.1 * np.sin(times[:, None] + np.arange(joints))
+    times = POINT_PERIOD_S * np.arange(points, dtype=np.float64)
+    positions = 0.1 * np.sin(times[:, None] + np.arange(joints, dtype=np.float64))
     trajectory = Trajectory(limits.names, times, positions)
     delivery = Streaming(link, limits, unmapped(joints), DeliveryRules())
     loop = asyncio.get_running_loop()

@@ -292,7 +292,8 @@ def _run(
     minutes: float, seed: int, user: SoakUser, parts: tuple[Process, Process, Path], warm_up: float
 ) -> tuple[Episodes, list[Sample]]:
     client, controller, tasks = parts
-    episodes, samples = Episodes(user, random.Random(seed)), []
+    episodes = Episodes(user, random.Random(seed))
+    samples: list[Sample] = []
     began, next_line = time.monotonic(), 0.0
     while (seconds := time.monotonic() - began) < 60.0 * minutes:
         if not samples or seconds - samples[-1].seconds >= SAMPLE_S:

@@ -124,7 +124,7 @@ class Course:
 
         def ratio(name: str) -> float:
             return statistics.median(
-                getattr(ours, name) / getattr(floor, name) for floor, ours in pairs
+                float(getattr(ours, name) / getattr(floor, name)) for floor, ours in pairs
             )
 
         floors, drivers = zip(*pairs, strict=True)

@@ -303,7 +303,7 @@ class _World:
                     self._found.append(f'the gate is closed ({why}), and it sent {message}')
                 if not stop and not isinstance(message, JointTraj):
                     given = getattr(message, 'joints', None) or getattr(message, 'positions', ())
-                    self._joints = list(given)
+                    self._joints = list(given or ())
             if self._answers is None or packet.comm_type is not CommType.SERVICE_REQUEST:
                 continue
             order = frame.byte_order.value

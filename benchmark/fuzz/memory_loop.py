@@ -120,9 +120,7 @@ class MemoryLoop(asyncio.SelectorEventLoop):
         """Return the virtual time, s."""
         return self.now
 
-    async def create_connection(  # type: ignore[override]
-        self, protocol_factory: Any, *address: Any, **_: Any
-    ) -> Any:
+    async def create_connection(self, protocol_factory: Any, *address: Any, **_: Any) -> Any:
         """Connect to the port in memory."""
         await asyncio.sleep(0)
         protocol = protocol_factory()
@@ -134,4 +132,4 @@ class MemoryLoop(asyncio.SelectorEventLoop):
     def _run_once(self) -> None:
         self.now += TURN_S
         self.turns += 1
-        super()._run_once()
+        super()._run_once()  # type: ignore[misc]

@@ -32,12 +32,12 @@ class Reference:
         self._last = trajectory.positions[-1]
         self._end = trajectory.duration
         self._begin = float(trajectory.times[0])
-        rest = np.zeros_like(start)
         self._first = Interpolation(
             np.array([0.0, self._begin]),
+            np.stack([start, trajectory.positions[0]]),
             *(
-                None if part is None else np.stack([before, part[0]])
-                for before, part in zip((start, rest, rest), parts, strict=True)
+                None if part is None else np.stack([np.zeros_like(start), part[0]])
+                for part in parts[1:]
             ),
         )
         """From where the arm stands to the first point, if that has a time."""
