@@ -38,7 +38,17 @@ class MemoryTransport(asyncio.Transport):
         if self._paused:
             self._waiting.append(data)
         else:
+            self._hand_over(data)
+
+    def _hand_over(self, data: bytes) -> None:
+        if not isinstance(self._protocol, asyncio.BufferedProtocol):
             self._protocol.data_received(data)
+            return
+        while data and not self._closing:
+            buffer = memoryview(self._protocol.get_buffer(len(data)))
+            taken, data = data[: len(buffer)], data[len(buffer) :]
+            buffer[: len(taken)] = taken
+            self._protocol.buffer_updated(len(taken))
 
     def hang_up(self, error: Exception | None = None) -> None:
         """Let the connection end from the controller's side."""

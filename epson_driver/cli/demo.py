@@ -380,7 +380,7 @@ def _report(
 ) -> int:
     console.print(_table(model, trajectory, runs))
     drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
-    draw(arguments.picture, trajectory, drawn, model)
+    draw(arguments.picture, trajectory, drawn, model.limits)
     console.print(f'picture: {arguments.picture}', highlight=False)
     _write_report(arguments.report, model, *(run.wire for run in runs))
     faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
@@ -455,7 +455,7 @@ def _rows(model: RobotModel, trajectory: Trajectory, run: Run) -> tuple[tuple[st
             f'({figures.moved / figures.planned:.2f} times)',
         ),
         ('stops on the way', stops),
-        ('highest velocity', top_speed(run.recording, model)),
+        ('highest velocity', top_speed(run.recording, model.limits)),
         ('worst deviation at a waypoint', f'{figures.waypoint_deviation * 1e3:.2f} mrad'),
         ('deviation at the end', f'{figures.end_deviation * 1e3:.4f} mrad'),
         (

@@ -12,7 +12,7 @@ import numpy as np
 
 from epson_driver.cli.smooth_report import COLOURS, per_unit
 from epson_driver.error_texts import load_error_texts
-from epson_driver.motion import Trajectory
+from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.report.measure import Figures, Recording
 from epson_driver.report.run import Run
 from epson_driver.report.trace_run import read_trace
@@ -51,16 +51,16 @@ class Drawn:
     figures: Figures
 
 
-def top_speed(recording: Recording, model: RobotModel) -> str:
+def top_speed(recording: Recording, limits: JointLimits) -> str:
     """Return the highest velocity of all joints in words: that in rad/s, then that in m/s."""
     fastest = np.abs(recording.velocities).max(axis=0)
-    units = np.array(model.limits.units)
+    units = np.array(limits.units)
     return ', '.join(
         f'{fastest[units == unit].max():.2f} {unit}/s' for unit in dict.fromkeys(units.tolist())
     )
 
 
-def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], model: RobotModel) -> None:
+def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], limits: JointLimits) -> None:
     """Write the picture, a column per run: measured positions and velocities over time.
 
     Waypoints are dots, where the arm passed them.
@@ -81,9 +81,9 @@ def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], model: Robo
         gridspec_kw={'height_ratios': (1.2, 1)},
     )
     for (above, below), each in zip(grid.T, drawn, strict=True):
-        _draw_run(above, below, trajectory, each, top_speed(each.run, model))
-    grid[0, 0].set_ylabel(f'position [{per_unit(model.limits)}]')
-    grid[1, 0].set_ylabel(f'velocity [{per_unit(model.limits, "/s")}]')
+        _draw_run(above, below, trajectory, each, top_speed(each.run, limits))
+    grid[0, 0].set_ylabel(f'position [{per_unit(limits)}]')
+    grid[1, 0].set_ylabel(f'velocity [{per_unit(limits, "/s")}]')
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside lower center', ncols=8, frameon=False)
     figure.suptitle(

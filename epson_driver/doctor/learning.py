@@ -47,6 +47,7 @@ NOT_FOUND: Mapping[str, str] = {
     'program.accepts': _WRONG_MESSAGE,
     'program.special_sequences': 'not asked (see --ask), or it has no special sequences',
     'program.skip_first': _MOTION,
+    'program.joins_goals': _MOTION,
     'program.setpoints': _MOTION,
     'program.motors': 'not asked (see --remote-port and --ask), or not answered',
     'program.smoothing': _CHOICE,

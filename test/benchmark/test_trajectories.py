@@ -9,7 +9,8 @@ from benchmark.limit_sets import FACTORS, MAX_VELOCITY_RAD_S, limit_set, ramp_ti
 from benchmark.references import ReferenceFile, digest
 from benchmark.trajectories import GENERATED, SHARED, BenchmarkTrajectory, benchmark_set
 
-NAMES = [*GENERATED, *sorted(path.stem for path in SHARED.glob('*.yaml'))]
+SCARAS = {'scara_pick_and_place'}
+NAMES = [*GENERATED, *sorted({path.stem for path in SHARED.glob('*.yaml')} - SCARAS)]
 
 Trajectories = dict[str, BenchmarkTrajectory]
 

@@ -10,7 +10,7 @@ from support.recorded_run import BEGAN, usual_run
 
 from epson_driver.cli import demo_report
 from epson_driver.cli.demo_report import MAX_READS, Drawn, draw, recorded_run
-from epson_driver.motion import Trajectory
+from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.report.measure import MAX_DEVIATION_RAD, Recording, measure
 from epson_driver.robots import load_robot_model
 
@@ -177,9 +177,10 @@ def test_the_picture_is_written(tmp_path):
     run = ptp()
     path = tmp_path / 'report.png'
     drawn = [Drawn('ptp', run, measure(plan(WAYPOINTS), run))]
+    limits = JointLimits(NAMES, *np.outer([-9.0, 9.0, 1.0, 1.0, 1.0], np.ones(2)))
     for runs in (drawn, drawn * 2):
         path.unlink(missing_ok=True)
-        draw(path, plan(WAYPOINTS), runs)
+        draw(path, plan(WAYPOINTS), runs, limits)
         assert path.read_bytes().startswith(b'\x89PNG')
 
 

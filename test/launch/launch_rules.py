@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is held against every launch file: the names in it must exist somewhere."""
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -43,12 +42,8 @@ def dependencies(package: str = 'epson_driver') -> set[str]:
 
 
 def own_executables() -> set[str]:
-    """Return the names that setup.py installs as executables."""
-    text = (ROOT / 'setup.py').read_text(encoding='utf-8')
-    text = (ROOT / 'setup.py').read_text(encoding='utf-8')
-    names = re.search(r'^NAMES = \(([^)]*)\)', text, re.MULTILINE)
-    assert names is not None
-    return set(re.findall(r"'(\w+)'", names[1]))
+    """Return the names that setup.py installs as executables: links to one of them."""
+    return {path.name for path in (ROOT / 'scripts').iterdir() if path.is_symlink()}
 
 
 def faults(path: Path, context: Context) -> Iterator[str]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+import setuptools  # noqa: F401 - before pip, whose import takes its distutils away
 
 ROOT = Path(__file__).parents[2]
 HASHES = ROOT / 'requirements' / 'hashes.txt'

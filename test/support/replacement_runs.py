@@ -11,13 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from benchmark.exact_extrema import Recorded, exact_extrema
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.motion import Trajectory
 from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.sim_controller.arm import streaming
 from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, cell
 from support.event_loop import now, until
-from support.smoother_harness import Recorded, Run, exact_extrema
 from support.streaming_harness import way
 
 DT = 1e-3
@@ -120,7 +120,7 @@ async def _run(patch, old, new_kind, moment, rng, on_the_way):
         end = second.handle.goal.trajectory.positions[-1]
         off = float(np.abs(harness.at - end).max())
         smoother = executors[-1]
-        found = exact_extrema(Run(0, LIMITS, smoother, DT, HOME))
+        found = exact_extrema(smoother, HOME)
         jumps = (found.velocity_jump, found.acceleration_jump)
         worst = max(found.worst, 1.0 + found.outside, 1.0 + max(*jumps, found.position_jump))
         return Replacement(
