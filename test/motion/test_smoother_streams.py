@@ -59,6 +59,20 @@ def test_points_that_are_merged_into_the_last_one_do_not_keep_the_arm_waiting() 
     assert smoother.motion.position == pytest.approx(np.full(6, 2e-4), abs=1e-9)
 
 
+def test_a_point_that_is_merged_while_the_arm_comes_to_rest_is_gone_to() -> None:
+    """It comes too late for the plan to the point before, so the arm rests beside it first."""
+    smoother = Smoother(ARM, np.zeros(6))
+    smoother.append(np.full(6, 0.1))
+    while smoother.motion.position[0] < 0.0999:
+        smoother.step(CYCLE_S)
+    assert not smoother.at_rest
+    smoother.append(np.full(6, 0.1 + 1e-5))
+    for _ in range(100):
+        smoother.step(CYCLE_S)
+    assert smoother.at_rest
+    assert smoother.motion.position == pytest.approx(np.full(6, 0.1 + 1e-5), abs=1e-9)
+
+
 def test_points_that_come_within_the_patience_are_planned_together() -> None:
     smoother = Smoother(ARM, np.zeros(6))
     smoother.append(np.full(6, 0.01))

@@ -180,7 +180,7 @@ class Replanning:
         now = execution.now
         if execution.scale == 0.0 or now < waypoints.rest_until:
             return False
-        waited = now - waypoints.waiting_since(now)
+        waited = now - waypoints.waiting_since()
         patient = waited >= START_PATIENCE_S
         if not waypoints.ahead:
             if not patient or not execution.beside_last:

@@ -70,6 +70,8 @@ class Waypoints:
         self.ahead: deque[Waypoint] = deque()
         self._beside_since: float | None = None
         """When the first of the points that were merged into the origin since the rest came, s."""
+        self._rests_since = 0.0
+        """Since when the arm rests at the origin, or beside it, s."""
         self.rest_until = 0.0
         """Until when the arm was told to rest at the origin, s."""
         self._number = 0
@@ -97,11 +99,14 @@ class Waypoints:
             self._add(position, duration, now)
         self._number += 1
 
-    def waiting_since(self, now: float) -> float:
-        """Return when the first point came that a resting arm has not gone to, s."""
+    def waiting_since(self) -> float:
+        """Return since when a point has waited that a resting arm has not gone to, s.
+
+        One that was merged on the way there waits since the arm rests beside it.
+        """
         if self.ahead:
             return self.ahead[0].came
-        return now if self._beside_since is None else self._beside_since
+        return self._rests_since if self._beside_since is None else self._beside_since
 
     def go_back(self, now: float) -> None:
         """Add the origin as a point: the arm rests beside it."""
@@ -130,6 +135,7 @@ class Waypoints:
             self.origin = point
         self.passed(self.origin)
         self._beside_since = None
+        self._rests_since = now
         self.rest_until = now + (self.origin.rest or 0.0)
 
     def passed(self, point: Waypoint) -> None:
