@@ -3,7 +3,8 @@
 """Every fault with the controller of every profile, in every phase of a motion.
 
 What is looked at in each cell: test/support/fault_play.py. In the middle of a motion each fault
-meets each profile; the other phases and interfaces are of the slow tests.
+meets each profile; of the other phases and interfaces a fourth are slow tests. `make faults` runs
+all, and so does `make soak-tests`.
 """
 
 import pytest
@@ -27,8 +28,14 @@ def test_a_fault_in_the_middle_of_a_motion(record_property, cell: Cell) -> None:
     run(play(cell))
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(2, 3, 4, 5, 6)
-@pytest.mark.parametrize('cell', OTHERS, ids=name)
+@pytest.mark.parametrize(
+    'cell',
+    [
+        pytest.param(cell, marks=pytest.mark.soak if index % 4 else pytest.mark.slow)
+        for index, cell in enumerate(OTHERS)
+    ],
+    ids=name,
+)
 def test_a_fault_in_another_phase_or_by_another_interface(cell: Cell) -> None:
     run(play(cell))

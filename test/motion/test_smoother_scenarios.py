@@ -11,7 +11,10 @@ from support.smoother_scenarios import assert_kept
 pytestmark = pytest.mark.invariant(2, 3)
 
 BLOCKS, SIZE = 10, 50
-"""500 scenarios in `make test-all`."""
+"""500 scenarios in `make soak-tests`."""
+
+SLOW_BLOCKS = 2
+"""Those of `make test-all`."""
 
 
 @pytest.mark.parametrize('seed', [0, 1])
@@ -19,9 +22,14 @@ def test_limits_are_kept_at_every_instant_whatever_is_asked_in_whatever_order(se
     assert_kept(seed)
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('block', range(BLOCKS))
+@pytest.mark.parametrize(
+    'block',
+    [
+        pytest.param(block, marks=pytest.mark.slow if block < SLOW_BLOCKS else pytest.mark.soak)
+        for block in range(BLOCKS)
+    ],
+)
 def test_limits_are_kept_at_every_instant_in_500_scenarios(block: int) -> None:
     for seed in range(100 + SIZE * block, 100 + SIZE * (block + 1)):
         assert_kept(seed)

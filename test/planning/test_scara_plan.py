@@ -109,8 +109,14 @@ def test_a_scara_carries_the_part_around_the_pillars(name: str) -> None:
     assert not plan.scene.check(None).path_valid(dense(straight, metric))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('model', MODELS, ids=named)
+@pytest.mark.parametrize(
+    'model',
+    [
+        pytest.param(model, marks=pytest.mark.slow if model.name in SOME else pytest.mark.soak)
+        for model in MODELS
+    ],
+    ids=named,
+)
 def test_every_model_has_plans(model: RobotModel) -> None:
     for seed in (2, 3):
         plan = plan_task(draw_task(seed, model), model)
