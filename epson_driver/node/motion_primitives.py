@@ -53,8 +53,8 @@ class ToolBusyError(RuntimeError):
 
     def __init__(self) -> None:
         super().__init__(
-            'a sequence of motion primitives is planned, or runs, with the tool as it is: wait for '
-            'its end, or cancel it first'
+            'a sequence of motion primitives is planned, or runs, with the tool as it is: wait '
+            'for its end, or cancel it first'
         )
 
 

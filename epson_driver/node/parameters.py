@@ -347,8 +347,8 @@ TABLE = (
         'tool.pose',
         [*[0.0] * 6, 1.0],
         'The tool (TCP) at the start, which the poses of motion primitives are about, until '
-        '~/set_tool sets another: x, y, z in tool0 and a quaternion x, y, z, w; 0, 0, 0, 0, 0, 0, 1 '
-        'is tool0 itself, and then tf has no frame of it [m].',
+        '~/set_tool sets another: x, y, z in tool0 and a quaternion x, y, z, w; 0, 0, 0, 0, 0, 0, '
+        '1 is tool0 itself, and then tf has no frame of it [m].',
     ),
     Row(
         'constraints.stopped_velocity_tolerance',

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tool (TCP) of motion primitives: `~/set_tool`, and its frame on `/tf_static`.
 
-The tool is where the request or the parameters `tool.…` say, in tool0. The payload is a note: it is
-checked, and goes nowhere.
+The tool is where the request or the parameters `tool.…` say, in tool0. The payload is a note: it
+is checked, and goes nowhere.
 """
 
 from collections.abc import Mapping
@@ -69,7 +69,7 @@ def named_tool(
     FRAME_NAME.checked(name, name_field)
     if name in links(model):
         raise InputError(
-            f'{name_field} = {shown(name)}: the arm, or what it stands on, has a frame of that name'
+            f'{name_field} = {shown(name)}: the arm, or its place, has a frame of that name'
         )
     array = finite_numbers(pose_field, values)
     if array.shape != (7,):

@@ -73,7 +73,7 @@ def test_a_name_that_is_no_word_is_refused(name: str) -> None:
 def test_no_link_of_the_urdf_can_be_a_tool(model: str) -> None:
     """A frame with two parents would take tf apart."""
     known = load_robot_model(model)
-    urdf = ElementTree.parse(share_file('urdf', f'{model}.urdf'))  # noqa: S314 - our own file
+    urdf = ElementTree.parse(share_file('urdf', f'{model}.urdf'))
     names = {str(link.get('name')) for link in urdf.iter('link')}
     assert links(known) == names | {'world'}
     for name in links(known):

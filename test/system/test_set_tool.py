@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`~/set_tool` of the real node: primitives move the TCP, tf has its frame, bad tools are refused."""
+"""`~/set_tool` of the real node: primitives move the TCP, tf has its frame, bad ones fail."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -101,11 +101,13 @@ def check_line(cell: Cell, arm: Kinematics) -> None:
     assert max(distance_from(place, line) for place in places) < ACCURACY_M
 
 
-def test_primitives_move_the_tool_of_the_parameters_and_then_the_one_that_was_set(
-    cell: Cell,
-) -> None:
+@pytest.mark.slow
+def test_at_first_primitives_move_the_tool_of_the_parameters(cell: Cell) -> None:
     check_frame(cell, 'left_tool', AT_START)
     check_line(cell, arm_with(AT_START))
+
+
+def test_primitives_move_the_tool_that_was_set_and_tf_has_it(cell: Cell) -> None:
     done, text = set_tool(cell, GRIPPER, name='gripper', payload=0.5)
     assert done, text
     assert 'left_gripper' in text
