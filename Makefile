@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python requirements/install.py
 
-INTERFACES := interfaces/control_msgs interfaces/epson_msgs interfaces/industrial_msgs
+INTERFACES := interfaces/control_msgs interfaces/epson_msgs interfaces/industrial_msgs interfaces/tf2_msgs
 INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml README.md \
 	$(shell find $(wildcard epson_driver config controller_program launch resource scripts urdf) -not -name '*.pyc' -not -name __pycache__)

@@ -18,6 +18,7 @@ from distutils.command.build_scripts import build_scripts  # isort: skip
 NAME = 'epson_driver'
 LAUNCHER = Path('scripts', 'executable')  # what the others are links to
 EXECUTABLES = [str(path) for path in sorted(LAUNCHER.parent.iterdir()) if path != LAUNCHER]
+OF_ROS = ('control_msgs', 'tf2_msgs')
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 BY_COLCON = not {'install', 'develop'}.isdisjoint(sys.argv)
 
@@ -52,7 +53,7 @@ def missing_packages():
     folders = [Path(prefix, 'share') for prefix in prefixes if prefix]
     return [
         name
-        for name in ('control_msgs', *INTERFACES)
+        for name in (*OF_ROS, *INTERFACES)
         if not any((folder / name / 'package.xml').is_file() for folder in folders)
     ]
 
@@ -64,8 +65,10 @@ def tell_what_is_missing():
         return
     here = Path(__file__).resolve().parent
     advice = []
-    if 'control_msgs' in missing:
-        advice.append('control_msgs comes with ROS 2 (rosdep install)')
+    of_ros = [name for name in OF_ROS if name in missing]
+    if of_ros:
+        verb = 'comes' if len(of_ros) == 1 else 'come'
+        advice.append(f'{" and ".join(of_ros)} {verb} with ROS 2 (rosdep install)')
     if not set(INTERFACES).isdisjoint(missing):
         advice.append(
             f'colcon must be told of {here.name}/interfaces, as it looks for no packages within '

@@ -35,7 +35,7 @@ VENV = ROOT / '.venv'
 CONSTRAINTS = 'requirements/constraints.txt'
 HASHES = 'requirements/hashes.txt'
 """With it as a second file of constraints, pip installs no file that is not in it."""
-INTERFACES = ('control_msgs', 'epson_msgs', 'industrial_msgs')
+INTERFACES = ('control_msgs', 'epson_msgs', 'industrial_msgs', 'tf2_msgs')
 MEGABYTE = 1e6
 DISK_MARGIN = 1.3
 """Free space needed over final disk use: pip unpacks wheels beside its downloads."""

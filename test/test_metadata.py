@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 MANIFESTS = sorted(
     path for path in ROOT.glob('**/package.xml') if not {'.venv', 'build'} & set(path.parts)
 )
-COPIES = ('control_msgs', 'industrial_msgs')
+COPIES = ('control_msgs', 'industrial_msgs', 'tf2_msgs')
 """Packages of others, with the versions of the originals."""
 
 IMPORTED_AS = {'pin': 'pinocchio', 'py-opw-kinematics': 'py_opw_kinematics'}

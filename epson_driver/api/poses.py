@@ -14,15 +14,10 @@ from epson_driver.inputs import number
 from epson_driver.motion import Array
 from epson_driver.motion.cartesian import homogeneous
 from epson_driver.robots.kinematics import rotation_of_uvw, uvw
+from epson_driver.robots.tool_pose import check_tool_distance, finite_numbers, pose_of_quaternion
 
 BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
 """The frames that are always there: REP-103's, EPSON's world, and the tool where it is."""
-
-UNIT_TOLERANCE = 1e-3
-"""How far the length of a quaternion may be from 1; it is made 1."""
-
-MAX_TOOL_M = 10.0
-"""How far a tool may be from the flange."""
 
 MM_SUSPICION = 10.0
 """A place that is farther away than this many times the arm's reach may be in mm."""
@@ -116,12 +111,7 @@ class Tool:
 def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:
     """Return a tool from a user's arguments. Raises ValueError."""
     checked = checked_pose('pose', pose)
-    away = float(np.linalg.norm(checked[:3, 3]))
-    if away > MAX_TOOL_M:
-        raise ValueError(
-            f'pose: the tool is {away:g} m from the flange: at most {MAX_TOOL_M:g} m, and lengths '
-            'are in m'
-        )
+    check_tool_distance('pose', checked)
     limits = {'max_speed': max_speed, 'max_acceleration': max_acceleration}
     for name, value in limits.items():
         if value is not None:
@@ -194,7 +184,7 @@ class Frames:
 
 def checked_point(field: str, values: npt.ArrayLike) -> Array:
     """Return three finite numbers, shape (3,). Raises ValueError."""
-    array = _finite(field, values)
+    array = finite_numbers(field, values)
     if array.shape != (3,):
         raise ValueError(f'{field} has shape {array.shape}: must be (3,), x y z in m')
     return array
@@ -204,9 +194,9 @@ def checked_pose(field: str, values: Pose) -> Array:
     """Return a homogeneous matrix, shape (4, 4), whose place is in m. Raises ValueError."""
     if isinstance(values, EpsonPoint):
         return values.pose
-    array = _finite(field, values)
+    array = finite_numbers(field, values)
     if array.shape == (7,):
-        return _of_quaternion(field, array)
+        return pose_of_quaternion(field, array)
     if array.shape != (4, 4):
         raise ValueError(
             f'{field} has shape {array.shape}: must be (4, 4), a homogeneous matrix, or (7,), x y '
@@ -253,34 +243,6 @@ def _usual(frame: str | None, pose: Pose) -> str:
     if frame is not None:
         return frame
     return BASE if isinstance(pose, EpsonPoint) else BASE_LINK
-
-
-def _of_quaternion(field: str, values: Array) -> Array:
-    size = float(np.linalg.norm(values[3:]))
-    if abs(size - 1.0) > UNIT_TOLERANCE:
-        raise ValueError(
-            f'{field}: the quaternion x y z w = {values[3:].tolist()} has length {size:.4g}: must '
-            'be 1'
-        )
-    x, y, z, w = values[3:] / size
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return homogeneous(turn, values[:3])
-
-
-def _finite(field: str, values: npt.ArrayLike) -> Array:
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'{field}: must be numbers ({error})') from error
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f'{field} = {array.tolist()}: must be finite numbers')
-    return array
 
 
 def _plain(value: object) -> object:

@@ -20,7 +20,7 @@ from epson_driver.share import share_file
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 """Message packages that no binary release has: they are built from interfaces/."""
 
-NO_WHEELS = ('control_msgs', *INTERFACES)
+NO_WHEELS = ('control_msgs', 'tf2_msgs', *INTERFACES)
 """Message packages that there are no wheels of."""
 
 NOT_OF_ROS = {'matplotlib': 'report', 'scipy': 'planning', 'ompl': 'planning'}

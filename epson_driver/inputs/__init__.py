@@ -9,6 +9,7 @@ Input that breaks a rule is refused with one sentence that names its place, the 
 from epson_driver.inputs.files import read_file
 from epson_driver.inputs.near_names import near_name
 from epson_driver.inputs.rules import (
+    FRAME_NAME,
     HOST,
     JOINT_NAMES,
     InputError,
@@ -23,6 +24,7 @@ from epson_driver.inputs.rules import (
 from epson_driver.inputs.yaml_file import read_yaml
 
 __all__ = [
+    'FRAME_NAME',
     'HOST',
     'JOINT_NAMES',
     'InputError',

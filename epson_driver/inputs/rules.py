@@ -157,6 +157,23 @@ JOINT_NAMES = Rule(
 )
 """Dots are not allowed: joint names are parts of parameter names."""
 
+_FRAME_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*', re.ASCII)
+
+
+def _frame_name(value: Any) -> str:
+    if not _FRAME_NAME.fullmatch(value) or len(value) > MAX_JOINT_NAME_CHARACTERS:
+        raise ValueError
+    name: str = value
+    return name
+
+
+FRAME_NAME = Rule(
+    _frame_name,
+    'must be a word of letters, digits and _, not beginning with a digit, of at most '
+    f'{MAX_JOINT_NAME_CHARACTERS} characters',
+)
+"""The name of a frame in tf, without a prefix."""
+
 _LABEL = re.compile(r'[A-Za-z0-9_]([A-Za-z0-9_-]{0,61}[A-Za-z0-9_])?', re.ASCII)
 
 

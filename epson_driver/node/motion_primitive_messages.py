@@ -34,7 +34,7 @@ ARGUMENTS: dict[str, Rule] = {
     'acceleration': number(1e-4, 100_000.0, 'rad/s² or m/s²'),
     'move_time': number(0.0, 3600.0, 's'),
 }
-"""Of joints (rad or m), or of the flange (m). move_time counts instead of the others, unless 0."""
+"""Of joints (rad or m), or of the tool (m). move_time counts instead of the others, unless 0."""
 
 _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIMESTAMP)
 

@@ -24,6 +24,7 @@ from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks.fresh_moment import fresh_moment
+from epson_driver.motion import Array
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
 from epson_driver.node.loop_bridge import LoopBridge
@@ -45,6 +46,16 @@ RETIMED = (
     'parameter timing = time_optimal: nothing would be left of the velocities and rests of the '
     'motions; as_planned keeps them'
 )
+
+
+class ToolBusyError(RuntimeError):
+    """A sequence is planned or runs with the tool as it is."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            'a sequence of motion primitives is planned, or runs, with the tool as it is: wait '
+            'for its end, or cancel it first'
+        )
 
 
 class MotionPrimitives:
@@ -70,7 +81,8 @@ class MotionPrimitives:
         self._parameters = parameters
         limits = driver.configuration.limits
         model = load_robot_model(parameters['robot_model'])
-        self._kinematics = Kinematics(replace(model, limits=limits))
+        self._model = replace(model, limits=limits)
+        self._kinematics = Kinematics(self._model)
         self._sampled = driver.configuration.delivery.point_message == 'joint_traj_pt_full'
         action = ActionType(
             ExecuteMotionPrimitiveSequence,
@@ -88,6 +100,15 @@ class MotionPrimitives:
         return self._action.busy
 
     # --- from ROS: in the executor's thread -------------------------------------------------
+
+    def set_tool(self, pose: Array) -> None:
+        """Have the poses of sequences from now on be those of a tool: (4, 4), m, in tool0.
+
+        Raises ToolBusyError while a sequence is planned or runs: it keeps the tool that it has.
+        """
+        if self.busy:
+            raise ToolBusyError
+        self._kinematics = Kinematics(self._model, pose)
 
     async def _prepare(self, ros_handle: ServerGoalHandle, plan: GoalPlan) -> Prepared:
         """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""

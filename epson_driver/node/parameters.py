@@ -338,6 +338,19 @@ TABLE = (
         60.0,
     ),
     Row(
+        'tool.name',
+        'tool',
+        "Name of the tool's frame, which hangs on tool0 in tf; before it goes what `frame_id` has "
+        'before base_link.',
+    ),
+    Row(
+        'tool.pose',
+        [*[0.0] * 6, 1.0],
+        'The tool (TCP) at the start, which the poses of motion primitives are about, until '
+        '~/set_tool sets another: x, y, z in tool0 and a quaternion x, y, z, w; 0, 0, 0, 0, 0, 0, '
+        '1 is tool0 itself, and then tf has no frame of it [m].',
+    ),
+    Row(
         'constraints.stopped_velocity_tolerance',
         0.01,
         'Velocity below which a joint counts as standing [rad/s, m/s].',

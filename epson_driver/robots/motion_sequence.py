@@ -50,7 +50,8 @@ class SequenceError(ValueError):
 class Primitive:
     """One motion.
 
-    target: joint positions, shape (n,), rad (m), or the pose of tool0 in base_link, (4, 4), m.
+    target: joint positions, shape (n,), rad (m), or the pose of the tool in base_link,
+    (4, 4), m.
     via: a place on the circle, shape (3,), m. velocity, acceleration: of each joint, rad/s and
     rad/s² (m/s, m/s²) and at most its limit, or of the tool, m/s and m/s²; None: the joints'
     limits, or those of `ToolLimits`. move_time: s, instead of these two; 0: as fast as they allow.

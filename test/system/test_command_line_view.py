@@ -56,8 +56,14 @@ from epson_driver.node.parameters import TABLE, joint_rows
 NODE = 'epson_driver'
 ACTION = '/epson_driver/follow_joint_trajectory'
 PRIMITIVES = '/epson_driver/execute_motion_primitive_sequence'
-LATCHED = {'/epson_driver/link_state', '/epson_driver/speed_scaling', '/epson_driver/io_states'}
-SERVICES = ('stop', 'enable', 'disable', 'reset_error', 'set_speed_scaling', 'read_io', 'write_io')
+LATCHED = {
+    *('/epson_driver/link_state', '/epson_driver/speed_scaling', '/epson_driver/io_states'),
+    '/tf_static',
+}
+SERVICES = (
+    *('stop', 'enable', 'disable', 'reset_error', 'set_speed_scaling', 'set_tool', 'read_io'),
+    'write_io',
+)
 STREAMS = ('servo', 'joint_commands', 'position_commands', 'velocity_commands', 'joint_jog')
 WANTED = {
     *('/joint_states', '/robot_status', '/diagnostics', *LATCHED),

@@ -3,25 +3,19 @@
 """`~/execute_motion_primitive_sequence` from a ROS client: joint moves, lines and arcs."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
 from control_msgs.action import ExecuteMotionPrimitiveSequence
-from control_msgs.msg import MotionArgument, MotionPrimitive, MotionPrimitiveSequence
-from geometry_msgs.msg import PoseStamped
-from rclpy.action import ActionClient
+from control_msgs.msg import MotionPrimitive
 from support.cell import LASTS, START, Cell
-from support.ros_peer import PATIENCE, STATUS_NAMES, trajectory
+from support.primitives import ARM, READY, Sequence, joint_move, tool_move
+from support.ros_peer import trajectory
 
 from epson_driver.motion.cartesian import distance_from
-from epson_driver.robots import load_robot_model
-from epson_driver.robots.kinematics import Kinematics
 
 pytest.importorskip('py_opw_kinematics')
 
-ARM = Kinematics(load_robot_model('c3_a601s'))
-READY = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
 FAR = [2.5, 0.2, 0.2, 0.0, -1.9, 0.0]
 SLOW = 2.5 / LASTS  # rad/s
 ACCURACY_M = 3e-4
@@ -38,97 +32,6 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
         yield one
     finally:
         one.close()
-
-
-class Sequence:
-    """A sequence that was sent: its feedback and its result."""
-
-    def __init__(self, peer: Any, motions: list[MotionPrimitive]) -> None:
-        self.indices: list[int] = []
-        self._peer = peer
-        if not hasattr(peer, 'primitives'):
-            peer.primitives = ActionClient(
-                peer.node,
-                ExecuteMotionPrimitiveSequence,
-                'epson_driver/execute_motion_primitive_sequence',
-            )
-            assert peer.primitives.wait_for_server(PATIENCE)
-        goal = ExecuteMotionPrimitiveSequence.Goal(
-            trajectory=MotionPrimitiveSequence(motions=motions)
-        )
-        future = peer.in_executor(
-            lambda: peer.primitives.send_goal_async(
-                goal, lambda message: self.indices.append(message.feedback.current_primitive_index)
-            )
-        )
-        self.handle = peer.complete(future)
-        assert self.handle.accepted
-        self._result = peer.in_executor(self.handle.get_result_async)
-
-    def cancel(self) -> None:
-        self._peer.complete(self._peer.in_executor(self.handle.cancel_goal_async))
-
-    def wait_for_motion(self) -> None:
-        """Wait until the joints move; a sequence that has ended instead says why."""
-        peer = self._peer
-        start = peer.position()
-        peer.wait_for(
-            lambda: (
-                self._result.done()
-                or np.abs(np.array(peer.joint_states[-1].position) - start).max() > 0.01
-            ),
-            'motion',
-        )
-        assert not self._result.done(), self.result()
-
-    def result(self) -> tuple[str, int, str]:
-        answer = self._peer.complete(self._result)
-        return (
-            STATUS_NAMES[answer.status],
-            answer.result.error_code,
-            answer.result.error_string,
-        )
-
-
-def joint_move(positions: list[float], **arguments: float) -> MotionPrimitive:
-    return MotionPrimitive(
-        type=MotionPrimitive.LINEAR_JOINT,
-        joint_positions=positions,
-        additional_arguments=[
-            MotionArgument(argument_name=name, argument_value=value)
-            for name, value in arguments.items()
-        ],
-    )
-
-
-def tool_move(*offsets: tuple[float, float, float], **arguments: float) -> MotionPrimitive:
-    """Return a line, or with two offsets an arc, to places that are so far from that of READY."""
-    pose = ARM.forward(np.array(READY))
-    message = joint_move([], **arguments)
-    message.type = (
-        MotionPrimitive.CIRCULAR_CARTESIAN
-        if len(offsets) > 1
-        else MotionPrimitive.LINEAR_CARTESIAN
-    )
-    for offset in offsets:
-        stamped = PoseStamped()
-        stamped.header.frame_id = 'base_link'
-        position, orientation = stamped.pose.position, stamped.pose.orientation
-        position.x, position.y, position.z = (pose[:3, 3] + offset).tolist()
-        w = np.sqrt(max(1.0 + np.trace(pose[:3, :3]), 1e-12)) / 2.0
-        if w > 1e-3:
-            orientation.x = (pose[2, 1] - pose[1, 2]) / (4.0 * w)
-            orientation.y = (pose[0, 2] - pose[2, 0]) / (4.0 * w)
-            orientation.z = (pose[1, 0] - pose[0, 1]) / (4.0 * w)
-            orientation.w = float(w)
-        else:  # half a turn
-            axis = np.sqrt(np.maximum((np.diag(pose[:3, :3]) + 1.0) / 2.0, 0.0))
-            first = int(np.argmax(axis))
-            axis *= np.sign(pose[first, :3] + (np.arange(3) == first))
-            orientation.x, orientation.y, orientation.z = axis.tolist()
-            orientation.w = 0.0
-        message.poses.append(stamped)
-    return message
 
 
 def to_ready(cell: Cell) -> None:

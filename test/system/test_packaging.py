@@ -200,7 +200,8 @@ def test_a_plain_colcon_build_says_how_to_build_the_messages_as_well(tmp_path: P
     workspace = copied(tmp_path)
     run = colcon(workspace, 'build', prefix='')
     said = run.stdout + run.stderr
-    assert 'epson_driver needs control_msgs, epson_msgs, industrial_msgs: control_msgs' in said
+    assert 'epson_driver needs control_msgs, tf2_msgs, epson_msgs, industrial_msgs: ' in said
+    assert 'control_msgs and tf2_msgs come with ROS 2' in said
     source = workspace / 'src' / 'epson_driver'
     assert f'colcon build --base-paths {source} {source / "interfaces"}' in said
 

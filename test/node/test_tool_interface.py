@@ -1,0 +1,98 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tools as `~/set_tool` and the parameters take them: what is refused, and with which words."""
+
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Pose
+
+from epson_driver import aio
+from epson_driver.node.tool_interface import (
+    checked_payload,
+    link_prefix,
+    links,
+    named_tool,
+    pose_values,
+)
+from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.share import share_file
+
+MODEL = load_robot_model('c3_a601s')
+GOOD = [0.01, 0.02, 0.1, 0.0, 0.0, 0.6, 0.8]
+NAN, HUGE = float('nan'), 1e300
+
+
+def test_a_tool_is_that_of_the_python_api() -> None:
+    robot = aio.Robot()
+    robot.set_tool(GOOD)
+    tool = named_tool(MODEL, GOOD, 'gripper')
+    np.testing.assert_array_equal(tool.pose, robot.tool)
+    assert tool.name == 'gripper'
+    assert tool.values.tolist() == pytest.approx(GOOD)
+
+
+def test_a_quaternion_that_is_nearly_a_unit_is_made_one() -> None:
+    tool = named_tool(MODEL, [0.0, 0.0, 0.1, 0.0, 0.0, 0.6004, 0.8004], 'tool')
+    assert np.linalg.norm(tool.values[3:]) == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose(tool.pose[:3, :3] @ tool.pose[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_an_empty_pose_is_the_flange() -> None:
+    assert np.array_equal(named_tool(MODEL, pose_values(Pose()), 'tool').pose, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ('values', 'told'),
+    [
+        ([NAN, *GOOD[1:]], 'pose = [nan, 0.02, 0.1, 0.0, 0.0, 0.6, 0.8]: must be finite numbers'),
+        ([*GOOD[:6], float('inf')], 'must be finite numbers'),
+        ([*GOOD[:3], 0.0, 0.0, 0.0, 0.0], 'the quaternion x y z w = [0.0, 0.0, 0.0, 0.0] has'),
+        ([*GOOD[:3], 0.0, 0.0, 0.0, 2.0], 'has length 2: must be 1'),
+        ([0.0, 0.0, 100.0, *GOOD[3:]], 'pose: the tool is 100 m from the flange: at most 10 m'),
+        ([HUGE, HUGE, HUGE, *GOOD[3:]], 'at most 10 m'),
+        (GOOD[:6], 'pose has 6 numbers: must have 7'),
+    ],
+)
+@pytest.mark.filterwarnings('ignore:overflow')
+def test_a_pose_that_is_none_is_refused(values: list[float], told: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(told)):
+        named_tool(MODEL, values, 'tool')
+
+
+@pytest.mark.parametrize('name', ['', 'a/b', '/tool', '2nd', 'my tool', 'ä', 'a' * 101, 'tool\n'])
+def test_a_name_that_is_no_word_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=r'^name = .*must be a word of letters'):
+        named_tool(MODEL, GOOD, name)
+
+
+@pytest.mark.parametrize('model', robot_models())
+def test_no_link_of_the_urdf_can_be_a_tool(model: str) -> None:
+    """A frame with two parents would take tf apart."""
+    known = load_robot_model(model)
+    urdf = ElementTree.parse(share_file('urdf', f'{model}.urdf'))
+    names = {str(link.get('name')) for link in urdf.iter('link')}
+    assert links(known) == names | {'world'}
+    for name in links(known):
+        with pytest.raises(ValueError, match='a frame of that name'):
+            named_tool(known, GOOD, name)
+
+
+def test_a_payload_is_at_most_what_the_arm_carries() -> None:
+    assert MODEL.payload is not None
+    assert checked_payload(MODEL, MODEL.payload) == MODEL.payload
+    assert checked_payload(replace(MODEL, payload=None), 900.0) == 900.0
+    for payload in (-0.1, NAN, MODEL.payload + 0.1):
+        with pytest.raises(ValueError, match=rf'^payload = .* from 0 to {MODEL.payload:g} kg$'):
+            checked_payload(MODEL, payload)
+
+
+@pytest.mark.parametrize(
+    ('frame', 'prefix'),
+    [('base_link', ''), ('left_base_link', 'left_'), ('left/base_link', 'left/'), ('world', '')],
+)
+def test_frames_have_the_prefix_of_the_links(frame: str, prefix: str) -> None:
+    assert link_prefix(frame) == prefix
