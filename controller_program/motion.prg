@@ -62,9 +62,16 @@ Function MotionService
   If ChkNet(MOTION_PORT) <> -3 Then CloseNet #MOTION_PORT
   SetNet #MOTION_PORT, OWN_ADDRESS, MOTION_TCP_PORT, CRLF, NONE, 2, TCP
   OpenNet #MOTION_PORT As Server
+  TmReset MOTION_TIMER
   Do While ChkNet(MOTION_PORT) < 0
     WaitNet #MOTION_PORT, 0.05
     Watch
+    ' A client that came and left meanwhile looks like none, and may keep the next one out
+    If Tmr(MOTION_TIMER) > NOBODY_FOR And ChkNet(MOTION_PORT) < 0 Then
+      CloseNet #MOTION_PORT
+      OpenNet #MOTION_PORT As Server
+      TmReset MOTION_TIMER
+    EndIf
   Loop
   ReadLimits
   m_length = 0

@@ -28,8 +28,15 @@ Function StateService
   If ChkNet(STATE_PORT) <> -3 Then CloseNet #STATE_PORT
   SetNet #STATE_PORT, OWN_ADDRESS, STATE_TCP_PORT, CRLF, NONE, 2, TCP
   OpenNet #STATE_PORT As Server
+  TmReset STATE_FRAME_TIMER
   Do While ChkNet(STATE_PORT) < 0
     WaitNet #STATE_PORT, 1
+    ' A client that came and left meanwhile looks like none, and may keep the next one out
+    If Tmr(STATE_FRAME_TIMER) > NOBODY_FOR And ChkNet(STATE_PORT) < 0 Then
+      CloseNet #STATE_PORT
+      OpenNet #STATE_PORT As Server
+      TmReset STATE_FRAME_TIMER
+    EndIf
   Loop
   For i = 0 To 59
     m_position(i) = 0

@@ -34,6 +34,10 @@ BRAKING_S = 10.0
 ANSWER_S = 3.0
 """How soon a controller answers the next client, s."""
 
+REOPENING_S = 2.5
+"""How soon a port has the next client, s. To a SPEL+ program one that came and left at once looks
+like none; it opens its ports again every 2 s."""
+
 MAX_TIMERS = 2_000
 MAX_ANSWER_BYTES = 1_000_000
 """What one input may cause to be sent at once, bytes."""
@@ -247,7 +251,7 @@ class _World:
             controller.faults.clear()
         if self._remote or not self._profile.server.reconnect:
             controller.reboot(0.1)
-        self._step(1.0)
+        self._step(REOPENING_S)
         self._next('state', b'')
         self._next('motion', self._question())
         controller.apply(Event.ESTOP_PRESS)
