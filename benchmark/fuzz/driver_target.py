@@ -150,7 +150,6 @@ class _World:
         loop.accept = self._accept
         loop.set_exception_handler(self._on_exception)
         self._ends: dict[str, MemoryTransport] = {}
-        self._framer = Framer(target.profile.byte_order)
         self._joints = [0.0] * 10
         self._takes = True
         self._shows = True
@@ -274,7 +273,6 @@ class _World:
         self._ends[port] = transport
         transport.on_end = lambda: self._gone(port, transport)
         if port == 'motion':
-            self._framer = Framer()
             transport.on_bytes = lambda data: self._motion(data, transport)
         elif port == 'remote':
             transport.on_bytes = lambda data: self._remote(data, transport)
@@ -284,9 +282,14 @@ class _World:
             del self._ends[port]
 
     def _motion(self, data: bytes, transport: MemoryTransport) -> None:
-        """Take what the driver sends to the motion port; answer as a controller would."""
-        self._framer.receive_data(data)
-        while (frame := self._framer.next_frame()) is not None:
+        """Take what the driver sends to the motion port; answer as a controller would.
+
+        Each message is read by itself: what answers a request is in the request's byte order, and
+        a case sends requests in either.
+        """
+        framer = Framer()
+        framer.receive_data(data)
+        while (frame := framer.next_frame()) is not None:
             try:
                 packet = decode(frame)
             except SimpleMessageError as error:
@@ -316,6 +319,8 @@ class _World:
                 body = struct.pack(order + 'i10f', sequence, *[0.0] * 10)
                 answer = messages.frame(10, messages.REPLY, self._answers, body, order)
             self._loop.call_later(0.01, transport.feed, answer)
+        if framer.unread:
+            self._found.append(f'the driver sent a piece of a message: {framer.unread.hex()}')
 
     def _remote(self, data: bytes, transport: MemoryTransport) -> None:
         if self._answers is not None:

@@ -25,22 +25,40 @@ class MemoryTransport(asyncio.Transport):
         self._protocol = protocol
         self._closing = False
         self._paused = False
-        self._waiting: list[bytes] = []
+        self._hung_up = False
+        self._waiting: list[bytes | None] = []
+        """What has not been read yet; None: the end."""
         self.on_bytes: Callable[[bytes], None] = lambda data: None
         self.on_end: Callable[[], None] = lambda: None
 
     # the controller's end
 
     def feed(self, data: bytes) -> None:
-        """Let bytes arrive."""
-        if self._closing or not data:
-            return
+        """Let bytes arrive; after `hang_up` none can."""
+        if data and not self._hung_up:
+            self._arrive(data)
+
+    def hang_up(self, error: Exception | None = None) -> None:
+        """Let the connection end from the controller's side: after what was sent, or at once."""
+        if error is not None:
+            self._end(error)
+        elif not self._hung_up:
+            self._hung_up = True
+            self._arrive(None)
+
+    def _arrive(self, data: bytes | None) -> None:
         if self._paused:
             self._waiting.append(data)
         else:
             self._hand_over(data)
 
-    def _hand_over(self, data: bytes) -> None:
+    def _hand_over(self, data: bytes | None) -> None:
+        if self._closing:
+            return
+        if data is None:
+            if not self._protocol.eof_received():
+                self.close()
+            return
         if not isinstance(self._protocol, asyncio.BufferedProtocol):
             self._protocol.data_received(data)
             return
@@ -49,14 +67,6 @@ class MemoryTransport(asyncio.Transport):
             taken, data = data[: len(buffer)], data[len(buffer) :]
             buffer[: len(taken)] = taken
             self._protocol.buffer_updated(len(taken))
-
-    def hang_up(self, error: Exception | None = None) -> None:
-        """Let the connection end from the controller's side."""
-        if not self._closing:
-            if error is None and not self._protocol.eof_received():
-                self.close()
-            elif error is not None:
-                self._end(error)
 
     # what asyncio calls
 
@@ -88,9 +98,8 @@ class MemoryTransport(asyncio.Transport):
     def resume_reading(self) -> None:
         """Hand on what was kept."""
         self._paused = False
-        waiting, self._waiting = self._waiting, []
-        for data in waiting:
-            self.feed(data)
+        while self._waiting and not self._paused:
+            self._hand_over(self._waiting.pop(0))
 
     def is_reading(self) -> bool:
         """Return whether what arrives is handed on."""

@@ -162,6 +162,11 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     ('door', 'thesis'): {'repair': (Event.DOOR_CLOSE,), 'boots': True},
 }
 
+ANSWER_A_POINT_FIRST = ('rc620', 'rc700a', 'generic', 'fanuc')
+"""Controllers that answer the point which still waits for its reply when STOP comes, then STOP. A
+lost reply to that point alone closes no gate: STOP is confirmed. So STOP's reply is the lost one
+here."""
+
 STOPPED = 'canceled|the controller did not confirm the standstill'
 """What a goal may say, too, that was canceled when the fault struck."""
 
@@ -189,8 +194,11 @@ class Cell:
         for key in (self.profile, self.interface):
             row = replace(row, **EXCEPTIONS.get((self.fault, key), {}))
         if self.phase == 'stopping':
-            row = replace(row, **(STOP_UNANSWERED if self.fault == 'lost_reply' else {}))
             row = replace(row, canceled=True)
+            if self.fault == 'lost_reply':
+                row = replace(row, **STOP_UNANSWERED)
+                if self.interface == USUAL and self.profile in ANSWER_A_POINT_FIRST:
+                    row = replace(row, fault='lost_reply count=1 skip=1')
         return row
 
     @property
