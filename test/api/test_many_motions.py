@@ -36,7 +36,7 @@ MODELS = pytest.mark.parametrize('model', READY)
 
 @pytest.fixture(autouse=True)
 def _opw(request):
-    if request.node.callspec.params['model'] == 'c3_a601s':
+    if 'model' in request.fixturenames and request.getfixturevalue('model') == 'c3_a601s':
         pytest.importorskip('py_opw_kinematics')
 
 
