@@ -24,7 +24,7 @@ LIMITS = load_robot_model('c3_a601s').limits
 POSITION = np.array([0.0, 0.0, 0.0, 2.058762289775091, 1.843451625640255, 0.0])
 VELOCITY = np.array([0.0, 0.0, 0.0, 0.3605768254346811, 0.4389944389642877, 0.0])
 ACCELERATION = np.array([0.0, 0.0, 0.0, -24.76135767620861, -30.14641417389261, 0.0])
-"""A motion from which Ruckig raises when it is to stop all joints together. Hypothesis found it."""
+"""From here Ruckig raises when it is to stop all joints together. Hypothesis found it."""
 
 
 def stop_together():
