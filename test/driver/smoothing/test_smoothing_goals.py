@@ -293,7 +293,9 @@ def test_no_process_without_smoothing_and_none_is_left():
     run(scenario())
 
 
-def test_joint_states_go_on_while_a_long_plan_is_made():
+def test_joint_states_go_on_while_a_long_plan_is_made(monkeypatch):
+    monkeypatch.setattr(smoothing_process, 'TIMEOUT_S', 300.0)
+
     async def scenario():
         async with cell(smoothing=RESAMPLE) as (harness, _):
             angles = 0.5 * np.sin(np.linspace(0.0, 60.0, 1500))
