@@ -4,11 +4,11 @@
 
 import asyncio
 import contextlib
-import socket
 
 import pytest
 from support.driver_harness import simulated
 from support.event_loop import run, until
+from support.vacant_port import vacant_port
 
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.io.io_driver import IoUnavailableError
@@ -147,9 +147,7 @@ def test_the_last_group_holds_no_more_than_its_points():
 @pytest.mark.invariant(6)
 def test_where_nothing_listens_it_is_said_once_and_each_request_is_answered(profile):
     async def scenario():
-        with socket.create_server(('127.0.0.1', 0)) as server:
-            port = server.getsockname()[1]
-        async with io_at(profile, (port, port)) as io:
+        async with io_at(profile, (vacant_port(), vacant_port())) as io:
             await until(lambda: io.told)
             await asyncio.sleep(5.0)
             assert len(io.told) == 1
