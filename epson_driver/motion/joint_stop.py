@@ -13,6 +13,7 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import solve
+from epson_driver.motion.ruckig_trajectory import calculated
 
 MAX_ATTEMPTS = 40
 """Ways back that are tried, each twice as long as the one before, from `MIN_WAY_BACK`."""
@@ -77,8 +78,8 @@ def _stop(limits: JointLimits, joint: int, state: tuple[float, float, float]) ->
         if not low <= target <= high:
             break
         inp.target_position = [target]
-        back = solve(inp)
-        if _within(back, low, high):
+        back = calculated(inp)
+        if back is not None and _within(back, low, high):
             return back
     return trajectory
 

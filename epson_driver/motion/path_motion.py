@@ -83,27 +83,27 @@ class PathMotion:
     `origin` and `end` have shape (n,), rad; `duration` is in s. Made by `go_along` and `stop`.
     """
 
-    def __init__(self, curve: Curve, law: LineMotion) -> None:
+    def __init__(self, curve: Curve, timing: LineMotion) -> None:
         self._curve = curve
-        self._law = law
+        self._timing = timing
         self.origin = curve.samples[0]
-        self.end = curve.at(float(law.end[0]))[0]
-        self.duration = law.duration
+        self.end = curve.at(float(timing.end[0]))[0]
+        self.duration = timing.duration
 
     @property
     def braking(self) -> float:
         """When the deceleration of a motion from rest to rest begins, s."""
-        return self._law.braking
+        return self._timing.braking
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
-        (share,), (rate,), (change,) = self._law.at(time)
+        (share,), (rate,), (change,) = self._timing.at(time)
         position, slope, bend = self._curve.at(share)
         return position, slope * rate, bend * rate**2 + slope * change
 
     def stop(self, time: float) -> 'PathMotion':
         """Return the fastest stop along the curve from this motion's state at `time`."""
-        return PathMotion(self._curve, self._law.stop(time))
+        return PathMotion(self._curve, self._timing.stop(time))
 
 
 def go_along(limits: JointLimits, curve: Curve, speed: PathSpeed) -> PathMotion:

@@ -9,10 +9,11 @@ line, with the limits of the joint that binds; so a stop stays on the line too.
 from dataclasses import dataclass
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig
+from ruckig import ControlInterface, InputParameter
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.ruckig_trajectory import calculated
 
 MIN_MOVE = 1e-9
 """A line shorter than this (rad, in the joint that moves most) is no move."""
@@ -189,8 +190,7 @@ def _bounds_along(
 
 def solve(inp: InputParameter) -> RuckigTrajectory:
     """Return the fastest trajectory of one joint. Raises RuntimeError if there is none."""
-    trajectory = RuckigTrajectory(1)
-    result = Ruckig(1).calculate(inp, trajectory)
-    if result not in (Result.Working, Result.Finished):
-        raise RuntimeError(f'ruckig: {result} for {inp}')
+    trajectory = calculated(inp)
+    if trajectory is None:
+        raise RuntimeError(f'ruckig found no trajectory for {inp}')
     return trajectory

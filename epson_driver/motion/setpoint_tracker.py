@@ -187,7 +187,7 @@ class SetpointTracker:
                 aimed = aim(joint, stop)
                 if aimed is not None:
                     trajectories[joint] = self._move(joint, state, *aimed)
-        except (RuntimeError, ValueError):  # RuckigError; a code that its enum does not have
+        except RuntimeError:  # no trajectory
             return False
         return self._take(motion_of(state, trajectories))
 

@@ -23,6 +23,7 @@ from epson_msgs.srv import SetSpeedScaling, WriteIo
 from industrial_msgs.msg import RobotMode, RobotStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -68,40 +69,44 @@ def take(subscription: Any) -> Any:
 
 
 class Goal:
-    """A goal that the panel has sent. It can be canceled even before it is accepted."""
+    """A goal of the panel. It can be canceled even before it is sent or accepted.
 
-    def __init__(self, text: str) -> None:
+    `cancel` may be called in any thread, `accepted` in that of the executor.
+    """
+
+    def __init__(self, text: str, executor: Executor) -> None:
         self.text = text
         self.ended = threading.Event()
-        self._lock = threading.Lock()
+        self.unwanted = False
+        """Whether somebody has canceled it."""
+        self._executor = executor
         self._handle: Any = None
-        self._unwanted = False
 
     def cancel(self) -> None:
-        """Have the driver stop the arm and end the goal."""
-        with self._lock:
-            self._unwanted = True
-            handle = self._handle
-        if handle is not None and not self.ended.is_set():
-            handle.cancel_goal_async()
+        """Have the driver stop the arm and end the goal; if it was not sent yet, it is not."""
+        self.unwanted = True
+        self._executor.create_task(self._cancel)
 
     def accepted(self, handle: Any) -> None:
         """Take note of its handle; cancel it if that was asked for meanwhile."""
-        with self._lock:
-            self._handle = handle
-            unwanted = self._unwanted
-        if unwanted:
+        self._handle = handle
+        if self.unwanted:
             handle.cancel_goal_async()
+
+    def _cancel(self) -> None:
+        if self._handle is not None and not self.ended.is_set():
+            self._handle.cancel_goal_async()
 
 
 class RosRobot:
     """A driver by the name of its node, such as /left/epson_driver.
 
-    `node` is served by an executor and gets the answers; `sampled` belongs to no executor.
-    Requests may come from any thread and wait for nothing; `sample` from one.
+    `node` is served by `executor`, in one thread, and gets the answers; `sampled` belongs to no
+    executor. Requests may come from any thread and wait for nothing; `sample` from one.
     """
 
-    def __init__(self, node: Node, sampled: Node, name: str) -> None:
+    def __init__(self, node: Node, executor: Executor, sampled: Node, name: str) -> None:
+        self._executor = executor
         self.name = name
         self.namespace = name.rpartition('/')[0]
         self.state = RobotState()
@@ -270,7 +275,7 @@ class RosRobot:
         """Send a trajectory as a goal. Raises NoDriverError."""
         if not self._action.server_is_ready():
             raise NoDriverError(f'nobody serves {self.name}/follow_joint_trajectory')
-        goal = Goal(text)
+        goal = Goal(text, self._executor)
         with self._goals_lock:
             self._goals.append(goal)
         message = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
@@ -292,7 +297,15 @@ class RosRobot:
             handle.get_result_async().add_done_callback(on_result)
             goal.accepted(handle)
 
-        self._action.send_goal_async(message).add_done_callback(on_handle)
+        def send() -> None:
+            if goal.unwanted:
+                ended('canceled before it was sent', WARN)
+            else:
+                self._action.send_goal_async(message).add_done_callback(on_handle)
+
+        # rclpy's action client notes a request after it was sent: an answer that another thread
+        # takes sooner would be lost, and with it the way to cancel the goal
+        self._executor.create_task(send)
 
     @property
     def goals(self) -> list[Goal]:
@@ -316,7 +329,6 @@ class RosRobot:
     def _call(self, client: Any, request: Any, name: str, say: Say) -> None:
         if not client.service_is_ready():
             raise NoDriverError(f'nobody serves {client.srv_name}')
-        future = client.call_async(request)
         late = threading.Timer(
             ANSWER_TIMEOUT_S, say, (f'{name}: no answer in {ANSWER_TIMEOUT_S:g} s', ERROR)
         )
@@ -328,7 +340,8 @@ class RosRobot:
             answer = done.result()
             say(f'{name}: {answer.message}', INFO if answer.success else ERROR)
 
-        future.add_done_callback(on_answer)
+        # after the goals that were to be sent before: a stop overtakes none
+        self._executor.create_task(lambda: client.call_async(request).add_done_callback(on_answer))
 
     def log(self, text: str, level: int) -> None:
         """Put a line of the panel's own among those of the driver."""

@@ -86,7 +86,9 @@ class RosSide:
         )
 
     def _add(self, name: str) -> None:
-        robot = self.robots[name] = RosRobot(self._node, self._sampled, name)
+        robot = self.robots[name] = RosRobot(
+            self._node, self._thread.executor, self._sampled, name
+        )
         for node, event in self._early:
             if node == name:
                 robot.state.add_event(event)

@@ -3,7 +3,6 @@
 """The asynchronous API against the simulated controller: real sockets, virtual time."""
 
 import asyncio
-import socket
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from support.api_harness import FAR, robot_cell
 from support.driver_harness import ScriptedController, answer, simulated
 from support.event_loop import run, stand_still, until
 from support.two_jaws import TwoJaws
+from support.vacant_port import vacant_port
 
 from epson_driver import aio
 from epson_driver.aio import MotionError, Robot, RobotError
@@ -403,8 +403,7 @@ def test_a_driver_that_ends_by_itself_is_said_and_the_motion_has_its_outcome(mon
 
 def test_connect_says_that_nothing_listens():
     async def scenario():
-        with socket.create_server(('127.0.0.1', 0)) as server:
-            port = server.getsockname()[1]
+        port = vacant_port()
         robot = Robot(motion_port=port, state_port=port, io_port=0)
         with pytest.raises(RobotError) as caught:
             await robot.connect(timeout=2.0)

@@ -9,6 +9,7 @@ import asyncio
 import gc
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ MODELS = pytest.mark.parametrize('model', READY)
 
 @pytest.fixture(autouse=True)
 def _opw(request):
-    if request.node.callspec.params['model'] == 'c3_a601s':
+    if 'model' in request.fixturenames and request.getfixturevalue('model') == 'c3_a601s':
         pytest.importorskip('py_opw_kinematics')
 
 
@@ -112,6 +113,27 @@ def test_random_lines_and_arcs_stay_on_their_path(model, count):
     run(scenario(), patience=36000.0)
 
 
+MIN_WINDOW_S = 1e-4
+"""Cycles are judged together until they last so long, s: over 1e-13 s, rounding is a jump."""
+
+
+def merged(dt, before, after):
+    """Return cycles as windows of `MIN_WINDOW_S` or more without a gap; the rest joins the last.
+
+    dt: shape (k,), s; before, after: shape (k, n). What a limit allows for the change between two
+    mean velocities holds for windows of any length, and each jump of the velocity stays in sight.
+    """
+    ends, since = [], 0.0
+    for index, duration in enumerate(dt):
+        since += duration
+        if since >= MIN_WINDOW_S:
+            ends.append(index)
+            since = 0.0
+    ends = np.array([*ends[:-1], len(dt) - 1])
+    begins = np.array([0, *(ends[:-1] + 1)])
+    return np.add.reduceat(dt, begins), before[begins], after[ends]
+
+
 class Watched:
     """What the servos of an arm are told, cycle by cycle."""
 
@@ -128,16 +150,40 @@ class Watched:
 
     def check(self, limits):
         """Assert that every cycle kept every limit, by the mean velocities; begin anew."""
-        dt = np.array([dt for dt, _, _ in self._cycles])[:, None]
+        dt = np.array([dt for dt, _, _ in self._cycles])
         before, after = (np.array([each[k] for each in self._cycles]) for k in (1, 2))
         self._cycles.clear()
         assert np.array_equal(before[1:], after[:-1])
         assert np.all(after >= limits.position_min - 1e-9)
         assert np.all(after <= limits.position_max + 1e-9)
+        dt, before, after = merged(dt, before, after)
+        dt = dt[:, None]
         velocities = (after - before) / dt
         assert np.all(np.abs(velocities) <= limits.velocity * (1.0 + 1e-6))
         changes = np.abs(np.diff(velocities, axis=0)) / ((dt[1:] + dt[:-1]) / 2.0)
         assert np.all(changes <= limits.acceleration * (1.0 + 1e-3) + 1e-6)
+
+
+def judged(dt, velocities):
+    """Judge a joint that has these velocities in cycles that last dt: shapes (k,)."""
+    watched = Watched(SimpleNamespace(step=None))
+    ends = np.cumsum(dt * velocities)[:, None]
+    watched._cycles = list(zip(dt, np.vstack([[[0.0]], ends[:-1]]), ends, strict=True))
+    watched.check(
+        SimpleNamespace(position_min=-1.0, position_max=1.0, velocity=1.0, acceleration=10.0)
+    )
+
+
+def test_the_judge_sees_a_jump_of_the_velocity_and_takes_no_rounding_for_one():
+    dt = np.tile([4e-3, 1e-6, 9e-6, 1.1e-13], 50)
+    times = np.cumsum(dt) - dt / 2.0
+    judged(dt, 9.9 * np.minimum(times, times[-1] - times))
+    with pytest.raises(AssertionError):
+        judged(dt, np.where(times < 0.1, 0.0, 0.05))
+    with pytest.raises(AssertionError):
+        judged(dt, 10.1 * np.minimum(times, 0.09))
+    with pytest.raises(AssertionError):
+        judged(dt, np.where(dt == 1e-6, 1.01e3, 0.0))
 
 
 def near_trouble(model, number, random):

@@ -14,6 +14,7 @@ from contextlib import suppress
 
 import pytest
 from support.longer_arm import arm_model
+from support.vacant_port import vacant_port
 
 from epson_driver.cli import pendant, pendant_words
 from epson_driver.profiles.profile import load_controller_profile
@@ -322,17 +323,16 @@ def test_completion_in_bash(said, line, expected):
 
 
 def test_nobody_listens():
-    with socket.create_server(('127.0.0.1', 0)) as server:
-        free = server.getsockname()[1]
+    vacant = vacant_port()
     result = subprocess.run(
-        [sys.executable, '-m', 'epson_driver.cli', 'pendant', '--port', str(free), 'status'],
+        [sys.executable, '-m', 'epson_driver.cli', 'pendant', '--port', str(vacant), 'status'],
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
     assert result.returncode == 1
-    assert f'127.0.0.1:{free}: Connection refused' in result.stderr
+    assert f'127.0.0.1:{vacant}: Connection refused' in result.stderr
     assert 'Traceback' not in result.stderr
 
 

@@ -59,7 +59,7 @@ Fend
 """
 
 
-class Bench:
+class BytesHarness:
     """bytes.prg with a program that calls it for a batch of values."""
 
     def __init__(self) -> None:
@@ -106,8 +106,8 @@ class Bench:
 
 
 @pytest.fixture(scope='module')
-def bench() -> Bench:
-    return Bench()
+def harness() -> BytesHarness:
+    return BytesHarness()
 
 
 def as_float(bits: int) -> float:
@@ -179,21 +179,21 @@ def values(count: int) -> Iterator[list[float]]:
 
 
 @pytest.mark.parametrize('count', [SOME, MANY])
-def test_floats_are_packed_bit_by_bit_as_struct_does(bench: Bench, count: int) -> None:
+def test_floats_are_packed_bit_by_bit_as_struct_does(harness: BytesHarness, count: int) -> None:
     for batch in values(count):
-        for value, found in zip(batch, bench.pack(batch), strict=True):
+        for value, found in zip(batch, harness.pack(batch), strict=True):
             assert found == packed(value), value.hex()
 
 
 @pytest.mark.parametrize('count', [SOME, MANY])
-def test_floats_are_unpacked_bit_by_bit_as_struct_does(bench: Bench, count: int) -> None:
+def test_floats_are_unpacked_bit_by_bit_as_struct_does(harness: BytesHarness, count: int) -> None:
     chance = random.Random(17)
     special = [0, 1, 0x8000_0001, 0x007F_FFFF, 0x0080_0000, 0x7F7F_FFFF, 0x7F80_0000]
     special += [0xFF80_0000, 0x7FC0_0000, 0x7F80_0001, 0xFFFF_FFFF, 0x3F80_0000, 0x8000_0000]
     for _ in range(count // BATCH):
         bits = special + [chance.getrandbits(32) for _ in range(BATCH - len(special))]
         for each, found in zip(
-            bits, bench.unpack([struct.pack('<I', each) for each in bits]), strict=True
+            bits, harness.unpack([struct.pack('<I', each) for each in bits]), strict=True
         ):
             value = as_float(each)
             if not math.isfinite(value):
@@ -204,41 +204,41 @@ def test_floats_are_unpacked_bit_by_bit_as_struct_does(bench: Bench, count: int)
 
 
 @pytest.mark.parametrize('count', [SOME, MANY])
-def test_longs_there_and_back(bench: Bench, count: int) -> None:
+def test_longs_there_and_back(harness: BytesHarness, count: int) -> None:
     chance = random.Random(18)
     special = [0, 1, -1, -4, 2**31 - 1, -(2**31), 255, 256, -256, 0x00FF_FFFF, -0x0100_0000]
     for _ in range(count // BATCH):
         longs = special + [chance.randrange(-(2**31), 2**31) for _ in range(BATCH - len(special))]
-        bench.arrays['g_long'].d[:] = longs
-        bench.call('PackLongs')
-        written = bytes(bench.arrays['g_bytes'].d)
+        harness.arrays['g_long'].d[:] = longs
+        harness.call('PackLongs')
+        written = bytes(harness.arrays['g_bytes'].d)
         assert written == struct.pack(f'<{BATCH}i', *longs)
-        bench.arrays['g_long'].d[:] = [0] * BATCH
-        bench.call('UnpackLongs')
-        assert bench.arrays['g_long'].d == longs
+        harness.arrays['g_long'].d[:] = [0] * BATCH
+        harness.call('UnpackLongs')
+        assert harness.arrays['g_long'].d == longs
 
 
-def test_a_number_costs_few_statements(bench: Bench) -> None:
+def test_a_number_costs_few_statements(harness: BytesHarness) -> None:
     """A controller has time for some hundred statements per message at 100 Hz."""
     angles = [0.5 + 1e-4 * number for number in range(BATCH)]
-    before = bench.machine.statements
-    bench.pack(angles)
-    assert (bench.machine.statements - before) / BATCH < 30
-    before = bench.machine.statements
-    bench.unpack([struct.pack('<f', angle) for angle in angles])
-    assert (bench.machine.statements - before) / BATCH < 20
+    before = harness.machine.statements
+    harness.pack(angles)
+    assert (harness.machine.statements - before) / BATCH < 30
+    before = harness.machine.statements
+    harness.unpack([struct.pack('<f', angle) for angle in angles])
+    assert (harness.machine.statements - before) / BATCH < 20
 
 
 def test_every_statement_was_executed() -> None:
-    bench = Bench()
+    harness = BytesHarness()
     for batch in values(0):
-        bench.pack(batch)
+        harness.pack(batch)
     kinds = [struct.pack('<I', bits) for bits in (0x7F80_0000, 1, 0xBF80_0000)]
-    bench.unpack((kinds * BATCH)[:BATCH])
-    bench.arrays['g_long'].d[:] = [-1] * BATCH
-    bench.call('PackLongs')
-    bench.call('UnpackLongs')
-    lines = bench.machine.lines()['bytes.prg']
+    harness.unpack((kinds * BATCH)[:BATCH])
+    harness.arrays['g_long'].d[:] = [-1] * BATCH
+    harness.call('PackLongs')
+    harness.call('UnpackLongs')
+    lines = harness.machine.lines()['bytes.prg']
     assert [line for line, executed in lines.items() if not executed] == []
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from support.byte_scripts import SCRIPTS, Script
 from support.controller_harness import RC620, Harness, InlinePlanner, split
-from support.program_bench import OurProgramBench
+from support.spel_program_harness import OurProgramHarness
 
 from epson_driver.simple_message import FrameError
 
@@ -72,10 +72,10 @@ def _number(kind: int, body: bytes) -> str:
 
 
 def by_spel(script: Script) -> tuple[str, str, str]:
-    bench = OurProgramBench()
-    motion, peer = bench.ready()
-    played(script, motion.receive, bench.step, bench.do)
-    return outcome(script, peer.take(), peer.ended is not None, bench.position)
+    harness = OurProgramHarness()
+    motion, peer = harness.ready()
+    played(script, motion.receive, harness.step, harness.do)
+    return outcome(script, peer.take(), peer.ended is not None, harness.position)
 
 
 def by_built_in(script: Script) -> tuple[str, str, str]:

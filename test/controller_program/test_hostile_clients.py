@@ -7,7 +7,7 @@ import struct
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.examples import examples
-from support.robot_program import IO_PORT, MOTION_PORT, STATE_PORT, RobotBench, moved, point
+from support.robot_program import IO_PORT, MOTION_PORT, STATE_PORT, RobotHarness, moved, point
 
 POINT_BYTES = 52
 """Of the body of a JOINT_TRAJ_PT. Here joint 1 is at 9 rad: others could be good points."""
@@ -46,22 +46,22 @@ CHUNKS = st.lists(st.one_of(FRAMES, FRAMES, FRAMES, st.binary(max_size=40)), max
 def test_hostile_frames_end_nothing_and_move_nothing(
     port: int, chunks: list[bytes], cut: bool
 ) -> None:
-    bench = RobotBench(LOST_CLIENT_MOTORS_OFF='')
-    client = bench.client(port)
+    harness = RobotHarness(LOST_CLIENT_MOTORS_OFF='')
+    client = harness.client(port)
     for chunk in chunks:
         if client.open:
             client.send_bytes(chunk)
             if cut:
-                bench.run(0.02)
-    bench.run(0.5)
+                harness.run(0.02)
+    harness.run(0.5)
     client.leave()
-    bench.run(1.0)
-    assert bench.robot.gone_to == []
-    assert bench.robot.failures == []
-    assert all(bench.task(number) for number in (1, 65, 66, 67, 68))
-    good = bench.client()
-    start = bench.robot.position
+    harness.run(1.0)
+    assert harness.robot.gone_to == []
+    assert harness.robot.failures == []
+    assert all(harness.task(number) for number in (1, 65, 66, 67, 68))
+    good = harness.client()
+    start = harness.robot.position
     points = [point(n, moved(start, j1=n + 1.0)) for n in range(3)]
-    assert bench.stream(good, points) == [(0, 1), (1, 1), (2, 1)]
-    bench.rest()
-    assert abs(bench.robot.position[0] - 3.0) < 1e-4
+    assert harness.stream(good, points) == [(0, 1), (1, 1), (2, 1)]
+    harness.rest()
+    assert abs(harness.robot.position[0] - 3.0) < 1e-4

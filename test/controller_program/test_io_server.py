@@ -3,7 +3,7 @@
 """io.prg: docs/io.md's messages on the controller's inputs, outputs and memory bits."""
 
 import pytest
-from support.robot_program import IO_PORT, Client, RobotBench
+from support.robot_program import IO_PORT, Client, RobotHarness
 
 from epson_driver.simple_message import (
     GetVersion,
@@ -41,16 +41,16 @@ DONE, NO_TYPE, READ_ONLY, NO_INDEX, NO_VALUE, NO_RANGE, TOO_MUCH = (
 
 
 @pytest.fixture
-def bench() -> RobotBench:
-    return RobotBench()
+def harness() -> RobotHarness:
+    return RobotHarness()
 
 
 @pytest.fixture
-def client(bench: RobotBench) -> Client:
-    return bench.client(IO_PORT)
+def client(harness: RobotHarness) -> Client:
+    return harness.client(IO_PORT)
 
 
-def ask(bench: RobotBench, client: Client, message: Message) -> Message:
+def ask(harness: RobotHarness, client: Client, message: Message) -> Message:
     """Return the reply to a request."""
     client.packets()
     client.send(request(message))
@@ -62,16 +62,16 @@ def ask(bench: RobotBench, client: Client, message: Message) -> Message:
         found.extend(each.message for each in packets if each.reply_code is ReplyCode.SUCCESS)
         return bool(found)
 
-    bench.run_until(answered)
+    harness.run_until(answered)
     (message,) = found
     return message
 
 
-def bits(bench: RobotBench, memory: Memory) -> set[int]:
-    return {index for index, value in bench.robot.bits[memory].items() if value}
+def bits(harness: RobotHarness, memory: Memory) -> set[int]:
+    return {index for index, value in harness.robot.bits[memory].items() if value}
 
 
-def test_info(bench: RobotBench, client: Client) -> None:
+def test_info(harness: RobotHarness, client: Client) -> None:
     ranges = (
         IoRange(DI, 0, 24, 2),
         IoRange(DO, 0, 16, 3),
@@ -81,14 +81,14 @@ def test_info(bench: RobotBench, client: Client) -> None:
         IoRange(GO, 1000, 1, 3),
         IoRange(FLAG, 0, 64, 3),
     )
-    assert ask(bench, client, IoInfo(77)) == IoInfoReply(77, 1, ranges)
+    assert ask(harness, client, IoInfo(77)) == IoInfoReply(77, 1, ranges)
 
 
-def test_read(bench: RobotBench, client: Client) -> None:
+def test_read(harness: RobotHarness, client: Client) -> None:
     for index in (1, 9, 15):
-        bench.robot.write_bits(Memory.INPUT, index, 1, 1)
-    bench.robot.write_bits(Memory.OUTPUT, 3, 1, 1)
-    bench.robot.write_bits(Memory.MEMORY, 63, 1, 1)
+        harness.robot.write_bits(Memory.INPUT, index, 1, 1)
+    harness.robot.write_bits(Memory.OUTPUT, 3, 1, 1)
+    harness.robot.write_bits(Memory.MEMORY, 63, 1, 1)
     wanted = {
         (DI, 1): (DONE, 1),
         (DI, 2): (DONE, 0),
@@ -109,13 +109,13 @@ def test_read(bench: RobotBench, client: Client) -> None:
         (DO, 2**31 - 1): (NO_INDEX, 0),
         (DO, 1000): (NO_INDEX, 0),
     }
-    found = ask(bench, client, IoRead(5, tuple(IoAddress(*each) for each in wanted)))
+    found = ask(harness, client, IoRead(5, tuple(IoAddress(*each) for each in wanted)))
     assert found.message_id == 5
     assert found.items == tuple(IoReading(*a, *b) for a, b in wanted.items())
-    assert 0 < found.timestamp <= bench.machine.time * 1000
+    assert 0 < found.timestamp <= harness.machine.time * 1000
 
 
-def test_write(bench: RobotBench, client: Client) -> None:
+def test_write(harness: RobotHarness, client: Client) -> None:
     wanted = {
         (DO, 15, 1): DONE,
         (FLAG, 5, 1): DONE,
@@ -131,20 +131,20 @@ def test_write(bench: RobotBench, client: Client) -> None:
         (GI, 0, 1): READ_ONLY,
         (AI, 0, 1): NO_TYPE,
     }
-    found = ask(bench, client, IoWrite(6, tuple(IoSetting(*each) for each in wanted)))
+    found = ask(harness, client, IoWrite(6, tuple(IoSetting(*each) for each in wanted)))
     assert found.items == tuple(IoOutcome(a, b, r) for (a, b, _), r in wanted.items())
-    assert bits(bench, Memory.OUTPUT) == {7, 15}
-    assert bits(bench, Memory.MEMORY) & set(range(64)) == {5}
-    ask(bench, client, IoWrite(7, (IoSetting(GO, 1000, 0xC003),)))
-    assert bits(bench, Memory.OUTPUT) == {0, 1, 14, 15}
+    assert bits(harness, Memory.OUTPUT) == {7, 15}
+    assert bits(harness, Memory.MEMORY) & set(range(64)) == {5}
+    ask(harness, client, IoWrite(7, (IoSetting(GO, 1000, 0xC003),)))
+    assert bits(harness, Memory.OUTPUT) == {0, 1, 14, 15}
 
 
-def test_the_stop_bit_cannot_be_written(bench: RobotBench, client: Client) -> None:
-    found = ask(bench, client, IoWrite(1, (IoSetting(FLAG, 500, 1), IoSetting(FLAG, 64, 1))))
+def test_the_stop_bit_cannot_be_written(harness: RobotHarness, client: Client) -> None:
+    found = ask(harness, client, IoWrite(1, (IoSetting(FLAG, 500, 1), IoSetting(FLAG, 64, 1))))
     assert [item.result for item in found.items] == [NO_INDEX, NO_INDEX]
 
 
-def test_reset(bench: RobotBench, client: Client) -> None:
+def test_reset(harness: RobotHarness, client: Client) -> None:
     for items, outputs, flags in (
         (((DO, 3),), {4, 12}, {3}),
         (((GO, 1),), {3, 4}, {3}),
@@ -160,83 +160,87 @@ def test_reset(bench: RobotBench, client: Client) -> None:
             IoSetting(DO, 12, 1),
             IoSetting(FLAG, 3, 1),
         )
-        ask(bench, client, IoWrite(1, on))
-        found = ask(bench, client, IoReset(2, tuple(IoAddress(*each) for each in items)))
+        ask(harness, client, IoWrite(1, on))
+        found = ask(harness, client, IoReset(2, tuple(IoAddress(*each) for each in items)))
         assert found == IoResetReply(2, tuple(IoOutcome(*each, DONE) for each in items))
-        assert bits(bench, Memory.OUTPUT) == outputs
-        assert bits(bench, Memory.MEMORY) & set(range(64)) == flags
+        assert bits(harness, Memory.OUTPUT) == outputs
+        assert bits(harness, Memory.MEMORY) & set(range(64)) == flags
     wrong = (IoAddress(DI, 0), IoAddress(DI, -1), IoAddress(AI, -1), IoAddress(DO, 99))
-    found = ask(bench, client, IoReset(3, wrong))
+    found = ask(harness, client, IoReset(3, wrong))
     assert [item.result for item in found.items] == [READ_ONLY, READ_ONLY, NO_TYPE, NO_INDEX]
 
 
-def test_publications_on_change_and_from_time_to_time(bench: RobotBench, client: Client) -> None:
+def test_publications_on_change_and_from_time_to_time(
+    harness: RobotHarness, client: Client
+) -> None:
     spans = (IoSpan(DI, 0, 24), IoSpan(GO, 0, 2), IoSpan(FLAG, 0, 64))
-    found = ask(bench, client, IoSubscribe(8, spans))
+    found = ask(harness, client, IoSubscribe(8, spans))
     expected = tuple(IoOutcome(each.io_type, each.start, DONE) for each in spans)
     assert found == IoSubscribeReply(8, expected)
-    bench.run(0.3)
+    harness.run(0.3)
     first = [each.message for each in client.packets()]
     assert [len(item.values) for item in first[0].items] == [24, 2, 64]
-    bench.run(2.0)
+    harness.run(2.0)
     assert 3 <= len(client.packets()) <= 6
-    bench.robot.write_bits(Memory.INPUT, 4, 1, 1)
-    bench.run(0.15)
+    harness.robot.write_bits(Memory.INPUT, 4, 1, 1)
+    harness.run(0.15)
     (packet,) = client.packets()[:1]
     assert isinstance(packet.message, IoPublish)
     assert packet.message.items[0].values == (0,) * 4 + (1,) + (0,) * 19
-    found = ask(bench, client, IoUnsubscribe(9, (IoAddress(DI, 0), IoAddress(DO, 0))))
+    found = ask(harness, client, IoUnsubscribe(9, (IoAddress(DI, 0), IoAddress(DO, 0))))
     results = (IoOutcome(DI, 0, DONE), IoOutcome(DO, 0, NO_RANGE))
     assert found == IoUnsubscribeReply(9, results)
-    ask(bench, client, IoUnsubscribe(9, (IoAddress(GO, 0), IoAddress(FLAG, 0))))
+    ask(harness, client, IoUnsubscribe(9, (IoAddress(GO, 0), IoAddress(FLAG, 0))))
     client.packets()
-    bench.run(2.0)
+    harness.run(2.0)
     assert client.packets() == []
 
 
-def test_as_much_as_can_be_subscribed_to(bench: RobotBench, client: Client) -> None:
+def test_as_much_as_can_be_subscribed_to(harness: RobotHarness, client: Client) -> None:
     spans = [IoSpan(FLAG, n, 64 - n) for n in range(5)] + [IoSpan(FLAG, 0, 1)]
-    found = ask(bench, client, IoSubscribe(1, tuple(spans)))
+    found = ask(harness, client, IoSubscribe(1, tuple(spans)))
     assert [item.result for item in found.items] == [DONE] * 4 + [TOO_MUCH, DONE]
     spans = [IoSpan(DI, n, 1) for n in range(5)] + [IoSpan(DI, 0, 0), IoSpan(DI, 0, 25)]
-    found = ask(bench, client, IoSubscribe(1, tuple(spans)))
+    found = ask(harness, client, IoSubscribe(1, tuple(spans)))
     assert [item.result for item in found.items] == [DONE] * 4 + [TOO_MUCH, NO_INDEX, NO_INDEX]
-    bench.run(1.0)
+    harness.run(1.0)
     (*_, last) = client.packets()
     assert len(last.message.items) == 8
 
 
-def test_outputs_go_off_with_the_client_that_wrote_them(bench: RobotBench, client: Client) -> None:
-    ask(bench, client, IoWrite(1, (IoSetting(DO, 3, 1), IoSetting(FLAG, 3, 1))))
+def test_outputs_go_off_with_the_client_that_wrote_them(
+    harness: RobotHarness, client: Client
+) -> None:
+    ask(harness, client, IoWrite(1, (IoSetting(DO, 3, 1), IoSetting(FLAG, 3, 1))))
     client.leave()
-    bench.run(0.5)
-    assert bits(bench, Memory.OUTPUT) == set()
-    assert bits(bench, Memory.MEMORY) & set(range(64)) == {3}
-    bench.robot.write_bits(Memory.OUTPUT, 3, 1, 1)
-    reader = bench.client(IO_PORT)
-    ask(bench, reader, IoRead(1, (IoAddress(DO, 3),)))
+    harness.run(0.5)
+    assert bits(harness, Memory.OUTPUT) == set()
+    assert bits(harness, Memory.MEMORY) & set(range(64)) == {3}
+    harness.robot.write_bits(Memory.OUTPUT, 3, 1, 1)
+    reader = harness.client(IO_PORT)
+    ask(harness, reader, IoRead(1, (IoAddress(DO, 3),)))
     reader.leave()
-    bench.run(0.5)
-    assert bits(bench, Memory.OUTPUT) == {3}
+    harness.run(0.5)
+    assert bits(harness, Memory.OUTPUT) == {3}
 
 
 def test_outputs_stay_if_config_says_so() -> None:
-    bench = RobotBench(IO_OFF_WHEN_LOST='')
-    client = bench.client(IO_PORT)
-    ask(bench, client, IoWrite(1, (IoSetting(DO, 3, 1),)))
+    harness = RobotHarness(IO_OFF_WHEN_LOST='')
+    client = harness.client(IO_PORT)
+    ask(harness, client, IoWrite(1, (IoSetting(DO, 3, 1),)))
     client.leave()
-    bench.run(0.5)
-    assert bits(bench, Memory.OUTPUT) == {3}
+    harness.run(0.5)
+    assert bits(harness, Memory.OUTPUT) == {3}
 
 
-def test_what_is_no_request_of_io(bench: RobotBench, client: Client) -> None:
+def test_what_is_no_request_of_io(harness: RobotHarness, client: Client) -> None:
     count = (5).to_bytes(4, 'little')
     huge = (2**31 - 1).to_bytes(4, 'little')
     client.send(request(GetVersion()), topic(IoInfo(1)))
     for body in (b'', count, count * 2, count + huge, count + b'\xff' * 4):
         client.send(request(Opaque(MessageType.IO_READ, body)))
     client.send(request(Opaque(MessageType.IO_INFO, count * 2)))
-    bench.run(0.3)
+    harness.run(0.3)
     expected = [reply(GetVersion((0, 1, 0)), ReplyCode.SUCCESS)]
     expected += [reply(Opaque(MessageType.IO_READ), ReplyCode.FAILURE)] * 5
     expected += [reply(Opaque(MessageType.IO_INFO), ReplyCode.FAILURE)]
@@ -246,18 +250,18 @@ def test_what_is_no_request_of_io(bench: RobotBench, client: Client) -> None:
     assert client.open
 
 
-def test_a_long_read_is_sent_in_pieces(bench: RobotBench, client: Client) -> None:
+def test_a_long_read_is_sent_in_pieces(harness: RobotHarness, client: Client) -> None:
     """122 items are 1,976 bytes; WriteBin takes 1,023."""
     items = tuple(IoAddress(DI, n % 24) for n in range(122))
-    assert len(ask(bench, client, IoRead(1, items)).items) == 122
+    assert len(ask(harness, client, IoRead(1, items)).items) == 122
 
 
 def test_the_clock_begins_again_before_it_is_too_long_for_a_long(
-    bench: RobotBench, client: Client
+    harness: RobotHarness, client: Client
 ) -> None:
-    ask(bench, client, IoSubscribe(8, (IoSpan(DI, 0, 1),)))
-    bench.machine.world.timers[58] = bench.machine.time - 2_000_001.0
-    found = ask(bench, client, IoRead(5, (IoAddress(DI, 1),)))
+    ask(harness, client, IoSubscribe(8, (IoSpan(DI, 0, 1),)))
+    harness.machine.world.timers[58] = harness.machine.time - 2_000_001.0
+    found = ask(harness, client, IoRead(5, (IoAddress(DI, 1),)))
     assert 0 <= found.timestamp < 1000
-    bench.run(1.0)
+    harness.run(1.0)
     assert client.packets()

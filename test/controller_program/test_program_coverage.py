@@ -18,7 +18,7 @@ from support.robot_program import (
     IO_PORT,
     MOTION_PORT,
     STATE_PORT,
-    RobotBench,
+    RobotHarness,
     changed,
     executed_lines,
 )
@@ -54,10 +54,10 @@ def _parameters(test: Callable[..., None]) -> Iterator[dict[str, object]]:
 
 def _run(test: Callable[..., None], port: int, given: dict[str, object]) -> None:
     names = inspect.signature(test).parameters
-    if 'bench' in names:
-        given['bench'] = bench = RobotBench()
+    if 'harness' in names:
+        given['harness'] = harness = RobotHarness()
     if 'client' in names:
-        given['client'] = client = bench.client(port)
+        given['client'] = client = harness.client(port)
         client.raw()
     test(**given)
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from support.controller_harness import MODEL
-from support.program_bench import SPEL_PROFILE, ProgramBench
 from support.robot_program import FILES
+from support.spel_program_harness import SPEL_PROFILE, SpelProgramHarness
 
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel.lint import check
@@ -57,9 +57,9 @@ def test_the_page_s_measurement_finds_how_long_accelerations_take(caplog) -> Non
     """What a person is told to measure is what the simulated arm has, and the profile puts in."""
     caplog.set_level(logging.INFO)
     (program,) = [each for each in PROGRAMS if 'RAMP_MS' in each]
-    bench = ProgramBench(program, caplog)
-    bench.until(lambda: bench.printed)
-    _, quick, _, ramp = bench.printed[0].split()
+    harness = SpelProgramHarness(program, caplog)
+    harness.until(lambda: harness.printed)
+    _, quick, _, ramp = harness.printed[0].split()
     config = profile_project(SPEL_PROFILE.spel, MODEL)['config.inc']
     wanted = dict(re.findall(r'(?m)^#define (T100_MS|RAMP_MS) (\d+)', config))
     assert float(quick) == pytest.approx(float(wanted['T100_MS']), abs=2.0)

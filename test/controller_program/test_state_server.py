@@ -6,7 +6,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from support.robot_program import PULSES, STATE_PORT, Client, RobotBench, point
+from support.robot_program import PULSES, STATE_PORT, Client, RobotHarness, point
 
 from epson_driver.simple_message import (
     LITTLE_ENDIAN,
@@ -28,32 +28,34 @@ BATTERY = 8
 
 
 @pytest.fixture
-def bench() -> RobotBench:
-    return RobotBench()
+def harness() -> RobotHarness:
+    return RobotHarness()
 
 
 @pytest.fixture
-def client(bench: RobotBench) -> Client:
-    client = bench.client(STATE_PORT)
+def client(harness: RobotHarness) -> Client:
+    client = harness.client(STATE_PORT)
     client.packets()
     return client
 
 
-def status(bench: RobotBench, client: Client) -> Status:
+def status(harness: RobotHarness, client: Client) -> Status:
     """Return the last STATUS within a quarter of a second."""
     client.packets()
-    bench.run(0.25)
+    harness.run(0.25)
     return [each.message for each in client.packets() if isinstance(each.message, Status)][-1]
 
 
-def test_joints_are_those_of_the_encoders_bit_by_bit(bench: RobotBench, client: Client) -> None:
+def test_joints_are_those_of_the_encoders_bit_by_bit(
+    harness: RobotHarness, client: Client
+) -> None:
     """RealPls times degrees per pulse, rounded once to binary32."""
-    bench.robot.joints = (12.3456789, -98.7654321, 1.1e-4, 179.9, -0.5, 0.0)
-    bench.run(0.02)
+    harness.robot.joints = (12.3456789, -98.7654321, 1.1e-4, 179.9, -0.5, 0.0)
+    harness.run(0.02)
     client.raw()
-    bench.run(0.15)
-    per_pulse = bench.shared('g_per_pulse').d
-    pulses = [round(a * b) for a, b in zip(bench.robot.joints, PULSES, strict=True)]
+    harness.run(0.15)
+    per_pulse = harness.shared('g_per_pulse').d
+    pulses = [round(a * b) for a, b in zip(harness.robot.joints, PULSES, strict=True)]
     radians = [n * k * 0.017453292519943295 for n, k in zip(pulses, per_pulse, strict=True)]
     expected = encode(topic(JointPosition(0, joint_data(radians))), LITTLE_ENDIAN)
     got = client.raw()
@@ -61,18 +63,18 @@ def test_joints_are_those_of_the_encoders_bit_by_bit(bench: RobotBench, client: 
     assert got.count(b'\x38\0\0\0\x0a\0\0\0\x01\0\0\0\0\0\0\0') == got.count(expected)
 
 
-def test_degrees_per_pulse_are_exact_to_less_than_a_pulse(bench: RobotBench) -> None:
+def test_degrees_per_pulse_are_exact_to_less_than_a_pulse(harness: RobotHarness) -> None:
     for joint, (held, pulses) in enumerate(
-        zip(bench.shared('g_per_pulse').d, PULSES, strict=True)
+        zip(harness.shared('g_per_pulse').d, PULSES, strict=True)
     ):
         assert abs(360.0 / held - 360.0 * pulses) < 2.5, joint
-    assert bench.shared('g_zero').d == [0.0] * 6
+    assert harness.shared('g_zero').d == [0.0] * 6
 
 
 def test_a_joint_position_every_10_ms_and_a_status_after_ten(
-    bench: RobotBench, client: Client
+    harness: RobotHarness, client: Client
 ) -> None:
-    bench.run(10.0)
+    harness.run(10.0)
     kinds = [type(each.message) for each in client.packets()]
     assert 990 <= len(kinds) <= 1010
     period = kinds.index(Status)
@@ -81,84 +83,86 @@ def test_a_joint_position_every_10_ms_and_a_status_after_ten(
     assert {b - a for a, b in pairwise(beats)} == {11}
 
 
-def test_status_is_bit_exact(bench: RobotBench, client: Client) -> None:
+def test_status_is_bit_exact(harness: RobotHarness, client: Client) -> None:
     client.raw()
-    bench.run(0.3)
+    harness.run(0.3)
     expected = Status(1, 0, 0, 0, 0, Mode.AUTO, 1)
     assert encode(topic(expected), LITTLE_ENDIAN) in client.raw()
 
 
-def test_every_field_of_the_status(bench: RobotBench, client: Client) -> None:
-    assert status(bench, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 1)
-    bench.robot.motors = False
-    assert status(bench, client) == Status(0, 0, 0, 0, 0, Mode.AUTO, 0)
-    bench.robot.motors = True
-    bench.robot.states['ctrlinfo'] = 0
-    assert status(bench, client) == Status(1, 0, 0, 0, 0, Mode.MANUAL, 0)
-    bench.robot.states.update(ctrlinfo=1, pauseon=-1)
-    assert status(bench, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 0)
-    bench.robot.states.update(pauseon=0, erroron=-1, syserr=BATTERY)
-    assert status(bench, client) == Status(1, 0, BATTERY, 1, 0, Mode.AUTO, 0)
-    bench.robot.states.update(erroron=0, syserr=0)
-    bench.press_estop()
-    assert status(bench, client) == Status(0, 1, 2261, 0, 0, Mode.AUTO, 0)
-    bench.enable()
-    assert status(bench, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 1)
+def test_every_field_of_the_status(harness: RobotHarness, client: Client) -> None:
+    assert status(harness, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 1)
+    harness.robot.motors = False
+    assert status(harness, client) == Status(0, 0, 0, 0, 0, Mode.AUTO, 0)
+    harness.robot.motors = True
+    harness.robot.states['ctrlinfo'] = 0
+    assert status(harness, client) == Status(1, 0, 0, 0, 0, Mode.MANUAL, 0)
+    harness.robot.states.update(ctrlinfo=1, pauseon=-1)
+    assert status(harness, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 0)
+    harness.robot.states.update(pauseon=0, erroron=-1, syserr=BATTERY)
+    assert status(harness, client) == Status(1, 0, BATTERY, 1, 0, Mode.AUTO, 0)
+    harness.robot.states.update(erroron=0, syserr=0)
+    harness.press_estop()
+    assert status(harness, client) == Status(0, 1, 2261, 0, 0, Mode.AUTO, 0)
+    harness.enable()
+    assert status(harness, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 1)
 
 
-def test_in_motion_and_errors_of_points_and_of_main(bench: RobotBench, client: Client) -> None:
-    motion = bench.client()
-    bench.stream(motion, [point(0, [90.0, 0.0, 0.0, 0.0, 30.0, 0.0], 3.0)])
-    bench.run(0.5)
-    assert status(bench, client).in_motion == 1
-    bench.rest()
-    assert status(bench, client).in_motion == 0
-    bench.stream(motion, [point(0, [math.inf] * 6)])
-    assert status(bench, client).error_code == 8000
-    bench.robot.fails_with = 4242
-    bench.stream(motion, [point(0, [80.0, 0.0, 0.0, 0.0, 30.0, 0.0])])
-    bench.run(0.5)
-    assert status(bench, client).error_code == 4242
+def test_in_motion_and_errors_of_points_and_of_main(harness: RobotHarness, client: Client) -> None:
+    motion = harness.client()
+    harness.stream(motion, [point(0, [90.0, 0.0, 0.0, 0.0, 30.0, 0.0], 3.0)])
+    harness.run(0.5)
+    assert status(harness, client).in_motion == 1
+    harness.rest()
+    assert status(harness, client).in_motion == 0
+    harness.stream(motion, [point(0, [math.inf] * 6)])
+    assert status(harness, client).error_code == 8000
+    harness.robot.fails_with = 4242
+    harness.stream(motion, [point(0, [80.0, 0.0, 0.0, 0.0, 30.0, 0.0])])
+    harness.run(0.5)
+    assert status(harness, client).error_code == 4242
 
 
-def test_requests_are_answered_between_the_messages(bench: RobotBench, client: Client) -> None:
+def test_requests_are_answered_between_the_messages(harness: RobotHarness, client: Client) -> None:
     client.send(request(Ping()), request(Opaque(1599)))
-    bench.run(0.2)
+    harness.run(0.2)
     got = [each for each in client.packets() if each.reply_code]
     assert got == [reply(Ping(), ReplyCode.SUCCESS), reply(Opaque(1599), ReplyCode.FAILURE)]
 
 
-def test_a_lost_client_is_followed_by_the_next(bench: RobotBench, client: Client) -> None:
+def test_a_lost_client_is_followed_by_the_next(harness: RobotHarness, client: Client) -> None:
     for _ in range(3):
         client.leave()
-        bench.run(0.5)
+        harness.run(0.5)
         assert not client.open
-        client = bench.client(STATE_PORT)
+        client = harness.client(STATE_PORT)
         assert len(client.packets()) > 10
-    assert bench.robot.failures == []
+    assert harness.robot.failures == []
 
 
 def test_a_client_that_sends_what_makes_no_sense_is_thrown_out(
-    bench: RobotBench, client: Client
+    harness: RobotHarness, client: Client
 ) -> None:
     client.send_bytes(b'\xff' * 100)
-    bench.run(0.3)
+    harness.run(0.3)
     assert not client.open
-    half = bench.client(STATE_PORT)
+    half = harness.client(STATE_PORT)
     half.send_bytes(b'\x20\0\0\0\x01')
-    bench.run(0.5)
+    harness.run(0.5)
     assert half.open
-    bench.run(1.0)
+    harness.run(1.0)
     assert not half.open
-    assert bench.client(STATE_PORT).packets()
+    assert harness.client(STATE_PORT).packets()
 
 
-def test_a_controller_that_is_busy_sends_later_not_more(bench: RobotBench, client: Client) -> None:
+def test_a_controller_that_is_busy_sends_later_not_more(
+    harness: RobotHarness, client: Client
+) -> None:
     """After a gap the messages go on at their rate: those that were missed are not made up for."""
-    task = next(each for each in bench.machine.world.tasks.values() if each.number == 67)
+    task = next(each for each in harness.machine.world.tasks.values() if each.number == 67)
     task.halted = True
-    bench.run(2.0)
+    harness.run(2.0)
     client.packets()
     task.halted = False
-    bench.run(1.0)
+    harness.run(1.0)
     assert len(client.packets()) <= 105

@@ -8,6 +8,7 @@ import socket
 import pytest
 from support.driver_harness import Harness, ScriptedController, answer, cell, pose, simulated
 from support.event_loop import run, until
+from support.vacant_port import vacant_port
 
 from epson_driver.driver import arm_commands
 from epson_driver.driver.arm_commands import CommandError
@@ -16,11 +17,6 @@ from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import Ports
 from epson_driver.simple_message import JointTrajPt
-
-
-def free_port():
-    with socket.create_server(('127.0.0.1', 0)) as server:
-        return server.getsockname()[1]
 
 
 async def rejection(coroutine):
@@ -58,7 +54,7 @@ def test_enable_when_the_motors_are_on_already_needs_no_remote_port():
 
 def test_enable_without_a_controller_names_the_link():
     async def scenario():
-        port = free_port()
+        port = vacant_port()
         async with Harness(Ports(port, port, 0, port)) as harness:
             text = await rejection(harness.commands.enable())
             assert f'the state link to 127.0.0.1:{port} is ' in text
@@ -69,7 +65,7 @@ def test_enable_without_a_controller_names_the_link():
 
 def test_enable_without_a_motion_link_names_it():
     async def scenario():
-        port = free_port()
+        port = vacant_port()
         async with (
             simulated() as (_, ports),
             Harness(ports._replace(motion=port)) as harness,
@@ -141,7 +137,7 @@ def test_enable_with_the_motors_off_and_no_remote_port_says_what_to_do():
 
 def test_enable_with_a_remote_port_where_nobody_listens():
     async def scenario():
-        port = free_port()
+        port = vacant_port()
         async with cell(enabled=False, remote_port=port) as (harness, _):
             text = await rejection(harness.commands.enable())
             assert f'remote port 127.0.0.1:{port}' in text
@@ -234,7 +230,7 @@ def test_inv3_stop_ends_the_goal_when_the_arm_stands_and_the_next_one_works():
 
 def test_stop_without_a_link():
     async def scenario():
-        port = free_port()
+        port = vacant_port()
         async with Harness(Ports(port, port, 0, 0)) as harness:
             assert 'STOP could not be sent' in await rejection(harness.commands.stop())
 
@@ -340,7 +336,7 @@ def test_disable_without_a_remote_port_says_that_the_motors_stay():
 
 def test_disable_closes_the_gate_even_if_the_motors_cannot_be_switched():
     async def scenario():
-        async with cell(enabled=False, remote_port=free_port()) as (harness, controller):
+        async with cell(enabled=False, remote_port=vacant_port()) as (harness, controller):
             controller.apply(Event.MOTORS_ON)
             await until(lambda: harness.driver.robot.status.drives_powered == 1)
             await harness.commands.enable()

@@ -12,6 +12,7 @@ from itertools import pairwise
 import pytest
 from support.event_loop import run, until
 from support.link_harness import Harness, Peer, frame, joints
+from support.vacant_port import vacant_port
 
 from epson_driver.link import LinkState, WireEvent
 from epson_driver.simple_message import (
@@ -34,11 +35,6 @@ from epson_driver.simple_message import (
 )
 
 
-def free_port():
-    with socket.create_server(('127.0.0.1', 0)) as server:
-        return server.getsockname()[1]
-
-
 async def silent(connection):
     await connection.stay()
 
@@ -55,7 +51,7 @@ def greetings(harness):
 
 def test_the_controller_may_start_later():
     async def scenario():
-        port = free_port()
+        port = vacant_port()
         async with Harness(port) as harness:
             await until(lambda: harness.states.count('backing_off') >= 2)
             assert not harness.link.connected
@@ -414,7 +410,7 @@ def test_a_reply_comes_once_with_its_time():
 
 def test_posting_without_a_connection_is_an_error():
     async def scenario():
-        async with Harness(free_port()) as harness:
+        async with Harness(vacant_port()) as harness:
             await until(lambda: harness.reasons('backing_off'))
             with pytest.raises(ConnectionError, match=r'test link is (backing_off|connecting)'):
                 harness.link.post(Ping(), lambda *_: None)
@@ -652,7 +648,7 @@ def test_inv7_closing_leaves_no_task_and_no_socket():
                 assert harness.link.state is LinkState.DISCONNECTED
                 assert harness.changes[-1][1] == 'closed'
             await until(lambda: not peer.busy)  # it has seen the end of every connection
-        refused = Harness(free_port())
+        refused = Harness(vacant_port())
         async with refused:
             await until(lambda: refused.reasons('backing_off'))
         assert refused.link.state is LinkState.DISCONNECTED

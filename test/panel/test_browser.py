@@ -51,7 +51,12 @@ class Page:
         self.page.on('pageerror', lambda error: self.errors.append(str(error)))
         self.page.on('console', self._on_console)
         self.page.goto(address)
-        self.lamp('Link', 'good')
+        try:
+            self.lamp('Link', 'good')
+        except Exception as error:
+            shown = self.page.locator('body').inner_text()
+            error.add_note(f'asked for {self.requests}, complained {self.errors}, shows {shown!r}')
+            raise
 
     def _on_console(self, message: Any) -> None:
         if message.type == 'error':

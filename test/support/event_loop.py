@@ -15,6 +15,7 @@ import asyncio
 import contextlib
 import select
 import selectors
+import socket
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from functools import partial
@@ -27,6 +28,12 @@ GRACE = 2e-4
 """How long the loop waits, s of real time, for bytes that are still on their way through the
 system before it takes nothing to be left to do. The call that sends them delivers them; on a busy
 machine the system may put that off."""
+
+CONNECT_GRACE = 1.0
+"""The same for a connection that is neither there nor refused yet, s of real time."""
+
+TCP_SYN_SENT = 2
+"""A connection that was asked for and not answered yet (Linux, tcp_states.h)."""
 
 TURN = 1e-6
 """What a turn of the loop takes, s of virtual time. Without it a timer for the rest of a rounding
@@ -112,11 +119,31 @@ class _Selector(selectors.DefaultSelector):
             ready = super().select(timeout)
             loop.now += time.monotonic() - began
             return ready
-        select.select([self.fileno()], [], [], GRACE)
+        select.select([self.fileno()], [], [], CONNECT_GRACE if self._connects() else GRACE)
         ready = super().select(0)
         if not ready:
             loop.now += timeout
         return ready
+
+    def _connects(self) -> bool:
+        """Return whether a connection is being made, which the system may take its time for."""
+        return any(
+            key.events & selectors.EVENT_WRITE and _tcp_state(key.fd) == TCP_SYN_SENT
+            for key in self.get_map().values()
+        )
+
+
+def _tcp_state(fd: int) -> int | None:
+    """Return the state of a TCP socket as Linux counts them; None where that cannot be asked."""
+    if not hasattr(socket, 'TCP_INFO'):
+        return None
+    asked = socket.socket(fileno=fd)
+    try:
+        return asked.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0]
+    except OSError:  # no TCP socket
+        return None
+    finally:
+        asked.detach()
 
 
 def run(

@@ -120,7 +120,7 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('state of the goal', GoalExecution, 'on_state'),
     ('diagnostics', Diagnostics, 'build'),
     ('publish joints', messages.JointStateWriter, 'write', lambda: fail(AssertionError)),
-    ('publish status', messages, 'robot_status', lambda: fail(AssertionError)),
+    ('publish status', messages.RobotStatusWriter, 'write', lambda: fail(AssertionError)),
     ('publish feedback', messages, 'feedback'),
     ('publish io', node.IoInterface, '_publish'),
     ('cancelled task', node.ClientNode, 'on_joints', cancel_this_task),

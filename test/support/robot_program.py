@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """controller_program/ on a robot that moves in a simple way, with clients that a test plays.
 
-Nothing runs by itself: `RobotBench.run` lets a time pass, in steps of 5 ms of the controller's
+Nothing runs by itself: `RobotHarness.run` lets a time pass, in steps of 5 ms of the controller's
 clock. The same calls give the same bytes.
 """
 
@@ -309,7 +309,7 @@ class Client:
         self.socket.connected = False
 
 
-class RobotBench:
+class RobotHarness:
     """The program on the robot; with `ready`, motors on and main running, as after an enable.
 
     `changes` are those in config.inc; FULL_POWER is on, as after the first run, unless they say
@@ -408,7 +408,7 @@ class RobotBench:
 
 @contextmanager
 def executed_lines() -> Iterator[dict[str, dict[int, bool]]]:
-    """Collect, by file and line, whether a machine of any bench made meanwhile has run it all."""
+    """Collect, by file and line, whether a machine made meanwhile has run it all."""
     global _machines
     _machines = []
     found: dict[str, dict[int, bool]] = {}

@@ -180,7 +180,7 @@ class PolledIo:
         if not self.used:
             raise IoUnavailableError(self.reason)
         results = [
-            refusal(item.io_type, item.index, value, self.ranges)
+            rejection(item.io_type, item.index, value, self.ranges)
             for item, value in zip(items, written, strict=True)
         ]
         good = [
@@ -278,7 +278,7 @@ def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange,
     return tuple(held for held in ranges if held.count)
 
 
-def refusal(io_type: int, index: int, value: int | None, ranges: Sequence[IoRange]) -> IoResult:
+def rejection(io_type: int, index: int, value: int | None, ranges: Sequence[IoRange]) -> IoResult:
     """Return SUCCESS, or why a point is not read, or not written with `value`."""
     held = [each for each in ranges if each.io_type == io_type]
     if not held:

@@ -79,9 +79,6 @@ ESTIMATE_LEAD_S = 0.04
 ESTIMATE_FRESH_S = 0.07
 """So long after a setpoint they count, s; then the arm goes to that setpoint, and rests there."""
 
-BEHIND_FILTER_S = 0.2
-"""Time constant of how far the arm is taken to be behind, s."""
-
 NEAR = 0.01
 """An arm that stands so near to the last point, rad or m, has done all that was sent."""
 
@@ -108,7 +105,7 @@ class _Session:
     sent, sent_velocity: of the last point; sequence: of the next. waiting: its reply is awaited,
     since `posted`. span: tracker's time since the last point. time: of the last point. braked:
     the stream was silent, and the arm brakes. course: where positions lead from `heard` on.
-    behind: how far the arm is behind what was sent, smoothed. scale: the share of the limits.
+    scale: the share of the limits.
     """
 
     setpoint: Setpoint
@@ -122,7 +119,6 @@ class _Session:
     course: Course | None = None
     estimate: VelocityEstimate = field(default_factory=VelocityEstimate)
     lead: Lead = field(default_factory=Lead)
-    behind: float = 0.0
     sequence: int = 0
     waiting: bool = False
     posted: float = 0.0
@@ -439,7 +435,6 @@ class Servo:
     def _step(self, session: _Session, now: float) -> None:
         dt = min(now - session.stepped, MAX_STEP_S)
         session.stepped = now
-        session.behind += (session.lead.lag - session.behind) * min(dt / BEHIND_FILTER_S, 1.0)
         tracker = session.tracker
         if not self._aim(session, now):
             self.stop('no stop inside every limit was found for the setpoints')
@@ -481,7 +476,8 @@ class Servo:
             if age > ESTIMATE_FRESH_S:
                 return session.tracker.follow(course.at(0.0)[0], None, factor)
             return session.tracker.follow(*course.at(age), factor, ESTIMATE_LEAD_S)
-        return session.tracker.follow(*course.at(age + min(course.reach, session.behind)), factor)
+        ahead = max(min(age + session.lead.behind, course.reach), age)
+        return session.tracker.follow(*course.at(ahead), factor)
 
     def _message(
         self, session: _Session, position: Array, velocity: Array, span: float

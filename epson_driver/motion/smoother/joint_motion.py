@@ -5,11 +5,12 @@
 from collections.abc import Iterator
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization
+from ruckig import ControlInterface, InputParameter, Synchronization
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.joint_stop import stop_joints
 from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.ruckig_trajectory import calculated
 
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
@@ -192,14 +193,8 @@ def _from(limits: JointLimits, state: State) -> InputParameter:
 
 
 def _solved(inp: InputParameter, state: State) -> JointMotion | None:
-    trajectory = RuckigTrajectory(inp.degrees_of_freedom)
-    try:
-        result = Ruckig(inp.degrees_of_freedom).calculate(inp, trajectory)
-    except (RuntimeError, ValueError):  # RuckigError; a code that the enum does not have
-        return None
-    if result not in (Result.Working, Result.Finished):
-        return None
-    return motion_of(state, [trajectory])
+    trajectory = calculated(inp)
+    return None if trajectory is None else motion_of(state, [trajectory])
 
 
 def motion_of(state: State, trajectories: list[RuckigTrajectory]) -> JointMotion:

@@ -6,10 +6,10 @@ The simplest timing there is. It always finds one from rest, since any path can 
 """
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig
-from ruckig import Trajectory as RuckigTrajectory
+from ruckig import ControlInterface, InputParameter
 
 from epson_driver.motion.limits import JointLimits
+from epson_driver.motion.ruckig_trajectory import calculated
 from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
@@ -166,14 +166,8 @@ def brake(start: State, acceleration: float, jerk: float) -> TimeParametrisation
 
 
 def _solved(inp: InputParameter) -> TimeParametrisation | None:
-    trajectory = RuckigTrajectory(1)
-    try:
-        result = Ruckig(1).calculate(inp, trajectory)
-    except (RuntimeError, ValueError):  # RuckigError; a code that the enum does not have
-        return None
-    if result not in (Result.Working, Result.Finished):
-        return None
-    if trajectory.duration == 0.0:
+    trajectory = calculated(inp)
+    if trajectory is None or trajectory.duration == 0.0:
         return None
     timing = from_ruckig(trajectory)
     return timing if len(timing.jerks) else None  # as good as at rest

@@ -30,7 +30,7 @@ PLAN_TIMEOUT_S = 5.0
 RESTART_DELAY_S = 1.0
 """Pause before a process that has ended is started again, s."""
 
-_EXIT_TIMEOUT_S = 0.5
+EXIT_TIMEOUT_S = 0.5
 """How long a process whose pipe has closed may take to end, s, so that its exit code is known."""
 
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
@@ -202,7 +202,7 @@ class _Child:
 
     async def _fate(self) -> str:
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_EXIT_TIMEOUT_S):
+            async with asyncio.timeout(EXIT_TIMEOUT_S):
                 await self._process.wait()
         code = self._process.returncode
         if self._hung:

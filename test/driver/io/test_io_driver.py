@@ -7,13 +7,13 @@ import contextlib
 import logging
 import random
 import re
-import socket
 import struct
 from pathlib import Path
 
 import pytest
 from support.driver_harness import Harness, simulated
 from support.event_loop import now, run, until
+from support.vacant_port import vacant_port
 
 from epson_driver.driver.io.io_driver import MAX_POINTS, IoDriver, IoUnavailableError
 from epson_driver.driver.io.io_results import sentence
@@ -324,16 +324,11 @@ def test_a_controller_that_returns_is_subscribed_to_again():
 # --- controllers without I/O, and bad ones ----------------------------------------------------
 
 
-def free_port():
-    with socket.create_server(('127.0.0.1', 0)) as server:
-        return server.getsockname()[1]
-
-
 def test_a_port_where_nobody_listens_is_said_once(caplog):
     caplog.set_level(logging.INFO)
 
     async def test():
-        port = free_port()
+        port = vacant_port()
         async with Client(port) as client:
             await until(lambda: client.io.link.attempt >= 5)
             assert len(client.told) == 1
@@ -569,7 +564,7 @@ def test_a_driver_without_io_works_and_one_with_io_follows_the_state():
             async with Harness(ports, io_port=ports.io) as harness:
                 await harness.ready()
                 await until(lambda: harness.driver.io.states)
-            async with Harness(ports, io_port=free_port()) as harness:
+            async with Harness(ports, io_port=vacant_port()) as harness:
                 await harness.ready()
                 await until(lambda: 'refused' in harness.driver.io.reason)
                 assert harness.events.links[-1][0] == 'connected'

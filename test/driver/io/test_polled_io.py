@@ -4,15 +4,15 @@
 
 import asyncio
 import contextlib
-import socket
 
 import pytest
 from support.driver_harness import simulated
 from support.event_loop import run, until
+from support.vacant_port import vacant_port
 
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.io.io_driver import IoUnavailableError
-from epson_driver.driver.io.polled_io import ranges_of, refusal
+from epson_driver.driver.io.polled_io import ranges_of, rejection
 from epson_driver.driver.stopping.motors import Action, RemoteEthernetMotors
 from epson_driver.profiles import load_controller_profile
 from epson_driver.profiles.io_profile import IoProfile
@@ -137,19 +137,17 @@ def test_what_cannot_be_is_refused_in_the_words_of_every_way_and_the_rest_is_don
 def test_the_last_group_holds_no_more_than_its_points():
     ranges = ranges_of(IoProfile(digital_outputs=12), words=True, flags=False)
     given = ((1, 15), (1, 16), (1000, 4095), (1000, 4096))
-    allowed = [refusal(GO, *each, ranges) for each in given]
+    allowed = [rejection(GO, *each, ranges) for each in given]
     good, bad = IoResult.SUCCESS, IoResult.VALUE_OUT_OF_RANGE
     assert allowed == [good, bad, good, bad]
-    assert refusal(FLAG, 0, None, ranges) is IoResult.TYPE_UNSUPPORTED
+    assert rejection(FLAG, 0, None, ranges) is IoResult.TYPE_UNSUPPORTED
 
 
 @BOTH
 @pytest.mark.invariant(6)
 def test_where_nothing_listens_it_is_said_once_and_each_request_is_answered(profile):
     async def scenario():
-        with socket.create_server(('127.0.0.1', 0)) as server:
-            port = server.getsockname()[1]
-        async with io_at(profile, (port, port)) as io:
+        async with io_at(profile, (vacant_port(), vacant_port())) as io:
             await until(lambda: io.told)
             await asyncio.sleep(5.0)
             assert len(io.told) == 1

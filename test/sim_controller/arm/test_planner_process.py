@@ -161,7 +161,9 @@ def test_one_that_does_not_answer_is_killed(monkeypatch):
     asyncio.run(main())
 
 
-def test_an_error_in_it_is_logged_with_its_words(caplog):
+def test_an_error_in_it_is_logged_with_its_words(caplog, monkeypatch):
+    monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', 60.0)
+
     async def main():
         async with planning() as (planner, recorder):
             planner.ask('no request', LIMITS, recorder.answers.append)

@@ -13,7 +13,7 @@ import struct
 import numpy as np
 import pytest
 from support.controller_harness import SUCCESS, frame, point
-from support.program_bench import OurProgramBench
+from support.spel_program_harness import OurProgramHarness
 
 POINT_BYTES = 52
 NUMBERS = (float('nan'), float('inf'), -float('inf'), 1e38, -1e38, 1e-45, 9.0, -0.5, 1e9)
@@ -56,28 +56,28 @@ def hostile(chance):
 def test_masses_of_hostile_frames_end_nothing_and_move_nothing(count, caplog):
     caplog.set_level(logging.CRITICAL)
     chance = random.Random(16)
-    bench = OurProgramBench(LOST_CLIENT_MOTORS_OFF='')
-    bench.step(0.5)
-    bench.do('motors on')
+    harness = OurProgramHarness(LOST_CLIENT_MOTORS_OFF='')
+    harness.step(0.5)
+    harness.do('motors on')
     sent = 0
     while sent < count:
         port = chance.choice(['motion', 'motion', 'state', 'io'])
-        connection, peer = bench.client(port)
+        connection, peer = harness.client(port)
         for number in range(PER_CLIENT):
             connection.receive(hostile(chance))
             sent += 1
             if number % PER_STEP == 0:
-                bench.controller.step(0.05)
+                harness.controller.step(0.05)
             if peer.ended is not None:
                 break
         connection.closed()
-        bench.controller.step(0.3)
-        assert not np.any(bench.position)
-    names = [row.name for row in bench.controller.tasks()]
+        harness.controller.step(0.3)
+        assert not np.any(harness.position)
+    names = [row.name for row in harness.controller.tasks()]
     assert names == ['main', 'BgMain', 'MotionServer', 'StateServer', 'IoServer']
-    assert bench.controller.condition.powered
-    motion, peer = bench.client('motion')
-    bench.step(0.5)
+    assert harness.controller.condition.powered
+    motion, peer = harness.client('motion')
+    harness.step(0.5)
     motion.receive(point(0, [0.1, *[0.0] * 5], 0.0, 0.5))
-    bench.until(lambda: bench.replies(peer) == [(0, SUCCESS)])
-    bench.until(lambda: abs(bench.position[0] - 0.1) < 1e-6)
+    harness.until(lambda: harness.replies(peer) == [(0, SUCCESS)])
+    harness.until(lambda: abs(harness.position[0] - 0.1) < 1e-6)

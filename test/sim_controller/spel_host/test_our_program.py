@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.controller_harness import FAILURE, MODEL, STOP, SUCCESS, point, split
-from support.program_bench import STEP_S, OurProgramBench
 from support.sim_process import COMMAND
+from support.spel_program_harness import STEP_S, OurProgramHarness
 
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
@@ -45,31 +45,31 @@ def way(end, seconds, count=31):
 
 
 def moving(**options):
-    """Return a bench in the middle of a long motion, its motion client, and that one's peer."""
-    bench = OurProgramBench(**options)
-    motion, peer = bench.ready()
+    """Return a harness in the middle of a long motion, its motion client, and that one's peer."""
+    harness = OurProgramHarness(**options)
+    motion, peer = harness.ready()
     for number, joints in enumerate(way(FAR, 12.0).positions[:20].tolist()):
         motion.receive(point(number, joints, 0.0, 0.4))
-    bench.until(lambda: bench.position[0] > 0.2)
-    return bench, motion, peer
+    harness.until(lambda: harness.position[0] > 0.2)
+    return harness, motion, peer
 
 
-def assert_still(bench):
-    bench.rest()
-    stands = bench.position
-    bench.step(2.0)
-    assert np.array_equal(bench.position, stands)
+def assert_still(harness):
+    harness.rest()
+    stands = harness.position
+    harness.step(2.0)
+    assert np.array_equal(harness.position, stands)
 
 
-def assert_moves(bench, motion, peer):
+def assert_moves(harness, motion, peer):
     """A new trajectory of the client works."""
-    bench.replies(peer)
-    target = bench.position + np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    harness.replies(peer)
+    target = harness.position + np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
     motion.receive(point(0, target.tolist(), 0.0, 1.0))
-    bench.until(lambda: len(peer.got) >= 60)
-    assert bench.replies(peer) == [(0, SUCCESS)]
-    bench.until(lambda: np.abs(bench.position - target).max() < 1e-6)
-    bench.rest()
+    harness.until(lambda: len(peer.got) >= 60)
+    assert harness.replies(peer) == [(0, SUCCESS)]
+    harness.until(lambda: np.abs(harness.position - target).max() < 1e-6)
+    harness.rest()
 
 
 def status(state):
@@ -85,12 +85,12 @@ def status(state):
 def test_a_plan_is_one_smooth_motion_near_its_points_and_within_limits(name, slower, deviation):
     """Invariant 2; no interior stop, in little more than the planned time."""
     planned = plan(name)
-    bench = OurProgramBench(planned.positions[0])
-    motion, peer = bench.ready()
-    begin = len(bench.positions)
-    bench.stream(motion, peer, as_the_driver_sends_it(planned))
-    bench.rest()
-    positions = np.array(bench.positions[begin:])
+    harness = OurProgramHarness(planned.positions[0])
+    motion, peer = harness.ready()
+    begin = len(harness.positions)
+    harness.stream(motion, peer, as_the_driver_sends_it(planned))
+    harness.rest()
+    positions = np.array(harness.positions[begin:])
     times = np.arange(len(positions)) * STEP_S
     run = Recording(times, positions, np.gradient(positions, times, axis=0))
     figures = measure(planned, run)
@@ -98,156 +98,156 @@ def test_a_plan_is_one_smooth_motion_near_its_points_and_within_limits(name, slo
     assert figures.moved < slower * planned.duration
     assert figures.waypoint_deviation < deviation
     assert figures.end_deviation < 1e-6
-    velocity, acceleration = bench.within_limits()
+    velocity, acceleration = harness.within_limits()
     assert velocity <= 1.001
     assert acceleration <= 1.01
 
 
 def test_the_state_is_that_of_the_encoders():
     """Invariant 8: JOINT_POSITION is where whole pulses of the encoders are, as binary32."""
-    bench = OurProgramBench()
-    motion, peer = bench.ready()
-    _, state = bench.client('state')
-    bench.stream(motion, peer, way([0.7, -0.3, 0.4, 0.2, 0.6, -0.9], 3.0, 11))
-    bench.rest()
-    bench.step(0.5)
+    harness = OurProgramHarness()
+    motion, peer = harness.ready()
+    _, state = harness.client('state')
+    harness.stream(motion, peer, way([0.7, -0.3, 0.4, 0.2, 0.6, -0.9], 3.0, 11))
+    harness.rest()
+    harness.step(0.5)
     state.take()
-    bench.step(0.1)
+    harness.step(0.1)
     bodies = [body for kind, _, _, body in split(state.take()) if kind == 10]
     shown = np.array(struct.unpack_from('<6f', bodies[-1], 4))
-    pulses = np.rint(bench.controller.servo.position * MODEL.pulses_per_unit)
+    pulses = np.rint(harness.controller.servo.position * MODEL.pulses_per_unit)
     assert np.abs(shown - pulses / MODEL.pulses_per_unit).max() < 1e-7
     assert 8 <= len(bodies) <= 11
 
 
 @pytest.mark.invariant(3)
 def test_stop_in_mid_motion_brakes_within_limits_and_is_answered():
-    bench, motion, peer = moving()
-    bench.replies(peer)
+    harness, motion, peer = moving()
+    harness.replies(peer)
     motion.receive(point(STOP))
-    bench.until(lambda: (STOP, SUCCESS) in bench.replies(peer), 0.1)
-    begin = len(bench.positions)
-    bench.until(lambda: not bench.controller.in_motion, 1.0)
-    assert (len(bench.positions) - begin) * STEP_S < 0.5
-    assert_still(bench)
-    velocity, acceleration = bench.within_limits()
+    harness.until(lambda: (STOP, SUCCESS) in harness.replies(peer), 0.1)
+    begin = len(harness.positions)
+    harness.until(lambda: not harness.controller.in_motion, 1.0)
+    assert (len(harness.positions) - begin) * STEP_S < 0.5
+    assert_still(harness)
+    velocity, acceleration = harness.within_limits()
     assert velocity <= 1.001
     assert acceleration <= 1.01
-    assert_moves(bench, motion, peer)
+    assert_moves(harness, motion, peer)
 
 
 @pytest.mark.invariant(4)
 def test_an_estop_ends_it_until_reset_motors_on_and_start():
-    bench, motion, peer = moving()
-    _, state = bench.client('state')
-    bench.do('E-stop press')
-    assert_still(bench)
+    harness, motion, peer = moving()
+    _, state = harness.client('state')
+    harness.do('E-stop press')
+    assert_still(harness)
     powered, e_stopped, number, *_, possible = status(state)
     assert (powered, e_stopped, number, possible) == (0, 1, 2261, 0)
-    bench.replies(peer)
+    harness.replies(peer)
     motion.receive(point(0, HOME, 0.0, 1.0))
-    bench.step(0.1)
-    assert bench.replies(peer) == [(0, FAILURE)]
+    harness.step(0.1)
+    assert harness.replies(peer) == [(0, FAILURE)]
     for event in ('E-stop release', 'reset', 'motors on', 'start'):
-        bench.do(event)
-        assert_still(bench)
+        harness.do(event)
+        assert_still(harness)
     assert status(state)[-1] == 1
-    assert_moves(bench, motion, peer)
+    assert_moves(harness, motion, peer)
 
 
 @pytest.mark.invariant(4)
 def test_an_open_door_ends_main_and_nothing_moves_when_it_is_closed():
-    bench, motion, peer = moving()
-    bench.do('door open')
-    assert_still(bench)
-    bench.do('door close')
-    assert_still(bench)
-    bench.do('stop')  # what the door has interrupted
-    bench.do('motors on', 'start')
-    assert_still(bench)
-    assert_moves(bench, motion, peer)
+    harness, motion, peer = moving()
+    harness.do('door open')
+    assert_still(harness)
+    harness.do('door close')
+    assert_still(harness)
+    harness.do('stop')  # what the door has interrupted
+    harness.do('motors on', 'start')
+    assert_still(harness)
+    assert_moves(harness, motion, peer)
 
 
 @pytest.mark.invariant(4)
 def test_a_lost_client_stops_the_arm_and_its_motors_go_off():
-    bench, motion, _ = moving()
+    harness, motion, _ = moving()
     motion.closed()
-    assert_still(bench)
-    assert not bench.controller.condition.powered
-    motion, peer = bench.client('motion')
-    bench.do('motors on')
-    assert_still(bench)
-    assert_moves(bench, motion, peer)
+    assert_still(harness)
+    assert not harness.controller.condition.powered
+    motion, peer = harness.client('motion')
+    harness.do('motors on')
+    assert_still(harness)
+    assert_moves(harness, motion, peer)
 
 
 def test_motors_off_in_mid_motion_fails_what_is_not_reached():
-    bench, motion, peer = moving()
-    bench.do('motors off')
-    assert_still(bench)
-    bench.do('motors on')
-    assert_still(bench)
-    bench.step(0.5)
-    assert_moves(bench, motion, peer)
+    harness, motion, peer = moving()
+    harness.do('motors off')
+    assert_still(harness)
+    harness.do('motors on')
+    assert_still(harness)
+    harness.step(0.5)
+    assert_moves(harness, motion, peer)
 
 
 @pytest.mark.invariant(4)
 def test_a_reboot_ends_it_and_the_program_begins_anew():
     """Also at a time that a sum of times only rounds to: the tasks' time begins with the boot."""
-    bench, _, _ = moving()
-    bench.controller.reboot(0.3)
-    assert_still(bench)
-    assert not bench.controller.condition.powered
+    harness, _, _ = moving()
+    harness.controller.reboot(0.3)
+    assert_still(harness)
+    assert not harness.controller.condition.powered
     for seconds in (0.1, 0.37):
-        bench.controller.step(seconds / 3.0)
-        bench.controller.reboot(seconds)
-        bench.step(1.0)
-    motion, peer = bench.client('motion')
-    _, state = bench.client('state')
-    bench.do('motors on')
-    assert_still(bench)
+        harness.controller.step(seconds / 3.0)
+        harness.controller.reboot(seconds)
+        harness.step(1.0)
+    motion, peer = harness.client('motion')
+    _, state = harness.client('state')
+    harness.do('motors on')
+    assert_still(harness)
     assert status(state)[-1] == 1
-    assert_moves(bench, motion, peer)
+    assert_moves(harness, motion, peer)
 
 
 def test_pause_and_continue_go_on_to_the_end():
-    bench, motion, peer = moving()
-    bench.do('pause')
-    assert_still(bench)
-    bench.do('continue')
-    bench.until(lambda: bench.position[0] > 0.9, 20.0)
-    bench.rest()
-    assert_moves(bench, motion, peer)
+    harness, motion, peer = moving()
+    harness.do('pause')
+    assert_still(harness)
+    harness.do('continue')
+    harness.until(lambda: harness.position[0] > 0.9, 20.0)
+    harness.rest()
+    assert_moves(harness, motion, peer)
 
 
 def test_as_shipped_it_moves_at_low_power_and_says_so(caplog):
     caplog.set_level(logging.INFO)
-    bench = OurProgramBench(caplog=caplog, FULL_POWER='')
-    motion, peer = bench.ready()
-    begin = bench.controller.clock.now
-    bench.stream(motion, peer, way([1.0, *HOME[1:]], 0.5, 3))
-    bench.rest()
-    assert bench.controller.clock.now - begin > 2.0
-    velocity, _ = bench.within_limits()
+    harness = OurProgramHarness(caplog=caplog, FULL_POWER='')
+    motion, peer = harness.ready()
+    begin = harness.controller.clock.now
+    harness.stream(motion, peer, way([1.0, *HOME[1:]], 0.5, 3))
+    harness.rest()
+    assert harness.controller.clock.now - begin > 2.0
+    velocity, _ = harness.within_limits()
     assert velocity <= 0.0501
-    assert bench.printed == ['Low power, slower than asked for: FULL_POWER is off in config.inc']
+    assert harness.printed == ['Low power, slower than asked for: FULL_POWER is off in config.inc']
 
 
 def test_two_runs_send_the_same_bytes():
     """Whatever the machine does: time is that of the controller, with a cost per statement."""
     sent = []
     for _ in range(2):
-        bench = OurProgramBench()
-        motion, peer = bench.ready()
-        _, state = bench.client('state')
-        _, io = bench.client('io')
+        harness = OurProgramHarness()
+        motion, peer = harness.ready()
+        _, state = harness.client('state')
+        _, io = harness.client('io')
         got = bytearray()
         for number, joints in enumerate(way(FAR, 4.0).positions[:12].tolist()):
             motion.receive(point(number, joints, 0.0, 0.2))
-            bench.step(0.05)
+            harness.step(0.05)
             got += peer.take()
-        bench.do('pause', 'continue')
+        harness.do('pause', 'continue')
         motion.receive(point(STOP))
-        bench.rest()
+        harness.rest()
         sent.append((bytes(got + peer.take()), bytes(state.got), bytes(io.got)))
     assert sent[0] == sent[1]
     assert len(sent[0][1]) > 4000
@@ -258,12 +258,12 @@ def test_statements_take_the_time_that_the_profile_says():
     rates = []
     for statement in (1e-5, 1e-4):
         spel = replace(PROFILE.spel, statement=statement)
-        bench = OurProgramBench(profile=replace(PROFILE, spel=spel))
-        bench.step(2.0)
-        _, state = bench.client('state')
-        bench.step(2.0)
+        harness = OurProgramHarness(profile=replace(PROFILE, spel=spel))
+        harness.step(2.0)
+        _, state = harness.client('state')
+        harness.step(2.0)
         state.take()
-        bench.step(1.0)
+        harness.step(1.0)
         rates.append(len(split(state.take())))
     assert 95 <= rates[0] <= 101
     assert rates[1] < 60

@@ -12,8 +12,8 @@ import threading
 import numpy as np
 import pytest
 from support.controller_harness import split
-from support.program_bench import ProgramBench
 from support.sim_process import COMMAND, connect, receive, started
+from support.spel_program_harness import SpelProgramHarness
 
 from epson_driver.sim_controller.spel_host.program_network import MAX_UNREAD_BYTES
 
@@ -137,8 +137,8 @@ def going(*degrees):
     return b''.join(bytes([1, 2, each, 0]) for each in degrees)
 
 
-def bench(caplog):
-    made = ProgramBench(MAIN, caplog, **FILES)
+def harness(caplog):
+    made = SpelProgramHarness(MAIN, caplog, **FILES)
     made.do('motors on')
     made.step(0.1)
     return made
@@ -152,7 +152,7 @@ def joints(peer):
 
 
 def test_points_move_the_arm_smoothly_and_the_state_port_tells_where_it_is(caplog):
-    made = bench(caplog)
+    made = harness(caplog)
     state, state_peer = made.client('state')
     motion, peer = made.client('motion')
     assert state_peer.ended is None
@@ -176,7 +176,7 @@ def test_points_move_the_arm_smoothly_and_the_state_port_tells_where_it_is(caplo
 @pytest.mark.invariant(3)
 def test_a_lost_motion_client_stops_the_arm_and_the_port_serves_the_next_one(caplog):
     """Invariant: nothing moves any more for a client that is gone."""
-    made = bench(caplog)
+    made = harness(caplog)
     motion, _ = made.client('motion')
     motion.receive(going(90))
     made.until(lambda: made.position[0] > 0.1)
@@ -197,7 +197,7 @@ def test_a_lost_motion_client_stops_the_arm_and_the_port_serves_the_next_one(cap
 
 @pytest.mark.invariant(7)
 def test_garbage_moves_nothing_and_the_next_client_is_served(caplog):
-    made = bench(caplog)
+    made = harness(caplog)
     motion, peer = made.client('motion')
     motion.receive(b'\xff' * 64)
     made.until(lambda: peer.ended is not None)
@@ -212,7 +212,7 @@ def test_garbage_moves_nothing_and_the_next_client_is_served(caplog):
 
 @pytest.mark.invariant(4)
 def test_background_tasks_survive_an_estop_and_the_state_port_goes_on(caplog):
-    made = bench(caplog)
+    made = harness(caplog)
     _, state = made.client('state')
     motion, _ = made.client('motion')
     motion.receive(going(90))
@@ -235,7 +235,7 @@ def test_background_tasks_survive_an_estop_and_the_state_port_goes_on(caplog):
 
 
 def test_a_port_that_the_program_has_not_opened_refuses_and_one_client_is_all(caplog):
-    made = bench(caplog)
+    made = harness(caplog)
     with pytest.raises(ConnectionRefusedError, match='has not opened the io port'):
         made.client('io')
     made.client('motion')
@@ -252,7 +252,7 @@ def test_the_port_of_a_task_that_has_ended_takes_no_client_until_it_is_opened_ag
       WaitNet #201, 0.5
     Fend
     """
-    made = ProgramBench(source, caplog)
+    made = SpelProgramHarness(source, caplog)
     made.step(0.1)
     first, peer = made.client('2001')
     made.step(1.0)
@@ -276,7 +276,7 @@ def test_a_client_that_is_not_read_is_cut_off_and_memory_stays_bounded(caplog):
       Wait 1000
     Fend
     """
-    made = ProgramBench(source, caplog)
+    made = SpelProgramHarness(source, caplog)
     made.step(0.1)
     connection, peer = made.client('2001')
     for _ in range(MAX_UNREAD_BYTES // 4096):
@@ -293,7 +293,7 @@ def test_to_connect_as_a_client_is_refused_with_a_sentence(caplog):
       OpenNet #201 As Client
     Fend
     """
-    made = ProgramBench(source, caplog)
+    made = SpelProgramHarness(source, caplog)
     made.step(0.1)
     assert made.controller.error_number == 2900
     assert 'only servers are simulated' in caplog.text
@@ -302,7 +302,7 @@ def test_to_connect_as_a_client_is_refused_with_a_sentence(caplog):
 def test_two_runs_send_the_same_bytes(caplog):
     sent = []
     for _ in range(2):
-        made = bench(caplog)
+        made = harness(caplog)
         _, state = made.client('state')
         motion, peer = made.client('motion')
         motion.receive(going(10, 20))

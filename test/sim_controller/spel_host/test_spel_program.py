@@ -7,7 +7,7 @@ import logging
 import numpy as np
 import pytest
 from support.controller_harness import MODEL, PROFILE, Peer
-from support.program_bench import ProgramBench
+from support.spel_program_harness import SpelProgramHarness
 
 from epson_driver.error_texts import load_error_texts
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
@@ -35,27 +35,27 @@ def _all_is_logged(caplog):
 
 
 def test_go_brings_the_arm_there_and_the_program_goes_on_then(caplog):
-    bench = ProgramBench(MOVE, caplog)
-    bench.until(lambda: 'there' in bench.printed)
-    assert np.allclose(bench.position, AWAY, atol=1e-9)
-    assert not bench.controller.arm.executor.moving
-    bench.step(0.2)
-    assert bench.controller.condition.tasks is Tasks.STOPPED  # main is over
-    assert bench.tasks == []
-    velocity, acceleration = bench.within_limits()
+    harness = SpelProgramHarness(MOVE, caplog)
+    harness.until(lambda: 'there' in harness.printed)
+    assert np.allclose(harness.position, AWAY, atol=1e-9)
+    assert not harness.controller.arm.executor.moving
+    harness.step(0.2)
+    assert harness.controller.condition.tasks is Tasks.STOPPED  # main is over
+    assert harness.tasks == []
+    velocity, acceleration = harness.within_limits()
     assert velocity <= 1.001
     assert acceleration <= 1.01
 
 
 @pytest.mark.invariant(1)
 def test_motors_off_refuses_a_motion_with_4031_and_the_error_names_file_and_line(caplog):
-    bench = ProgramBench(
+    harness = SpelProgramHarness(
         '\nFunction main\n  Wait 0.1\n  Go AglToPls(1, 0, 0, 0, 0, 0)\nFend\n', caplog
     )
-    bench.step(0.5)
-    assert bench.controller.error_number == 4031
+    harness.step(0.5)
+    assert harness.controller.error_number == 4031
     assert any('main.prg:4: error 4031' in message for message in caplog.messages)
-    assert not np.any(np.diff(bench.positions, axis=0))
+    assert not np.any(np.diff(harness.positions, axis=0))
 
 
 @pytest.mark.invariant(4)
@@ -63,39 +63,39 @@ def test_motors_off_refuses_a_motion_with_4031_and_the_error_names_file_and_line
 def test_an_estop_in_mid_motion_ends_the_task_and_nothing_moves_until_started(caplog, seconds):
     """Invariant: after an E-stop nothing moves until a person has enabled it, step by step."""
     source = MOVE.replace('Motor On', 'Wait Motor = On')
-    bench = ProgramBench(source, caplog)
-    bench.step(0.1)
-    assert bench.tasks == ['main waits main.prg:3']
-    bench.do('motors on')
-    bench.until(lambda: 'goes' in bench.printed)
-    bench.step(seconds)
-    assert np.any(bench.velocity)
-    bench.do('E-stop press')
-    bench.step(2.0)
-    velocity, acceleration = bench.within_limits()
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(0.1)
+    assert harness.tasks == ['main waits main.prg:3']
+    harness.do('motors on')
+    harness.until(lambda: 'goes' in harness.printed)
+    harness.step(seconds)
+    assert np.any(harness.velocity)
+    harness.do('E-stop press')
+    harness.step(2.0)
+    velocity, acceleration = harness.within_limits()
     assert velocity <= 1.001
     assert acceleration <= 1.01
-    rested = bench.position
-    assert bench.tasks == []
-    assert 'there' not in bench.printed
+    rested = harness.position
+    assert harness.tasks == []
+    assert 'there' not in harness.printed
     for events in (['E-stop release'], ['reset'], ['motors on']):
-        bench.do(*events)
-        bench.step(1.0)
-        assert np.array_equal(bench.position, rested)
-        assert bench.tasks == []
-    bench.do('start')
-    bench.until(lambda: 'there' in bench.printed)
-    assert np.allclose(bench.position, AWAY, atol=1e-9)
+        harness.do(*events)
+        harness.step(1.0)
+        assert np.array_equal(harness.position, rested)
+        assert harness.tasks == []
+    harness.do('start')
+    harness.until(lambda: 'there' in harness.printed)
+    assert np.allclose(harness.position, AWAY, atol=1e-9)
     assert caplog.text.count('goes') == 2
 
 
 @pytest.mark.invariant(4)
 def test_a_program_that_was_started_does_not_move_with_the_motors_off(caplog):
-    bench = ProgramBench(MOVE.replace('Motor On', 'Wait Motor = On'), caplog)
-    bench.do('E-stop press', 'E-stop release', 'reset', 'start')
-    bench.step(1.0)
-    assert bench.tasks == ['main waits main.prg:3']
-    assert not np.any(np.diff(bench.positions, axis=0))
+    harness = SpelProgramHarness(MOVE.replace('Motor On', 'Wait Motor = On'), caplog)
+    harness.do('E-stop press', 'E-stop release', 'reset', 'start')
+    harness.step(1.0)
+    assert harness.tasks == ['main waits main.prg:3']
+    assert not np.any(np.diff(harness.positions, axis=0))
 
 
 @pytest.mark.invariant(4)
@@ -121,16 +121,16 @@ def test_no_program_switches_the_motors_on_during_an_estop_nor_resets_it(caplog)
       Print "failed", Err
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.do('E-stop press')
-    bench.step(1.0)
-    assert not bench.controller.condition.powered
-    bench.do('E-stop release')
-    bench.step(1.0)
-    assert not bench.controller.condition.powered
-    assert bench.controller.condition.estopped
-    assert set(bench.printed) == {'refused 2261'}
-    assert [each.split()[0] for each in bench.tasks] == ['BgMain']
+    harness = SpelProgramHarness(source, caplog)
+    harness.do('E-stop press')
+    harness.step(1.0)
+    assert not harness.controller.condition.powered
+    harness.do('E-stop release')
+    harness.step(1.0)
+    assert not harness.controller.condition.powered
+    assert harness.controller.condition.estopped
+    assert set(harness.printed) == {'refused 2261'}
+    assert [each.split()[0] for each in harness.tasks] == ['BgMain']
 
 
 def test_a_wait_takes_its_time_after_a_late_start_and_after_a_pause(caplog):
@@ -142,36 +142,36 @@ def test_a_wait_takes_its_time_after_a_late_start_and_after_a_pause(caplog):
       Print "waited"
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.step(3.0)
-    assert bench.printed == ['begins', 'waited']
-    bench.do('start')
-    bench.step(0.4)
-    assert bench.printed == ['begins', 'waited', 'begins']
-    bench.do('pause')
-    bench.step(3.0)
-    bench.do('continue')
-    bench.step(0.4)
-    assert bench.printed[2:] == ['begins']
-    bench.step(0.2)
-    assert bench.printed[2:] == ['begins', 'waited']
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(3.0)
+    assert harness.printed == ['begins', 'waited']
+    harness.do('start')
+    harness.step(0.4)
+    assert harness.printed == ['begins', 'waited', 'begins']
+    harness.do('pause')
+    harness.step(3.0)
+    harness.do('continue')
+    harness.step(0.4)
+    assert harness.printed[2:] == ['begins']
+    harness.step(0.2)
+    assert harness.printed[2:] == ['begins', 'waited']
 
 
 def test_pause_and_door_hold_task_and_arm_and_the_motion_goes_on(caplog):
-    bench = ProgramBench(MOVE, caplog)
-    bench.until(lambda: 'goes' in bench.printed)
-    bench.step(0.2)
-    bench.do('pause')
-    bench.step(1.0)
-    held = bench.position
+    harness = SpelProgramHarness(MOVE, caplog)
+    harness.until(lambda: 'goes' in harness.printed)
+    harness.step(0.2)
+    harness.do('pause')
+    harness.step(1.0)
+    held = harness.position
     assert not np.allclose(held, AWAY, atol=1e-3)
-    assert bench.tasks == ['main paused main.prg:8']
-    bench.step(1.0)
-    assert np.array_equal(bench.position, held)
-    bench.do('continue')
-    bench.until(lambda: 'there' in bench.printed)
-    assert np.allclose(bench.position, AWAY, atol=1e-9)
-    assert bench.within_limits()[0] <= 1.001
+    assert harness.tasks == ['main paused main.prg:8']
+    harness.step(1.0)
+    assert np.array_equal(harness.position, held)
+    harness.do('continue')
+    harness.until(lambda: 'there' in harness.printed)
+    assert np.allclose(harness.position, AWAY, atol=1e-9)
+    assert harness.within_limits()[0] <= 1.001
 
 
 def test_motions_with_cp_blend_and_those_without_stop(caplog):
@@ -190,15 +190,15 @@ def test_motions_with_cp_blend_and_those_without_stop(caplog):
     slowest = {}
     for cp in ('CP', ''):
         caplog.clear()
-        bench = ProgramBench(source.format(cp=cp), caplog)
-        bench.until(lambda bench=bench: 'there' in bench.printed)
-        assert np.allclose(bench.position, np.radians([40, 0, 0, 0, 0, 0]), atol=1e-9)
-        speeds = np.diff(np.array(bench.positions)[:, 0])
-        middle = (np.array(bench.positions)[:-1, 0] > 0.2) & (
-            np.array(bench.positions)[:-1, 0] < 0.6
+        harness = SpelProgramHarness(source.format(cp=cp), caplog)
+        harness.until(lambda harness=harness: 'there' in harness.printed)
+        assert np.allclose(harness.position, np.radians([40, 0, 0, 0, 0, 0]), atol=1e-9)
+        speeds = np.diff(np.array(harness.positions)[:, 0])
+        middle = (np.array(harness.positions)[:-1, 0] > 0.2) & (
+            np.array(harness.positions)[:-1, 0] < 0.6
         )
         slowest[cp] = float(speeds[middle].min())
-        assert bench.within_limits()[1] <= 1.01
+        assert harness.within_limits()[1] <= 1.01
     assert slowest[''] < 1e-6
     assert slowest['CP'] > 1e-4
 
@@ -222,12 +222,12 @@ def test_till_stops_the_arm_without_an_error(caplog):
       MemOn 7
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.until(lambda: bench.printed[-1:] == ['till -1'])
-    assert 0.0 < bench.position[0] < np.radians(59.0)
-    assert not np.any(bench.velocity)
-    bench.until(lambda: bench.printed[-1:] == ['till 0'])
-    assert bench.position[0] == pytest.approx(0.0, abs=1e-9)
+    harness = SpelProgramHarness(source, caplog)
+    harness.until(lambda: harness.printed[-1:] == ['till -1'])
+    assert 0.0 < harness.position[0] < np.radians(59.0)
+    assert not np.any(harness.velocity)
+    harness.until(lambda: harness.printed[-1:] == ['till 0'])
+    assert harness.position[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_abort_motion_ends_the_go_with_2999(caplog):
@@ -256,10 +256,10 @@ def test_abort_motion_ends_the_go_with_2999(caplog):
       Print "stopper", Err
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.until(lambda: len(bench.printed) == 3)
-    assert bench.printed == ['error 2999', 'back', 'stopper 2998']
-    assert bench.within_limits()[1] <= 1.01
+    harness = SpelProgramHarness(source, caplog)
+    harness.until(lambda: len(harness.printed) == 3)
+    assert harness.printed == ['error 2999', 'back', 'stopper 2998']
+    assert harness.within_limits()[1] <= 1.01
 
 
 def test_out_of_range_is_4001_before_the_arm_moves(caplog):
@@ -272,29 +272,29 @@ def test_out_of_range_is_4001_before_the_arm_moves(caplog):
       Print "error", Err
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.step(0.5)
-    assert bench.printed == ['error 4001']
-    assert not np.any(np.diff(bench.positions, axis=0))
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(0.5)
+    assert harness.printed == ['error 4001']
+    assert not np.any(np.diff(harness.positions, axis=0))
 
 
 @pytest.mark.parametrize('line', ['Arc P1, P2', 'TGo P1', 'SFree 1', 'Go P1 Sense'])
 def test_what_is_not_simulated_is_refused_before_the_start(line):
     source = f'Function main\n  If Motor = On Then\n    {line}\n  EndIf\nFend\n'
     with pytest.raises(ProgramError, match=rf'main.prg:3:\d+: .*{line.split()[0]} is not sim'):
-        ProgramBench(source)
+        SpelProgramHarness(source)
 
 
 def test_motors_that_go_off_end_the_motion_with_2999(caplog):
-    bench = ProgramBench(MOVE, caplog)
-    bench.until(lambda: 'goes' in bench.printed)
-    bench.step(0.3)
-    assert np.any(bench.velocity)
-    bench.do('motors off')
-    bench.step(1.0)
-    assert not bench.controller.condition.powered
-    assert bench.controller.error_number == 2999
-    assert bench.within_limits()[1] <= 1.01
+    harness = SpelProgramHarness(MOVE, caplog)
+    harness.until(lambda: 'goes' in harness.printed)
+    harness.step(0.3)
+    assert np.any(harness.velocity)
+    harness.do('motors off')
+    harness.step(1.0)
+    assert not harness.controller.condition.powered
+    assert harness.controller.error_number == 2999
+    assert harness.within_limits()[1] <= 1.01
 
 
 @pytest.mark.invariant(3)
@@ -310,29 +310,29 @@ def test_a_task_that_is_quit_in_its_motion_leaves_the_arm_at_rest(caplog):
       Go AglToPls(90, 0, 0, 0, 0, 0)
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.until(lambda: 'quit' in bench.printed)
-    bench.step(1.0)
-    assert 0.0 < bench.position[0] < np.radians(60.0)
-    assert not np.any(bench.velocity)
-    assert bench.within_limits()[1] <= 1.01
+    harness = SpelProgramHarness(source, caplog)
+    harness.until(lambda: 'quit' in harness.printed)
+    harness.step(1.0)
+    assert 0.0 < harness.position[0] < np.radians(60.0)
+    assert not np.any(harness.velocity)
+    assert harness.within_limits()[1] <= 1.01
 
 
 def test_the_door_interrupts_and_the_motion_goes_on_after_continue(caplog):
-    bench = ProgramBench(MOVE, caplog)
-    bench.until(lambda: 'goes' in bench.printed)
-    bench.step(0.3)
-    bench.do('door open')
-    bench.step(1.0)
-    assert not bench.controller.condition.powered
-    assert bench.tasks == ['main paused main.prg:8']
-    bench.do('door close')
-    held = bench.position
-    bench.step(1.0)
-    assert np.array_equal(bench.position, held)
-    bench.do('continue')
-    bench.until(lambda: 'there' in bench.printed)
-    assert np.allclose(bench.position, AWAY, atol=1e-9)
+    harness = SpelProgramHarness(MOVE, caplog)
+    harness.until(lambda: 'goes' in harness.printed)
+    harness.step(0.3)
+    harness.do('door open')
+    harness.step(1.0)
+    assert not harness.controller.condition.powered
+    assert harness.tasks == ['main paused main.prg:8']
+    harness.do('door close')
+    held = harness.position
+    harness.step(1.0)
+    assert np.array_equal(harness.position, held)
+    harness.do('continue')
+    harness.until(lambda: 'there' in harness.printed)
+    assert np.allclose(harness.position, AWAY, atol=1e-9)
 
 
 @pytest.mark.invariant(4)
@@ -347,22 +347,22 @@ def test_continue_does_not_start_a_program_that_ended_in_the_pause(caplog):
       Wait 1000
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.step(0.1)
-    bench.do('pause')
-    bench.step(0.1)
-    bench.do('continue')
-    bench.step(0.5)
-    assert bench.printed == ['begins']
-    assert bench.controller.condition.tasks is Tasks.STOPPED
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(0.1)
+    harness.do('pause')
+    harness.step(0.1)
+    harness.do('continue')
+    harness.step(0.5)
+    assert harness.printed == ['begins']
+    assert harness.controller.condition.tasks is Tasks.STOPPED
 
 
 def test_power_that_a_person_holds_low_is_not_raised_by_the_program(caplog):
     """Invariant: the power that a person chose is not changed by a program."""
-    bench = ProgramBench(MOVE, caplog)
-    bench.do('power low')
-    bench.until(lambda: 'there' in bench.printed)
-    assert bench.within_limits()[0] <= 0.051
+    harness = SpelProgramHarness(MOVE, caplog)
+    harness.do('power low')
+    harness.until(lambda: 'there' in harness.printed)
+    assert harness.within_limits()[0] <= 0.051
 
 
 def test_functions_of_the_robot(caplog):
@@ -379,9 +379,9 @@ def test_functions_of_the_robot(caplog):
       Print Int(CZ(P1) - CZ(Here) + 0.5), TargetOK(XY(9000, 0, 0, 0, 0, 0))
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.until(lambda: len(bench.printed) == 4)
-    assert bench.printed == ['10 0 0', '1 0 1 -1 5 5 5', '-1 0', '20 0']
+    harness = SpelProgramHarness(source, caplog)
+    harness.until(lambda: len(harness.printed) == 4)
+    assert harness.printed == ['10 0 0', '1 0 1 -1 5 5 5', '-1 0', '20 0']
 
 
 def test_inputs_outputs_and_memory_are_the_controllers_own(caplog):
@@ -395,14 +395,14 @@ def test_inputs_outputs_and_memory_are_the_controllers_own(caplog):
       On 400
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    io = bench.controller.io
-    bench.step(0.2)
+    harness = SpelProgramHarness(source, caplog)
+    io = harness.controller.io
+    harness.step(0.2)
     io.set_input(1, 3, 1)
-    bench.step(0.2)
-    assert bench.printed == ['seen 1 1 1 33056']
+    harness.step(0.2)
+    assert harness.printed == ['seen 1 1 1 33056']
     assert [io.read(2, bit) for bit in (5, 8, 15)] == [1, 1, 1]
-    assert bench.controller.error_number == 9993  # there is no output 400
+    assert harness.controller.error_number == 9993  # there is no output 400
 
 
 def test_an_error_without_handler_ends_the_tasks_and_takes_the_power(caplog):
@@ -417,16 +417,16 @@ def test_an_error_without_handler_ends_the_tasks_and_takes_the_power(caplog):
       Error 8123
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.step(1.5)
-    assert bench.controller.error_number == 8123
-    assert not bench.controller.condition.powered
-    assert bench.tasks == ['other aborted main.prg:9']
-    assert not np.any(bench.velocity)
-    bench.do('reset')
-    bench.step(0.1)
-    assert bench.tasks == []
-    assert bench.controller.error_number == 0
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(1.5)
+    assert harness.controller.error_number == 8123
+    assert not harness.controller.condition.powered
+    assert harness.tasks == ['other aborted main.prg:9']
+    assert not np.any(harness.velocity)
+    harness.do('reset')
+    harness.step(0.1)
+    assert harness.tasks == []
+    assert harness.controller.error_number == 0
 
 
 def answer(controller, command):
@@ -441,19 +441,19 @@ def answer(controller, command):
 def test_an_error_is_told_with_text_file_and_line_wherever_it_is_asked_for(caplog):
     """Invariant: no "see the manual" for a number whose text the program, or its language, has."""
     source = '\nFunction main\n  Integer a(3), i\n  i = 7\n  a(i) = 1\nFend\n'
-    bench = ProgramBench(source, caplog)
-    bench.step(0.1)
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(0.1)
     errors = [each.getMessage() for each in caplog.records if each.levelno >= logging.ERROR]
     said = 'an array index is out of range: it goes from 0 to UBound'
     assert errors == [f'main.prg:5: error 9992 in main (task 1): {said}']
     told = f'{said}, at main.prg:5 in main (task 1)'
-    assert answer(bench.controller, 'GetErrMsg,9992,0') == f'#GetErrMsg,{told}'
-    assert answer(bench.controller, 'Sim,print,ErrMsg$(9992)') == f'#Sim,{told}'
-    assert answer(bench.controller, 'Start,0') == '!Start,20'
+    assert answer(harness.controller, 'GetErrMsg,9992,0') == f'#GetErrMsg,{told}'
+    assert answer(harness.controller, 'Sim,print,ErrMsg$(9992)') == f'#Sim,{told}'
+    assert answer(harness.controller, 'Start,0') == '!Start,20'
     assert 'there is error 9992 (an array index' in caplog.text
-    bench.do('reset')
+    harness.do('reset')
     assert (
-        answer(bench.controller, 'GetErrMsg,9992,0')
+        answer(harness.controller, 'GetErrMsg,9992,0')
         == '#GetErrMsg,an array index is out of range (simulated controller)'
     )
     assert 'see the manual' not in caplog.text
@@ -486,27 +486,27 @@ def test_boot_begins_anew_and_preserved_variables_stay(caplog):
       Print "boot", boots, other
     Fend
     """
-    bench = ProgramBench(source, caplog)
-    bench.step(0.1)
-    bench.do('boot')
-    bench.step(0.1)
-    bench.do('start')
-    bench.step(0.1)
-    assert bench.printed == ['boot 1 1', 'boot 2 1', 'boot 3 1']
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(0.1)
+    harness.do('boot')
+    harness.step(0.1)
+    harness.do('start')
+    harness.step(0.1)
+    assert harness.printed == ['boot 1 1', 'boot 2 1', 'boot 3 1']
 
 
 def test_nobody_starts_what_is_aborted(caplog):
-    bench = ProgramBench(MOVE, caplog)
-    bench.step(0.1)
-    bench.do('E-stop press', 'E-stop release')
+    harness = SpelProgramHarness(MOVE, caplog)
+    harness.step(0.1)
+    harness.do('E-stop press', 'E-stop release')
     with pytest.raises(RejectedError):
-        bench.do('start')
+        harness.do('start')
 
 
 def test_two_runs_are_the_same(caplog):
     runs = []
     for _ in range(2):
-        bench = ProgramBench(MOVE, caplog)
-        bench.step(1.0)
-        runs.append(np.array(bench.positions))
+        harness = SpelProgramHarness(MOVE, caplog)
+        harness.step(1.0)
+        runs.append(np.array(harness.positions))
     assert np.array_equal(*runs)

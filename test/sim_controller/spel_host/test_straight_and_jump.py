@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 import pytest
-from support.program_bench import STEP_S, ProgramBench
+from support.spel_program_harness import STEP_S, SpelProgramHarness
 
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
@@ -33,88 +33,88 @@ def _all_is_logged(caplog):
 
 
 def six_axis(caplog, source, **options):
-    return ProgramBench(source, caplog, start=BENT, **options)
+    return SpelProgramHarness(source, caplog, start=BENT, **options)
 
 
-def tool_places(bench):
+def tool_places(harness):
     """Return where Tool 0 was in each motion cycle, shape (k, 3), m."""
-    arm = Kinematics(bench.controller.model)
-    return np.array([arm.forward(joints)[:3, 3] for joints in bench.positions])
+    arm = Kinematics(harness.controller.model)
+    return np.array([arm.forward(joints)[:3, 3] for joints in harness.positions])
 
 
-def assert_limits_kept(bench):
-    velocity, acceleration = bench.within_limits()
+def assert_limits_kept(harness):
+    velocity, acceleration = harness.within_limits()
     assert velocity <= 1.001
     assert acceleration <= 1.01
 
 
-def assert_straight(bench):
+def assert_straight(harness):
     """Tool 0 has left the line from P1 to P2 nowhere, and has gone some way."""
-    places = tool_places(bench)
+    places = tool_places(harness)
     way = np.array([0.12, 0.0, -0.06]) / np.hypot(0.12, 0.06)
-    gone = (places - places[0]) @ Kinematics(bench.controller.model).from_base(np.eye(4))[:3, :3]
+    gone = (places - places[0]) @ Kinematics(harness.controller.model).from_base(np.eye(4))[:3, :3]
     assert np.abs(gone - (gone @ way)[:, None] * way).max() < 2e-5
     assert 0.005 < gone[-1] @ way < 0.135
 
 
 @pytest.mark.invariant(2)
 def test_inv2_move_leads_tool_0_along_a_straight_line_as_fast_as_speeds_says(caplog):
-    bench = six_axis(caplog, MOVE.format(more=''))
-    bench.until(lambda: len(bench.printed) == 2)
-    assert bench.printed[-1] == 'there 120 -60'
-    assert_straight(bench)
-    speeds = np.linalg.norm(np.diff(tool_places(bench), axis=0), axis=1) / STEP_S
+    harness = six_axis(caplog, MOVE.format(more=''))
+    harness.until(lambda: len(harness.printed) == 2)
+    assert harness.printed[-1] == 'there 120 -60'
+    assert_straight(harness)
+    speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
     assert speeds.max() == pytest.approx(0.2, rel=0.01)
-    assert_limits_kept(bench)
+    assert_limits_kept(harness)
 
 
 def test_a_line_goes_on_after_a_pause_and_stays_straight(caplog):
-    bench = six_axis(caplog, MOVE.format(more=''))
-    bench.until(lambda: 'goes' in bench.printed)
-    bench.step(0.3)
-    bench.do('pause')
-    bench.step(1.0)
-    held = bench.position
+    harness = six_axis(caplog, MOVE.format(more=''))
+    harness.until(lambda: 'goes' in harness.printed)
+    harness.step(0.3)
+    harness.do('pause')
+    harness.step(1.0)
+    held = harness.position
     assert not np.array_equal(held, BENT)
-    bench.step(0.5)
-    assert np.array_equal(bench.position, held)
-    bench.do('continue')
-    bench.until(lambda: 'there 120 -60' in bench.printed)
-    assert_straight(bench)
-    assert_limits_kept(bench)
+    harness.step(0.5)
+    assert np.array_equal(harness.position, held)
+    harness.do('continue')
+    harness.until(lambda: 'there 120 -60' in harness.printed)
+    assert_straight(harness)
+    assert_limits_kept(harness)
 
 
 @pytest.mark.invariant(3)
 def test_inv3_till_stops_a_line_on_its_way(caplog):
     source = MOVE.format(more=' Till MemSw(7) = On').replace('  Print "goes"', '  Xqt 2, stopper')
-    bench = six_axis(caplog, source + 'Function stopper\n  Wait 0.4\n  MemOn 7\nFend\n')
-    bench.until(lambda: len(bench.printed) == 1)
-    assert bench.printed != ['there 120 -60']
-    bench.step(0.5)
-    assert not np.any(bench.velocity)
-    assert_straight(bench)
-    assert_limits_kept(bench)
+    harness = six_axis(caplog, source + 'Function stopper\n  Wait 0.4\n  MemOn 7\nFend\n')
+    harness.until(lambda: len(harness.printed) == 1)
+    assert harness.printed != ['there 120 -60']
+    harness.step(0.5)
+    assert not np.any(harness.velocity)
+    assert_straight(harness)
+    assert_limits_kept(harness)
 
 
 @pytest.mark.invariant(3)
 def test_inv3_an_estop_stops_a_line_within_the_limits(caplog):
-    bench = six_axis(caplog, MOVE.format(more=''))
-    bench.until(lambda: 'goes' in bench.printed)
-    bench.step(0.4)
-    bench.do('E-stop press')
-    bench.step(1.0)
-    assert not np.any(bench.velocity)
-    assert bench.tasks == []
-    assert_straight(bench)
-    assert_limits_kept(bench)
+    harness = six_axis(caplog, MOVE.format(more=''))
+    harness.until(lambda: 'goes' in harness.printed)
+    harness.step(0.4)
+    harness.do('E-stop press')
+    harness.step(1.0)
+    assert not np.any(harness.velocity)
+    assert harness.tasks == []
+    assert_straight(harness)
+    assert_limits_kept(harness)
 
 
 def test_at_low_power_a_line_is_no_faster_than_50_mm_a_second(caplog):
-    bench = six_axis(caplog, MOVE.format(more='').replace('Power High', 'Power Low'))
-    bench.until(lambda: len(bench.printed) == 2)
-    speeds = np.linalg.norm(np.diff(tool_places(bench), axis=0), axis=1) / STEP_S
+    harness = six_axis(caplog, MOVE.format(more='').replace('Power High', 'Power Low'))
+    harness.until(lambda: len(harness.printed) == 2)
+    speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
     assert 0.02 < speeds.max() <= 0.0501
-    assert bench.within_limits()[0] <= 0.0501
+    assert harness.within_limits()[0] <= 0.0501
 
 
 @pytest.mark.parametrize(
@@ -128,12 +128,12 @@ def test_at_low_power_a_line_is_no_faster_than_50_mm_a_second(caplog):
 )
 def test_a_way_that_there_is_not_is_refused_before_the_arm_moves(caplog, statement, number, said):
     source = f'\nFunction main\n  Motor On\n  P1 = Here\n  {statement}\nFend\n'
-    bench = six_axis(caplog, source)
-    bench.step(0.5)
-    assert bench.controller.error_number == number
+    harness = six_axis(caplog, source)
+    harness.step(0.5)
+    assert harness.controller.error_number == number
     assert f'main.prg:5: error {number} in main' in caplog.text
     assert said in caplog.text
-    assert not np.any(np.diff(bench.positions, axis=0))
+    assert not np.any(np.diff(harness.positions, axis=0))
 
 
 def test_only_the_orientation_turns_with_rot(caplog):
@@ -146,11 +146,11 @@ def test_only_the_orientation_turns_with_rot(caplog):
       Print "there", Int(CU(Here) - CU(P1) + 0.5)
     Fend
     """
-    bench = six_axis(caplog, source)
-    bench.until(lambda: bench.printed == ['there 20'])
-    places = tool_places(bench)
+    harness = six_axis(caplog, source)
+    harness.until(lambda: harness.printed == ['there 20'])
+    places = tool_places(harness)
     assert np.abs(places - places[0]).max() < 2e-5
-    assert_limits_kept(bench)
+    assert_limits_kept(harness)
 
 
 JUMP = """
@@ -172,18 +172,18 @@ Fend
 
 
 def test_a_scara_jumps_over_a_pallet_up_across_and_down(caplog):
-    bench = ProgramBench(JUMP.format(deep=44, high=-20), caplog, model=SCARA)
-    bench.until(lambda: bench.printed == ['stands'])
-    begin = len(bench.positions)
-    bench.until(lambda: len(bench.printed) == 4)
-    assert bench.printed[1:] == ['160 180 -80', '100 140 -80', '160 140 -80']
-    positions = np.array(bench.positions[begin:])
+    harness = SpelProgramHarness(JUMP.format(deep=44, high=-20), caplog, model=SCARA)
+    harness.until(lambda: harness.printed == ['stands'])
+    begin = len(harness.positions)
+    harness.until(lambda: len(harness.printed) == 4)
+    assert harness.printed[1:] == ['160 180 -80', '100 140 -80', '160 140 -80']
+    positions = np.array(harness.positions[begin:])
     heights = positions[:, 2] * 1000.0
     sideways = np.abs(np.diff(positions[:, :2], axis=0)).max(axis=1) > 1e-9
     assert np.count_nonzero(sideways) > 30
     assert np.all(heights[:-1][sideways] > -20.001)
     assert heights.max() < -19.999
-    assert_limits_kept(bench)
+    assert_limits_kept(harness)
 
 
 @pytest.mark.invariant(3)
@@ -194,10 +194,10 @@ def test_inv3_till_ends_a_jump_and_what_is_left_of_it(caplog):
         .replace('  For i', '  Xqt 2, stopper\n  For i')
     )
     source = source.replace('To 4', 'To 2') + 'Function stopper\n  Wait 0.05\n  MemOn 1\nFend\n'
-    bench = ProgramBench(source, caplog, model=SCARA)
-    bench.until(lambda: len(bench.printed) == 2)
-    stands = bench.position
-    assert bench.printed[1] != '160 180 -84'
-    bench.step(1.0)
-    assert np.array_equal(bench.position, stands)
-    assert_limits_kept(bench)
+    harness = SpelProgramHarness(source, caplog, model=SCARA)
+    harness.until(lambda: len(harness.printed) == 2)
+    stands = harness.position
+    assert harness.printed[1] != '160 180 -84'
+    harness.step(1.0)
+    assert np.array_equal(harness.position, stands)
+    assert_limits_kept(harness)

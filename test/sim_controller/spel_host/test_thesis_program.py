@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.controller_harness import MODEL, STOP, Harness, Peer, frame, point, split
-from support.program_bench import STEP_S, ProgramBench
+from support.spel_program_harness import STEP_S, SpelProgramHarness
 from support.thesis_program import SEED, call_library, listings, program_files
 
 from epson_driver.profiles.profile import load_controller_profile
@@ -34,14 +34,14 @@ REPLY = struct.pack('<4i', 56, 10, 3, 1) + bytes(44)
 UNKNOWN = -1
 
 
-class ThesisBench(ProgramBench):
+class ThesisHarness(SpelProgramHarness):
     """The program with a stand-in for its DLL; motors on, both servers started."""
 
     program = None
 
     def __init__(self, caplog, motors=True):
-        if ThesisBench.program is None:
-            ThesisBench.program = build(program_files(FOUND, Counter()))
+        if ThesisHarness.program is None:
+            ThesisHarness.program = build(program_files(FOUND, Counter()))
         network = program_network(PROFILE)
         self.controller = new_controller(MODEL, PROFILE, spel=SpelSource(self.program, network))
         self.caplog = caplog
@@ -62,18 +62,18 @@ class ThesisBench(ProgramBench):
 
 
 @pytest.fixture
-def bench(caplog, monkeypatch):
+def harness(caplog, monkeypatch):
     caplog.set_level(logging.INFO)
     monkeypatch.setattr(SpelHost, 'call_library', call_library)
-    return ThesisBench(caplog)
+    return ThesisHarness(caplog)
 
 
-def assert_nobody_serves(bench):
+def assert_nobody_serves(harness):
     """All tasks have ended, and with them their ports."""
-    assert list(bench.controller.tasks()) == []
+    assert list(harness.controller.tasks()) == []
     for port in ('motion', 'state'):
         with pytest.raises(ConnectionRefusedError):
-            bench.client(port)
+            harness.client(port)
 
 
 def at(*values):
@@ -98,18 +98,18 @@ def test_the_listings_are_mended_as_their_print_needs():
     }
 
 
-def test_points_move_the_arm_and_every_reply_is_an_all_zero_success(bench):
+def test_points_move_the_arm_and_every_reply_is_an_all_zero_success(harness):
     """Defect 5, the good case: `reply: zero`."""
-    motion, peer = bench.client('motion')
-    assert bench.send(motion, peer, point(0, at(0.05)), point(1, at(0.1, 0.1))) == [REPLY] * 2
-    bench.until(lambda: not bench.controller.in_motion)
-    assert np.abs(bench.position - at(0.1, 0.1)).max() < 1e-5
+    motion, peer = harness.client('motion')
+    assert harness.send(motion, peer, point(0, at(0.05)), point(1, at(0.1, 0.1))) == [REPLY] * 2
+    harness.until(lambda: not harness.controller.in_motion)
+    assert np.abs(harness.position - at(0.1, 0.1)).max() < 1e-5
 
 
-def test_the_state_has_joints_and_a_status_that_does_not_know_whether_it_moves(bench):
+def test_the_state_has_joints_and_a_status_that_does_not_know_whether_it_moves(harness):
     """Defect 10: `in_motion: false`, `motion_possible: false`; STATUS after ten positions."""
-    _, peer = bench.client('state')
-    bench.step(1.0)
+    _, peer = harness.client('state')
+    harness.step(1.0)
     messages = split(peer.take())
     kinds = [kind for kind, *_ in messages]
     first = kinds.index(13)
@@ -122,57 +122,57 @@ def test_the_state_has_joints_and_a_status_that_does_not_know_whether_it_moves(b
     assert (PROFILE.state.in_motion, PROFILE.state.motion_possible) == (False, False)
 
 
-def test_a_lost_client_is_the_end_of_both_servers(bench):
+def test_a_lost_client_is_the_end_of_both_servers(harness):
     """Defect 1: `reconnect: false`."""
     for port in ('motion', 'state'):
-        connection, _ = bench.client(port)
-        bench.step(0.3)
+        connection, _ = harness.client(port)
+        harness.step(0.3)
         connection.closed()
-        bench.step(3.0)
+        harness.step(3.0)
         with pytest.raises(ConnectionRefusedError):
-            bench.client(port)
+            harness.client(port)
     assert not PROFILE.server.reconnect
 
 
-def test_nobody_comes_for_50_s_and_the_servers_are_gone(bench):
+def test_nobody_comes_for_50_s_and_the_servers_are_gone(harness):
     """Defect 12."""
-    bench.step(49.0)
-    assert len(list(bench.controller.tasks())) == 2
-    bench.step(3.0)
-    assert_nobody_serves(bench)
+    harness.step(49.0)
+    assert len(list(harness.controller.tasks())) == 2
+    harness.step(3.0)
+    assert_nobody_serves(harness)
 
 
-def test_a_stop_is_answered_when_the_motion_is_over_and_stops_nothing(bench):
+def test_a_stop_is_answered_when_the_motion_is_over_and_stops_nothing(harness):
     """Defect 2: `stop_works: false`; `acknowledge: done`."""
-    motion, peer = bench.client('motion')
+    motion, peer = harness.client('motion')
     motion.receive(point(0, at(0.4)) + point(STOP))
-    bench.until(lambda: bench.position[0] > 0.1)
+    harness.until(lambda: harness.position[0] > 0.1)
     assert not peer.got
-    bench.until(lambda: len(peer.got) >= 2 * len(REPLY), 30.0)
+    harness.until(lambda: len(peer.got) >= 2 * len(REPLY), 30.0)
     assert peer.take() == 2 * REPLY
-    assert abs(bench.position[0] - 0.4) < 1e-5
+    assert abs(harness.position[0] - 0.4) < 1e-5
     assert (PROFILE.program.stop_works, PROFILE.program.acknowledge) == (False, 'done')
 
 
 @pytest.mark.parametrize('sequence', [-1, -2, -3, -4])
-def test_every_negative_sequence_is_a_stop(bench, sequence):
+def test_every_negative_sequence_is_a_stop(harness, sequence):
     """Defect 3: `negative_is_stop: true`."""
-    motion, peer = bench.client('motion')
-    assert bench.send(motion, peer, point(sequence, at(0.2))) == [REPLY]
-    bench.step(2.0)
-    assert not np.any(bench.positions)
-    assert any('trajectory stop message' in line for line in bench.printed)
+    motion, peer = harness.client('motion')
+    assert harness.send(motion, peer, point(sequence, at(0.2))) == [REPLY]
+    harness.step(2.0)
+    assert not np.any(harness.positions)
+    assert any('trajectory stop message' in line for line in harness.printed)
     assert PROFILE.program.negative_is_stop
 
 
-def test_a_point_out_of_range_gets_success_and_sequences_are_not_checked(bench):
+def test_a_point_out_of_range_gets_success_and_sequences_are_not_checked(harness):
     """Defects 5 and 6: `failure_replies`, `check_limits` and `check_sequence` are false."""
-    motion, peer = bench.client('motion')
+    motion, peer = harness.client('motion')
     points = (point(0, at(3.0)), point(7, at(0.1)), point(3, at(0.05)))
-    assert bench.send(motion, peer, *points) == [REPLY] * 3
-    bench.until(lambda: not bench.controller.in_motion)
-    assert abs(bench.position[0] - 0.05) < 1e-5
-    assert max(each[0] for each in bench.positions) < 0.11
+    assert harness.send(motion, peer, *points) == [REPLY] * 3
+    harness.until(lambda: not harness.controller.in_motion)
+    assert abs(harness.position[0] - 0.05) < 1e-5
+    assert max(each[0] for each in harness.positions) < 0.11
     program = PROFILE.program
     checks = (program.failure_replies, program.check_limits, program.check_sequence)
     assert not any(checks)
@@ -182,11 +182,11 @@ def test_without_motors_it_asks_is_told_to_cancel_and_answers_success(caplog, mo
     """Defects 4 and 5: the error is handled, nothing moves, the reply is a SUCCESS."""
     caplog.set_level(logging.INFO)
     monkeypatch.setattr(SpelHost, 'call_library', call_library)
-    bench = ThesisBench(caplog, motors=False)
-    motion, peer = bench.client('motion')
-    assert bench.send(motion, peer, point(0, at(0.2))) == [REPLY]
-    assert any('answered with Cancel' in line for line in bench.printed)
-    assert not np.any(bench.positions)
+    harness = ThesisHarness(caplog, motors=False)
+    motion, peer = harness.client('motion')
+    assert harness.send(motion, peer, point(0, at(0.2))) == [REPLY]
+    assert any('answered with Cancel' in line for line in harness.printed)
+    assert not np.any(harness.positions)
 
 
 def test_an_error_that_was_handled_is_handled_again_after_each_good_point(caplog, monkeypatch):
@@ -194,30 +194,30 @@ def test_an_error_that_was_handled_is_handled_again_after_each_good_point(caplog
     all the same, the replies are the same: no key of the profile."""
     caplog.set_level(logging.INFO)
     monkeypatch.setattr(SpelHost, 'call_library', call_library)
-    bench = ThesisBench(caplog, motors=False)
-    motion, peer = bench.client('motion')
-    assert bench.send(motion, peer, point(0, at(0.2))) == [REPLY]
-    assert bench.printed.count('in ErrorHandler') == 1
-    bench.do('motors on')
-    assert bench.send(motion, peer, point(1, at(0.05)), point(2, at(0.1))) == [REPLY] * 2
-    bench.until(lambda: not bench.controller.in_motion)
-    assert abs(bench.position[0] - 0.1) < 1e-5
-    assert bench.printed.count('in ErrorHandler') == 3
+    harness = ThesisHarness(caplog, motors=False)
+    motion, peer = harness.client('motion')
+    assert harness.send(motion, peer, point(0, at(0.2))) == [REPLY]
+    assert harness.printed.count('in ErrorHandler') == 1
+    harness.do('motors on')
+    assert harness.send(motion, peer, point(1, at(0.05)), point(2, at(0.1))) == [REPLY] * 2
+    harness.until(lambda: not harness.controller.in_motion)
+    assert abs(harness.position[0] - 0.1) < 1e-5
+    assert harness.printed.count('in ErrorHandler') == 3
 
 
-def test_any_error_of_the_state_server_ends_all_tasks(bench, monkeypatch):
+def test_any_error_of_the_state_server_ends_all_tasks(harness, monkeypatch):
     """Defect 4: Quit All behind its label; here the PC with the DLL is gone. The profile's
     controller has no PC that could go."""
-    _, peer = bench.client('state')
-    bench.step(0.5)
+    _, peer = harness.client('state')
+    harness.step(0.5)
     assert peer.take()
 
     def gone(_host, _library, name, _arguments):
         raise SpelError(ErrorNumber.NO_LIBRARY, name)
 
     monkeypatch.setattr(SpelHost, 'call_library', gone)
-    bench.step(0.5)
-    assert_nobody_serves(bench)
+    harness.step(0.5)
+    assert_nobody_serves(harness)
 
 
 def test_motors_on_by_retry_forgets_speed_and_accel(caplog, monkeypatch):
@@ -225,13 +225,13 @@ def test_motors_on_by_retry_forgets_speed_and_accel(caplog, monkeypatch):
     caplog.set_level(logging.INFO)
     monkeypatch.setattr(SpelHost, 'call_library', call_library)
     monkeypatch.setattr(LogTerminal, 'message_box', lambda *_: RETRY)
-    bench = ThesisBench(caplog, motors=False)
-    spel = bench.controller.spel
+    harness = ThesisHarness(caplog, motors=False)
+    spel = harness.controller.spel
     assert (spel.values('Speed'), spel.values('Accel')) == ((50.0,), (50.0, 50.0))
-    motion, peer = bench.client('motion')
-    assert bench.send(motion, peer, point(0, at(0.1))) == [REPLY]
-    bench.until(lambda: not bench.controller.in_motion)
-    assert abs(bench.position[0] - 0.1) < 1e-5
+    motion, peer = harness.client('motion')
+    assert harness.send(motion, peer, point(0, at(0.1))) == [REPLY]
+    harness.until(lambda: not harness.controller.in_motion)
+    assert abs(harness.position[0] - 0.1) < 1e-5
     assert spel.values('Speed') == pytest.approx((5.0,))
     assert spel.values('Accel') == pytest.approx((5.0, 5.0))
     assert PROFILE.motion.power == 'low'
@@ -246,70 +246,70 @@ def test_the_dll_takes_velocity_and_duration_by_value_where_the_program_hands_re
     assert PROFILE.program.uses.value == 'nothing'
 
 
-def test_a_corrupt_message_ends_all_tasks(bench):
+def test_a_corrupt_message_ends_all_tasks(harness):
     """Defect 5: `corrupt: quit`."""
-    motion, _ = bench.client('motion')
+    motion, _ = harness.client('motion')
     motion.receive(frame(11, 2, 0, bytes(20)))
-    bench.step(3.0)
-    assert_nobody_serves(bench)
+    harness.step(3.0)
+    assert_nobody_serves(harness)
     assert PROFILE.program.corrupt == 'quit'
 
 
-def test_turns_of_the_wrist_are_lost(bench):
+def test_turns_of_the_wrist_are_lost(harness):
     """Defect 6: P2 = AglToPls( ) is a place in space: joint 6 goes there the short way."""
-    motion, peer = bench.client('motion')
+    motion, peer = harness.client('motion')
     target = [0.1, -0.1, 0.2, 0.0, 0.5, 1.5 * np.pi]
-    assert bench.send(motion, peer, point(0, target)) == [REPLY]
-    bench.until(lambda: not bench.controller.in_motion)
-    assert bench.position[5] == pytest.approx(-0.5 * np.pi, abs=1e-4)
-    assert bench.position[:3] == pytest.approx(target[:3], abs=1e-4)
+    assert harness.send(motion, peer, point(0, target)) == [REPLY]
+    harness.until(lambda: not harness.controller.in_motion)
+    assert harness.position[5] == pytest.approx(-0.5 * np.pi, abs=1e-4)
+    assert harness.position[:3] == pytest.approx(target[:3], abs=1e-4)
 
 
-def test_power_low_makes_speed_50_mean_5_percent_and_times_count_for_nothing(bench):
+def test_power_low_makes_speed_50_mean_5_percent_and_times_count_for_nothing(harness):
     """Defects 6 and 8: `uses: nothing`, `power: low`."""
-    motion, peer = bench.client('motion')
-    bench.send(motion, peer, point(0, at(0.5), velocity=1.0, duration=0.1))
-    velocity, _ = bench.within_limits()
+    motion, peer = harness.client('motion')
+    harness.send(motion, peer, point(0, at(0.5), velocity=1.0, duration=0.1))
+    velocity, _ = harness.within_limits()
     assert 0.02 < velocity < 0.0501
     assert (PROFILE.motion.power, PROFILE.program.uses.value) == ('low', 'nothing')
 
 
-def test_cp_never_blends_the_arm_rests_at_every_point(bench):
+def test_cp_never_blends_the_arm_rests_at_every_point(harness):
     """Defect 9."""
-    motion, peer = bench.client('motion')
-    begin = len(bench.positions)
-    bench.send(motion, peer, *(point(n, at(0.05 * (n + 1))) for n in range(3)))
-    bench.until(lambda: not bench.controller.in_motion)
-    moves = np.diff(np.array(bench.positions[begin:])[:, 0]) > 1e-9
+    motion, peer = harness.client('motion')
+    begin = len(harness.positions)
+    harness.send(motion, peer, *(point(n, at(0.05 * (n + 1))) for n in range(3)))
+    harness.until(lambda: not harness.controller.in_motion)
+    moves = np.diff(np.array(harness.positions[begin:])[:, 0]) > 1e-9
     assert np.count_nonzero(np.diff(moves.astype(int)) == 1) == 3
     assert len(moves) * STEP_S > 2.0  # a second after each point
 
 
-def test_an_estop_ends_its_motion_and_the_state_server_goes_on(bench):
+def test_an_estop_ends_its_motion_and_the_state_server_goes_on(harness):
     """Xqt … NoEmgAbort; `aborted: silent`."""
-    _, state = bench.client('state')
-    motion, peer = bench.client('motion')
+    _, state = harness.client('state')
+    motion, peer = harness.client('motion')
     motion.receive(point(0, at(1.0)))
-    bench.until(lambda: bench.position[0] > 0.1)
-    bench.do('E-stop press')
-    bench.step(1.0)
+    harness.until(lambda: harness.position[0] > 0.1)
+    harness.do('E-stop press')
+    harness.step(1.0)
     state.take()
     peer.take()
-    bench.step(1.0)
+    harness.step(1.0)
     assert len(split(state.take())) > 10
     motion.receive(point(1, at(0.0)))
-    bench.step(2.0)
+    harness.step(2.0)
     assert not peer.got
     assert PROFILE.server.aborted == 'silent'
 
 
-def test_the_profile_answers_as_the_program_does(bench):
+def test_the_profile_answers_as_the_program_does(harness):
     """The same points to both: the same replies, in the end the same place."""
     points = [point(0, at(0.1)), point(5, at(3.0)), point(-2, at(0.3)), point(STOP)]
     points += [point(1, at(0.2, 0.1)), point(2, at(0.05))]
-    motion, peer = bench.client('motion')
-    replies = bench.send(motion, peer, *points)
-    bench.until(lambda: not bench.controller.in_motion)
+    motion, peer = harness.client('motion')
+    replies = harness.send(motion, peer, *points)
+    harness.until(lambda: not harness.controller.in_motion)
     servo = replace(PROFILE.servo, lag=0.0)
     native = Harness(profile=replace(PROFILE, servo=servo))
     assert isinstance(native.peer, Peer)
@@ -323,4 +323,4 @@ def test_the_profile_answers_as_the_program_does(bench):
         answered.append(native.peer.take())
     native.rest()
     assert replies == answered == [REPLY] * len(points)
-    assert np.abs(native.controller.arm.commanded - bench.position).max() < 1e-5
+    assert np.abs(native.controller.arm.commanded - harness.position).max() < 1e-5

@@ -19,7 +19,7 @@ SPEL_PROFILE = load_controller_profile('spel')
 STEP_S = 0.002
 
 
-class ProgramBench:
+class SpelProgramHarness:
     """A controller that runs `source`; the highest velocity and acceleration are kept."""
 
     def __init__(self, source, caplog=None, profile=PROFILE, model=MODEL, start=None, **files):
@@ -85,7 +85,7 @@ class ProgramBench:
         )
 
 
-class OurProgramBench(ProgramBench):
+class OurProgramHarness(SpelProgramHarness):
     """The same with controller_program/, as the profile `spel` has it; `defines` change it."""
 
     def __init__(self, start=None, caplog=None, profile=SPEL_PROFILE, **defines):
