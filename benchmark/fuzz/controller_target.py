@@ -34,9 +34,9 @@ BRAKING_S = 10.0
 ANSWER_S = 3.0
 """How soon a controller answers the next client, s."""
 
-REOPENING_S = 2.5
+REOPENING_S = 4.0
 """How soon a port has the next client, s. To a SPEL+ program one that came and left at once looks
-like none; it opens its ports again every 2 s."""
+like none; it opens its ports again after 2 s, which it sees when a wait of 1 s is over."""
 
 MAX_TIMERS = 2_000
 MAX_ANSWER_BYTES = 1_000_000
