@@ -81,6 +81,7 @@ class Goal:
         """Whether somebody has canceled it."""
         self._executor = executor
         self._handle: Any = None
+        self._canceled_early = False
 
     def cancel(self) -> None:
         """Have the driver stop the arm and end the goal; if it was not sent yet, it is not."""
@@ -90,11 +91,13 @@ class Goal:
     def accepted(self, handle: Any) -> None:
         """Take note of its handle; cancel it if that was asked for meanwhile."""
         self._handle = handle
-        if self.unwanted:
+        if self._canceled_early:
             handle.cancel_goal_async()
 
     def _cancel(self) -> None:
-        if self._handle is not None and not self.ended.is_set():
+        if self._handle is None:
+            self._canceled_early = True
+        elif not self.ended.is_set():
             self._handle.cancel_goal_async()
 
 

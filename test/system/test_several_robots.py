@@ -29,7 +29,7 @@ from epson_driver.cli import processes
 from epson_driver.simple_message import Dialect, Opaque, encode, topic
 
 SHAPES = {'a process each': False, 'one process': True}
-ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events'}
+ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events', '/tf_static'}
 """Shared by all nodes of a ROS system: the entries say whose they are."""
 
 
