@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
+from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move, sparse
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
@@ -97,9 +97,10 @@ def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort)
         timing = None
         if not _leaves_range(path, request.state[0], limits):
             timing = optimal.propose(problem, bounds)
-        if timing is not None:
-            return Plan(request.start, path.knots, timing, OPTIMAL)
         effort.back(fresh)
+        if timing is not None:
+            path, timing = sparse.faster(request, problem, bounds, timing, effort)
+            return Plan(request.start, path.knots, timing, OPTIMAL)
     branches = TIMED_BRANCHES if request.timed.any() else BRANCHES
     for number, (dropped, share, timed) in enumerate(branches):
         found = _branch(request, dropped, share, timed, limits, effort)

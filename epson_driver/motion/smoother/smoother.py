@@ -14,6 +14,9 @@ from epson_driver.motion.smoother.replanning import Planner, Replanning
 from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.waypoints import Mode, Waypoints
 
+MAX_PATH_TOLERANCE = 0.5
+"""The most that a path may pass beside a waypoint, rad (or m) in every joint."""
+
 log = logging.getLogger(__name__)
 
 
@@ -44,8 +47,16 @@ class Smoother:
         latency: float = 0.0,
         planner: Planner | None = plan,
         observer: Observer | None = None,
+        refine: bool = True,
+        path_tolerance: float = 0.0,
     ) -> None:
-        self._waypoints = Waypoints(limits, position, mode)
+        if not 0.0 <= path_tolerance <= MAX_PATH_TOLERANCE:  # NaN too
+            raise ValueError(
+                f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}'
+            )
+        # what has commanded times is followed as it was commanded, on the path of the spline
+        refine = refine and (mode is Mode.TIME_OPTIMAL or path_tolerance > 0.0)
+        self._waypoints = Waypoints(limits, position, mode, refine, path_tolerance)
         self._execution = Execution(self._waypoints, observer)
         self._replanning = Replanning(self._waypoints, self._execution, planner, latency)
         self._guard = OutputGuard(self.motion)

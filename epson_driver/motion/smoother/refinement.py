@@ -1,0 +1,422 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A better path through the same waypoints: the derivatives at its knots that take the least time.
+
+A cubic spline knows nothing of limits. Here the derivatives at the knots (and, within a tolerance,
+their positions) are found together with the speed x(u) = u̇², by the method of `interior_point`:
+for a given speed the limits are linear in the path's derivatives, for a given path they are what
+they are there, and each step goes towards what the tangents to both allow. The speed is a spline
+with few nodes, and nothing is verified: the path is worth something only once a proposer has found
+a faster timing on it.
+
+A knot's parameters are its position, its first and its second derivative, in this order. Joints
+are measured in what they move in a second at their velocity limit.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.motion.interpolation import hermite
+from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.smoother import optimal
+from epson_driver.motion.smoother.effort import REFINEMENT_ROW_US, REFINEMENT_STEP_US
+from epson_driver.motion.smoother.path import DEGREE, Knots, Path
+from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
+from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+
+NODE_SPACING_S, MAX_NODES = 0.016, 80
+"""Time between the nodes of the speed's spline, s, unless there are too many."""
+
+MAX_STEPS = 30
+GAP_TOLERANCE, ROW_TOLERANCE = 2e-2, 5e-3
+"""When to stop: on what more time could be gained, relative, and on the limits."""
+
+DAMPING = 1e-3
+"""Cost of a change in one step: a path can be measured in many parameters that are all the same."""
+
+MAX_CHANGE = 0.3
+"""The most that a parameter may change in one step, in its unit."""
+
+BEND_RATIO, MIN_BEND = 1.25, 0.01
+"""How far from the straight way between two knots the path may be: so many times as far as it was
+before in any joint, or so many rad (or m)."""
+
+_PARAMETERS = 3
+_KINDS = 4
+"""Rows of each joint at each sample: velocity, acceleration, and jerk to both sides."""
+
+_BASIS = hermite(tuple(np.eye(6)[:3, None]), tuple(np.eye(6)[3:, None]))[0]
+"""From the parameters at both ends of a segment of length 1 to its coefficients."""
+
+_SAMPLES = np.array([0.02, 0.98])
+_BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]
+_ALONG_RAMP = np.array([0.0, 0.5, 1.0])
+
+Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Freedom:
+    """Which parameters of k knots may change, shape (k, 3).
+
+    Where that is the position: within `tolerance`, rad in every joint, of `centre`, shape (k, n).
+    """
+
+    free: npt.NDArray[np.bool_]
+    centre: Array
+    tolerance: float = 0.0
+
+
+def refined(
+    problem: Problem, bounds: SpeedBounds, timing: TimeParametrisation, freedom: Freedom
+) -> Path | None:
+    """Return a path that should take less time than the problem's, or None.
+
+    timing: one on the problem's path, from the problem's start to its end, to begin with.
+    """
+    spacing = max(NODE_SPACING_S, timing.duration / MAX_NODES)
+    spline = optimal.spline_of(problem, bounds, timing, spacing)
+    if spline is None or not freedom.free.any():
+        return None
+    search = _Search(problem, spline, freedom)
+    for _ in range(MAX_STEPS):
+        problem.effort.spend(REFINEMENT_STEP_US + REFINEMENT_ROW_US * search.size)
+        if problem.effort.used_up or not search.step():
+            return None
+        if search.converged:
+            return search.path
+    return None
+
+
+class _Rows:
+    """What holds of n joints at m places of the path: the derivatives from the parameters.
+
+    weights: shape (4, m, 6), from the parameters at both ends of the segment to q, q′, q″, q‴;
+    ends: which of the knots' parameters these are, shape (m, 6).
+    """
+
+    def __init__(self, us: Array, knots: Array, units: Array) -> None:
+        segment = np.clip(knots.searchsorted(us, side='right') - 1, 0, len(knots) - 2)
+        h = np.diff(knots)[segment]
+        powers = ((us - knots[segment]) / h)[:, None] ** np.arange(DEGREE + 1)
+        self.ends = segment[:, None] * _PARAMETERS + np.arange(2 * _PARAMETERS)
+        sizes = h[:, None] ** np.tile(np.arange(_PARAMETERS), 2) * units.ravel()[self.ends]
+        self.weights = np.empty((4, len(us), 2 * _PARAMETERS))
+        factors = np.ones(DEGREE + 1)
+        for order in range(4):
+            derivative = np.zeros_like(powers)
+            derivative[:, order:] = powers[:, : DEGREE + 1 - order]
+            weights = (derivative * factors) @ _BASIS
+            self.weights[order] = weights * sizes / h[:, None] ** order
+            factors = factors * np.maximum(np.arange(DEGREE + 1.0) - order, 0.0)
+
+    def derivatives(self, values: Array) -> Array:
+        """Return q′, q″, q‴, shape (3, n, m), of parameters (3 k, n)."""
+        result: Array = (self.weights[1:, :, None] @ values[self.ends])[:, :, 0].transpose(0, 2, 1)
+        return np.ascontiguousarray(result)
+
+    def combined(self, factors: tuple[Array | float, ...], count: int) -> Array:
+        """Return what gives a sum of q, q′, q″, q‴ from all of `count` parameters, (m, count)."""
+        rows = np.zeros((len(self.ends), count))
+        each = np.stack([np.broadcast_to(factor, len(self.ends)) for factor in factors])
+        local = (each[:, :, None] * self.weights).sum(axis=0)
+        np.put_along_axis(rows, self.ends, local, axis=1)
+        return rows
+
+
+class _Search:
+    """The state of the search, and its steps.
+
+    Unknown are c coefficients of x, and f free parameters of each joint, joint after joint. Rows
+    are first those at m samples, shape (4, n, m), then those in the parameters alone, to both
+    sides, shape (2, n, r). All must be ≤ 0.
+    """
+
+    def __init__(self, problem: Problem, spline: SpeedSpline, freedom: Freedom) -> None:
+        path, limits = problem.path, problem.limits
+        self._knots, self._velocity = path.knots, limits.velocity
+        u = path.knots.u
+        h = np.diff(u)
+        near = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
+        self._units = np.stack([near, np.ones_like(near), 1.0 / near], axis=1)  # (k, 3)
+        places = np.stack([path.knots.position, path.knots.first, path.knots.second], axis=1)
+        self._values = (places / self._velocity / self._units[:, :, None]).reshape(3 * len(u), -1)
+        self._free = np.flatnonzero(freedom.free.ravel())
+
+        nodes, lengths = spline.nodes, spline.lengths
+        us = (nodes[:-1, None] + lengths[:, None] * _SAMPLES).ravel()
+        interval = np.repeat(np.arange(len(lengths)), 2)
+        self._rows = _Rows(us, u, self._units)
+        self._basis = basis(lengths, interval, np.tile(_SAMPLES, len(lengths)))
+        self._three = interval[:, None] + np.arange(3)
+        # as `optimal` has it: the velocity in the middle, the acceleration from one side each
+        back = np.zeros_like(us)
+        back[1::2] = (_SAMPLES[1] - 0.5) * lengths
+        self._shift = np.stack([np.ones_like(us), -back, back**2 / 2.0])
+        self._lengths = np.repeat(lengths / 2.0, 2)
+        moving = spline.start_ramp.time == 0.0
+        starting = moving & (us < nodes[min(optimal.START_INTERVALS, len(lengths))])
+        reserve = np.where(starting, 0.0, 1.0)
+        share = 1.0 - reserve * optimal.ACCELERATION_RESERVE_SHARE
+        sign = np.tile([1.0, -1.0], len(lengths))
+        scale = limits.velocity[:, None]
+        self._per_acceleration = sign / share * scale / limits.acceleration[:, None]
+        share = 1.0 - (0.5 + 0.5 * reserve) * optimal.JERK_RESERVE_SHARE
+        self._per_jerk = scale / limits.jerk[:, None] / share
+
+        self._coefficients = spline.coefficients.copy()
+        self._place()
+        self._sides, self._side_scale, self._centre = _sides(
+            problem, spline, freedom, self._units
+        )
+        self._root = np.ones_like(us)
+        self._update()
+        self._root = np.sqrt(self._y[0])
+        self._update()
+        self._time_scale = 1.0 / float(np.sum(self._lengths / np.sqrt(self._x)))
+        self._slack = np.maximum(-self._g, 0.1)
+        self._mu = 1.0 / self.size
+        self._dual = self._mu / self._slack
+        self._gap = np.inf
+
+    def _place(self) -> None:
+        """Work out where in the Newton system the unknowns of a sample and a joint are."""
+        joints, size = len(self._velocity), len(self._coefficients)
+        index = np.full(len(self._values), -1)
+        index[self._free] = np.arange(len(self._free))
+        self._total = size + joints * len(self._free)
+        # where no position is free there is no need to look at them
+        used = np.unique(self._free % _PARAMETERS)
+        self._used = np.append(used, used + _PARAMETERS)
+        own = index[self._rows.ends[:, self._used]]
+        local = own[None] + np.where(
+            own < 0,
+            self._total + 1,
+            (size + np.arange(joints) * len(self._free))[:, None, None],
+        )
+        # what is fixed goes to one more unknown, which is left out
+        self._which = np.concatenate(
+            [np.broadcast_to(self._three, (joints, *self._three.shape)), local], axis=2
+        )  # (n, m, 3 + 4 or 6)
+        self._which = np.minimum(self._which, self._total)
+        self._pairs = (
+            self._which[..., :, None] * (self._total + 1) + self._which[..., None, :]
+        ).ravel()
+        self._solved = np.append(np.arange(2, size - 2), np.arange(size, self._total))
+
+    @property
+    def size(self) -> int:
+        """The number of rows."""
+        return self._g.size
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is little more to gain, and the limits are nearly kept."""
+        return self._gap < GAP_TOLERANCE and float(self._g.max()) < ROW_TOLERANCE
+
+    @property
+    def path(self) -> Path:
+        """The path so far."""
+        values = self._values.reshape(*self._units.shape, -1)
+        position, first, second = np.moveaxis(
+            values * self._units[:, :, None] * self._velocity, 1, 0
+        )
+        free = np.zeros(len(self._values), dtype=bool)
+        free[self._free] = True
+        kept = ~free.reshape(self._units.shape)[:, :, None]
+        knots = self._knots  # what is not free stays to the last bit
+        return Path(
+            Knots(
+                knots.u,
+                np.where(kept[:, 0], knots.position, position),
+                np.where(kept[:, 1], knots.first, first),
+                np.where(kept[:, 2], knots.second, second),
+            )
+        )
+
+    def _update(self) -> None:
+        """Compute the rows."""
+        self._y = y = (self._basis @ self._coefficients[self._three][:, :, None])[:, :, 0].T
+        self._x = (self._shift * y).sum(axis=0)
+        self._q = q = self._rows.derivatives(self._values)
+        main = np.empty((_KINDS, *q.shape[1:]))
+        main[0] = q[0] ** 2 * self._x - 1.0
+        main[1] = self._per_acceleration * (q[0] * (y[1] / 2.0) + q[1] * y[0]) - 1.0
+        jerk = q[0] * (y[2] / 2.0) + q[1] * (1.5 * y[1]) + q[2] * y[0]
+        jerk *= self._per_jerk * self._root
+        right = self._root / np.sqrt(y[0])
+        main[2], main[3] = jerk - right, -jerk - right
+        sides = self._side_scale * ((self._sides @ self._values).T - self._centre)
+        self._g = np.concatenate([main.ravel(), (sides - 1.0).ravel(), (-sides - 1.0).ravel()])
+
+    def _tangents(self) -> Array:
+        """Return the rows' derivatives by the unknowns they depend on, shape (4, n, m, 7 or 9)."""
+        y, q, root = self._y, self._q, self._root
+        weights = self._rows.weights[1:, :, self._used]
+        by_y = np.zeros((_KINDS, *q.shape[1:], 3))
+        by_y[0] = (q[0] ** 2)[:, :, None] * self._shift.T
+        by_y[1, :, :, 0] = self._per_acceleration * q[1]
+        by_y[1, :, :, 1] = self._per_acceleration * (q[0] / 2.0)
+        scale = self._per_jerk * root
+        for k, derivative in enumerate((q[2], 1.5 * q[1], q[0] / 2.0)):
+            by_y[2, :, :, k] = scale * derivative
+        by_y[3] = -by_y[2]
+        by_y[2:, :, :, 0] += 0.5 * root * y[0] ** -1.5
+        result = np.empty((_KINDS, *q.shape[1:], 3 + len(self._used)))
+        result[..., :3] = (by_y[..., None, :] @ self._basis)[..., 0, :]
+        result[0, :, :, 3:] = (2.0 * q[0] * self._x)[:, :, None] * weights[0]
+        bend = (y[1] / 2.0)[:, None] * weights[0] + y[0][:, None] * weights[1]
+        result[1, :, :, 3:] = self._per_acceleration[:, :, None] * bend
+        twist = (y[2] / 2.0)[:, None] * weights[0] + (1.5 * y[1])[:, None] * weights[1]
+        twist += y[0][:, None] * weights[2]
+        result[2, :, :, 3:] = scale[:, :, None] * twist
+        result[3, :, :, 3:] = -result[2, :, :, 3:]
+        return result
+
+    def step(self) -> bool:
+        """Make a Newton step; return whether that was possible."""
+        tangents = self._tangents()
+        joints, size, free = len(self._velocity), len(self._coefficients), len(self._free)
+        main = tangents[..., 0].size
+        stiffness = self._dual / self._slack
+        push = self._mu / self._slack + self._dual + stiffness * self._g
+        shape = tangents.shape[:3]
+        per_row = tangents.transpose(1, 2, 0, 3)  # (n, m, 4, 9)
+        weighted = per_row * stiffness[:main].reshape(shape).transpose(1, 2, 0)[..., None]
+        blocks = weighted.transpose(0, 1, 3, 2) @ per_row
+        forces = (per_row * push[:main].reshape(shape).transpose(1, 2, 0)[..., None]).sum(axis=2)
+        # the time is a part of the first joint's
+        x_by_c = (self._shift.T[:, None, :] @ self._basis)[:, 0]
+        weight = self._time_scale * self._lengths
+        blocks[0, :, :3, :3] += (0.75 * weight * self._x**-2.5)[:, None, None] * (
+            x_by_c[:, :, None] * x_by_c[:, None, :]
+        )
+        forces[0, :, :3] -= (0.5 * weight * self._x**-1.5)[:, None] * x_by_c
+        width = self._total + 1
+        matrix = np.bincount(self._pairs, blocks.ravel(), width * width).reshape(width, width)
+        force = np.bincount(self._which.ravel(), forces.ravel(), width)
+        # rows in the parameters alone
+        sides = self._sides[:, self._free] * self._side_scale[:, :, None]  # (n, r, f)
+        both = stiffness[main:].reshape(2, *self._side_scale.shape).sum(axis=0)
+        one, other = push[main:].reshape(2, *self._side_scale.shape)
+        more = (sides * both[:, :, None]).transpose(0, 2, 1) @ sides
+        for joint in range(joints):
+            part = slice(size + joint * free, size + (joint + 1) * free)
+            matrix[part, part] += more[joint]
+            force[part] += (one - other)[joint] @ sides[joint]
+        matrix[np.arange(size, width), np.arange(size, width)] += DAMPING
+        step = np.zeros(width)
+        try:
+            step[self._solved] = np.linalg.solve(
+                matrix[np.ix_(self._solved, self._solved)], -force[self._solved]
+            )
+        except np.linalg.LinAlgError:
+            return False
+        change = (tangents * step[self._which]).sum(axis=3).ravel()
+        own = step[size : self._total].reshape(joints, free)
+        sideways = (sides @ own[:, :, None])[:, :, 0].ravel()
+        return self._go(step[:size], own.T, np.concatenate([change, sideways, -sideways]))
+
+    def _go(self, by: Array, own: Array, change: Array) -> bool:
+        """Go as far along a step as the slacks, the duals and x > 0 allow."""
+        if not np.all(np.isfinite(by)) or not np.all(np.isfinite(own)):
+            return False
+        slack, dual = self._slack, self._dual
+        d_slack = -(self._g + slack) - change
+        d_dual = (self._mu - slack * dual - dual * d_slack) / slack
+        y = (self._basis @ by[self._three][:, :, None])[:, :, 0].T
+        slowing = min((y[0] / self._y[0]).min(), ((self._shift * y).sum(axis=0) / self._x).min())
+        ahead = min(_longest(slack, d_slack), MAX_CHANGE / max(float(np.abs(own).max()), 1e-12))
+        if slowing < 0.0:
+            ahead = min(ahead, -0.9 / slowing)
+        dual_ahead = _longest(dual, d_dual)
+        self._coefficients += ahead * by
+        self._values[self._free] += ahead * own
+        slack += ahead * d_slack
+        dual += dual_ahead * d_dual
+        self._update()
+        np.maximum(slack, -self._g, out=slack)
+        self._gap = float(slack @ dual)
+        self._mu = self._gap / self.size * (0.15 if min(ahead, dual_ahead) > 0.7 else 0.5)
+        return True
+
+
+def _longest(values: Array, changes: Array) -> float:
+    """Return the longest step ≤ 1 that leaves a hundredth of each positive value."""
+    fastest = float((changes / values).min())
+    return 1.0 if fastest >= 0.0 else min(1.0, -0.99 / fastest)
+
+
+def _sides(
+    problem: Problem, spline: SpeedSpline, freedom: Freedom, units: Array
+) -> tuple[Array, Array, Array]:
+    """Return rows in the parameters alone: limits in both ramps, tolerance, and way between knots.
+
+    As rows on the parameters, shape (r, 3 k), their scale and their centre, shape (n, r):
+    |rows · parameters - centre| · scale ≤ 1.
+    """
+    limits, count = problem.limits, units.size
+    rows, scales = [np.zeros((0, count))], [np.zeros((len(limits.names), 0))]
+    for ramp, end, inward in (
+        (spline.start_ramp, problem.start[0], 1.0),
+        (spline.end_ramp, problem.end, -1.0),
+    ):
+        if ramp.time > 0.0:
+            for row, scale in _on_ramp(ramp, end, inward, problem.path.knots.u, units, limits):
+                rows.append(row)
+                scales.append(np.repeat(scale[:, None], len(row), axis=1))
+    centres = [np.zeros((len(limits.names), sum(len(row) for row in rows)))]
+    moved = np.flatnonzero(freedom.free[:, 0])
+    if len(moved):
+        row = np.zeros((len(moved), count))
+        row[np.arange(len(moved)), moved * _PARAMETERS] = units[moved, 0]
+        rows.append(row)
+        scale = limits.velocity / freedom.tolerance
+        scales.append(np.repeat(scale[:, None], len(moved), axis=1))
+        centres.append((freedom.centre[moved] / limits.velocity).T)
+    for row, scale, centre in _between(problem.path, freedom, units, limits):
+        rows.append(row)
+        scales.append(scale)
+        centres.append(centre)
+    return np.concatenate(rows), np.concatenate(scales, axis=1), np.concatenate(centres, axis=1)
+
+
+def _between(
+    path: Path, freedom: Freedom, units: Array, limits: JointLimits
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield rows, scale and centre: the path is about as near to the straight way as it was."""
+    knots = path.knots
+    free = freedom.free.any(axis=1)
+    segment = np.flatnonzero(free[:-1] | free[1:])
+    h = np.diff(knots.u)[segment]
+    ways = np.diff(knots.position, axis=0)[segment]
+    us = knots.u[segment] + h * _BETWEEN[:, None]
+    # where each of these places is on the straight way: (7, s), in its length
+    since = path.sample(us.ravel())[0].reshape(*us.shape, -1) - knots.position[segment]
+    share = np.clip((since * ways).sum(axis=2) / (ways**2).sum(axis=1), 0.0, 1.0)
+    bends = np.abs(since - share[:, :, None] * ways).max(axis=(0, 2))
+    most = np.maximum(BEND_RATIO * bends, MIN_BEND) + freedom.tolerance
+    scale = limits.velocity[:, None] / most
+    for u, part in zip(us, share, strict=True):
+        places = _Rows(u, knots.u, units)
+        centre = (knots.position[segment] + part[:, None] * ways) / limits.velocity
+        yield places.combined((1.0, 0.0, 0.0, 0.0), units.size), scale, centre.T
+
+
+def _on_ramp(
+    ramp: Ramp, end: float, inward: float, knots: Array, units: Array, limits: JointLimits
+) -> list[tuple[Array, Array]]:
+    """Return rows on the parameters for acceleration and jerk in a ramp, each with its scale."""
+    times = ramp.time * _ALONG_RAMP
+    v, a = ramp.jerk * times**2 / 2.0, inward * ramp.jerk * times
+    places = _Rows(end + inward * ramp.jerk * times**3 / 6.0, knots, units)
+    bend = places.combined((0.0, a, v**2, 0.0), units.size)
+    twist = places.combined((0.0, ramp.jerk, 3.0 * v * a, v**3), units.size)
+    acceleration = (1.0 - optimal.ACCELERATION_RESERVE_SHARE) * limits.acceleration
+    jerk = (1.0 - optimal.JERK_RESERVE_SHARE) * limits.jerk
+    return [(bend, limits.velocity / acceleration), (twist, limits.velocity / jerk)]
