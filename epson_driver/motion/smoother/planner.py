@@ -93,7 +93,14 @@ def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort)
     if request.failures % 2 == 0:  # else that has just failed, and the rest has all of the effort
         moving = request.state[1] > 0.0
         fresh = effort.part(FRESH_SHARE if moving else FRESH_SHARE_AT_REST)
-        path, problem, bounds = within_horizon(request, first, limits, fresh)
+        onward, older = first, request.older
+        if sparse.improves(request) and older is not None and len(older.u) > LEAST_OLDER:
+            # what was improved before is a better path to begin with than a new spline
+            onward = _path(request, older[:-1], limits)
+        path, problem, bounds = within_horizon(request, onward, limits, fresh)
+        near = sparse.nearer(request, path, limits)
+        if near is not request:
+            path, problem, bounds = within_horizon(near, onward, limits, fresh)
         timing = None
         if not _leaves_range(path, request.state[0], limits):
             timing = optimal.propose(problem, bounds)

@@ -185,29 +185,21 @@ class _Search:
         self._gap = np.inf
 
     def _place(self) -> None:
-        """Work out where in the Newton system the unknowns of a sample and a joint are."""
-        joints, size = len(self._velocity), len(self._coefficients)
-        index = np.full(len(self._values), -1)
-        index[self._free] = np.arange(len(self._free))
-        self._total = size + joints * len(self._free)
-        # where no position is free there is no need to look at them
-        used = np.unique(self._free % _PARAMETERS)
+        """Work out where in the Newton system the unknowns of a sample are."""
+        joints, size, free = len(self._velocity), len(self._coefficients), len(self._free)
+        index = np.full(len(self._values), free)  # of what is fixed: one more, which is left out
+        index[self._free] = np.arange(free)
+        used = np.unique(self._free % _PARAMETERS)  # where no position is free: without them
         self._used = np.append(used, used + _PARAMETERS)
-        own = index[self._rows.ends[:, self._used]]
-        local = own[None] + np.where(
-            own < 0,
-            self._total + 1,
-            (size + np.arange(joints) * len(self._free))[:, None, None],
-        )
-        # what is fixed goes to one more unknown, which is left out
-        self._which = np.concatenate(
-            [np.broadcast_to(self._three, (joints, *self._three.shape)), local], axis=2
-        )  # (n, m, 3 + 4 or 6)
-        self._which = np.minimum(self._which, self._total)
-        self._pairs = (
-            self._which[..., :, None] * (self._total + 1) + self._which[..., None, :]
-        ).ravel()
-        self._solved = np.append(np.arange(2, size - 2), np.arange(size, self._total))
+        self._own = index[self._rows.ends[:, self._used]]  # (m, 4 or 6)
+        joint = np.arange(joints)[:, None, None]
+        own, three = self._own[:, None, :], self._three[:, :, None]
+        self._in_cc = (three * size + self._three[:, None, :]).ravel()
+        in_cp = (three * (free + 1) + own).reshape(1, len(own), -1)
+        self._in_cp = (joint * (size * (free + 1)) + in_cp).ravel()
+        in_pp = (self._own[:, :, None] * (free + 1) + own).reshape(1, len(own), -1)
+        self._in_pp = (joint * (free + 1) ** 2 + in_pp).ravel()
+        self._in_p = (joint * (free + 1) + self._own).ravel()
 
     @property
     def size(self) -> int:
@@ -286,41 +278,51 @@ class _Search:
         stiffness = self._dual / self._slack
         push = self._mu / self._slack + self._dual + stiffness * self._g
         shape = tangents.shape[:3]
-        per_row = tangents.transpose(1, 2, 0, 3)  # (n, m, 4, 9)
+        per_row = np.ascontiguousarray(tangents.transpose(1, 2, 0, 3))  # (n, m, 4, 7 or 9)
         weighted = per_row * stiffness[:main].reshape(shape).transpose(1, 2, 0)[..., None]
         blocks = weighted.transpose(0, 1, 3, 2) @ per_row
         forces = (per_row * push[:main].reshape(shape).transpose(1, 2, 0)[..., None]).sum(axis=2)
-        # the time is a part of the first joint's
+        # the coefficients' part, with the time
         x_by_c = (self._shift.T[:, None, :] @ self._basis)[:, 0]
         weight = self._time_scale * self._lengths
-        blocks[0, :, :3, :3] += (0.75 * weight * self._x**-2.5)[:, None, None] * (
-            x_by_c[:, :, None] * x_by_c[:, None, :]
-        )
-        forces[0, :, :3] -= (0.5 * weight * self._x**-1.5)[:, None] * x_by_c
-        width = self._total + 1
-        matrix = np.bincount(self._pairs, blocks.ravel(), width * width).reshape(width, width)
-        force = np.bincount(self._which.ravel(), forces.ravel(), width)
-        # rows in the parameters alone
+        bend = (0.75 * weight * self._x**-2.5)[:, None, None]
+        cc = blocks[..., :3, :3].sum(axis=0) + bend * x_by_c[:, :, None] * x_by_c[:, None, :]
+        c = forces[..., :3].sum(axis=0) - (0.5 * weight * self._x**-1.5)[:, None] * x_by_c
+        cc = np.bincount(self._in_cc, cc.ravel(), size * size).reshape(size, size)
+        c = np.bincount(self._three.ravel(), c.ravel(), size)
+        # each joint's own part, with the rows in the parameters alone
+        width = free + 1
+        cp = np.bincount(self._in_cp, blocks[..., :3, 3:].ravel(), joints * size * width)
+        cp = cp.reshape(joints, size, width)[:, 2:-2, :free]
+        pp = np.bincount(self._in_pp, blocks[..., 3:, 3:].ravel(), joints * width * width)
+        pp = pp.reshape(joints, width, width)[:, :free, :free]
+        p = np.bincount(self._in_p, forces[..., 3:].ravel(), joints * width)
+        p = p.reshape(joints, width)[:, :free]
         sides = self._sides[:, self._free] * self._side_scale[:, :, None]  # (n, r, f)
         both = stiffness[main:].reshape(2, *self._side_scale.shape).sum(axis=0)
         one, other = push[main:].reshape(2, *self._side_scale.shape)
-        more = (sides * both[:, :, None]).transpose(0, 2, 1) @ sides
-        for joint in range(joints):
-            part = slice(size + joint * free, size + (joint + 1) * free)
-            matrix[part, part] += more[joint]
-            force[part] += (one - other)[joint] @ sides[joint]
-        matrix[np.arange(size, width), np.arange(size, width)] += DAMPING
-        step = np.zeros(width)
+        pp = pp + (sides * both[:, :, None]).transpose(0, 2, 1) @ sides + DAMPING * np.eye(free)
+        p = p + ((one - other)[:, None] @ sides)[:, 0]
+        # a joint's parameters depend on the coefficients only, and not on the other joints'
+        right = np.concatenate([cp.transpose(0, 2, 1), p[:, :, None]], axis=2)
         try:
-            step[self._solved] = np.linalg.solve(
-                matrix[np.ix_(self._solved, self._solved)], -force[self._solved]
+            solved = np.linalg.solve(pp, right)
+            reduced = cp @ solved
+            by = np.zeros(size)
+            by[2:-2] = np.linalg.solve(
+                cc[2:-2, 2:-2] - reduced[..., :-1].sum(axis=0),
+                reduced[..., -1].sum(axis=0) - c[2:-2],
             )
         except np.linalg.LinAlgError:
             return False
-        change = (tangents * step[self._which]).sum(axis=3).ravel()
-        own = step[size : self._total].reshape(joints, free)
+        own = np.zeros((joints, width))
+        own[:, :free] = -solved[..., -1] - solved[..., :-1] @ by[2:-2]
+        unknown = np.empty((joints, len(self._own), tangents.shape[3]))
+        unknown[..., :3], unknown[..., 3:] = by[self._three], own[:, self._own]
+        change = (per_row @ unknown[..., None])[..., 0].transpose(2, 0, 1).ravel()
+        own = own[:, :free]
         sideways = (sides @ own[:, :, None])[:, :, 0].ravel()
-        return self._go(step[:size], own.T, np.concatenate([change, sideways, -sideways]))
+        return self._go(by, own.T, np.concatenate([change, sideways, -sideways]))
 
     def _go(self, by: Array, own: Array, change: Array) -> bool:
         """Go as far along a step as the slacks, the duals and x > 0 allow."""

@@ -19,12 +19,35 @@ from epson_driver.motion.smoother.request import Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-MIN_SPACING_S = 0.03
-"""Mean time between two waypoints, s, from which on a better path is looked for: less than that
-apart they leave little to choose."""
+MIN_SPACING_SHARE = 0.3
+"""Mean time between two waypoints, in A/J, from which on a better path is looked for: less than
+that apart they leave little to choose."""
+
+MANY_WAYPOINTS, NEARER_SHARE = 10, 0.7
+"""Where so many waypoints are sparse and within the horizon of a plan, it looks that much less far
+ahead: a better path for the next ones is worth more than a plan for all of them."""
 
 REFINEMENT_SHARE = 0.6
 """Of the effort that is left, for the path; the rest is for the timing on it."""
+
+
+def improves(request: Request) -> bool:
+    """Return whether a better path is looked for: where nothing but the limits says how fast."""
+    return request.refine and request.scale == 1.0 and not request.timed.any()
+
+
+def nearer(request: Request, path: Path, limits: JointLimits) -> Request:
+    """Return the request to plan for where a path, as far as it is looked at, has many waypoints."""
+    ahead = len(path.knots.u) - 1 - path.segment(request.state[0])
+    if not improves(request) or ahead <= MANY_WAYPOINTS:
+        return request
+    if request.horizon < ahead * _least_spacing(limits):
+        return request
+    return dataclasses.replace(request, horizon=NEARER_SHARE * request.horizon)
+
+
+def _least_spacing(limits: JointLimits) -> float:
+    return MIN_SPACING_SHARE * float(np.max(limits.acceleration / limits.jerk))
 
 
 def faster(
@@ -40,9 +63,9 @@ def faster(
     """
     path, limits = problem.path, problem.limits
     begin = path.segment(problem.start[0])
-    if not request.refine or request.timed.any() or request.scale != 1.0 or effort.used_up:
+    if not improves(request) or effort.used_up:
         return path, timing
-    if timing.duration < MIN_SPACING_S * (len(path.knots.u) - 1 - begin):
+    if timing.duration < _least_spacing(limits) * (len(path.knots.u) - 1 - begin):
         return path, timing
     mine = effort.part(REFINEMENT_SHARE)
     freedom = _freedom(request, path, limits)
