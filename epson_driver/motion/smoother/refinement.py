@@ -64,12 +64,13 @@ Indices = npt.NDArray[np.intp]
 class Freedom:
     """Which parameters of k knots may change, shape (k, 3).
 
-    Where that is the position: within `tolerance`, rad in every joint, of `centre`, shape (k, n).
+    Where that is the position: within `tolerance`, shape (k,), rad (or m) in every joint, of
+    `centre`, shape (k, n).
     """
 
     free: npt.NDArray[np.bool_]
     centre: Array
-    tolerance: float = 0.0
+    tolerance: Array
 
 
 def refined(
@@ -378,8 +379,7 @@ def _sides(
         row = np.zeros((len(moved), count))
         row[np.arange(len(moved)), moved * _PARAMETERS] = units[moved, 0]
         rows.append(row)
-        scale = limits.velocity / freedom.tolerance
-        scales.append(np.repeat(scale[:, None], len(moved), axis=1))
+        scales.append(limits.velocity[:, None] / freedom.tolerance[moved])
         centres.append((freedom.centre[moved] / limits.velocity).T)
     for row, scale, centre in _between(problem.path, freedom, units, limits):
         rows.append(row)
@@ -402,7 +402,8 @@ def _between(
     since = path.sample(us.ravel())[0].reshape(*us.shape, -1) - knots.position[segment]
     share = np.clip((since * ways).sum(axis=2) / (ways**2).sum(axis=1), 0.0, 1.0)
     bends = np.abs(since - share[:, :, None] * ways).max(axis=(0, 2))
-    most = np.maximum(BEND_RATIO * bends, MIN_BEND) + freedom.tolerance
+    beside = np.maximum(freedom.tolerance[segment], freedom.tolerance[segment + 1])
+    most = np.maximum(BEND_RATIO * bends, MIN_BEND) + beside
     scale = limits.velocity[:, None] / most
     for u, part in zip(us, share, strict=True):
         places = _Rows(u, knots.u, units)

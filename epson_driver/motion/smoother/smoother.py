@@ -31,11 +31,16 @@ class Smoother:
     Whatever happens to the stream, the arm comes to rest at the last point known, never beyond.
     Should what `step` is about to give out break a limit, the arm brakes from what it gave out
     last, all points are forgotten, an error is logged, and `violations` counts it: that is a
-    defect of this package. `violation` says what the last one was. A planner that raises has found
+    defect of this package. In TIME_OPTIMAL mode the path between waypoints that are far apart is
+    what takes the least time, unless `refine` is False: then it is the spline that it is in
+    TIME_PRESERVING mode. It may pass `path_tolerance` rad (or m) beside each waypoint, in every
+    joint, but for the first and the last; in both modes, where no point has a duration.
+    `violation` says what the last one was. A planner that raises has found
     no plan: the plan so far, which ends at rest, goes on, an error is logged, `planner_errors`
     counts it, and `planner_error` is the last one. `observer` is told of every change of what is
     executed.
-    Raises ValueError for a start that is not n finite numbers within the limits.
+    Raises ValueError for a start that is not n finite numbers within the limits, or a tolerance
+    outside 0 … MAX_PATH_TOLERANCE.
     """
 
     def __init__(
@@ -54,7 +59,6 @@ class Smoother:
             raise ValueError(
                 f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}'
             )
-        # what has commanded times is followed as it was commanded, on the path of the spline
         refine = refine and (mode is Mode.TIME_OPTIMAL or path_tolerance > 0.0)
         self._waypoints = Waypoints(limits, position, mode, refine, path_tolerance)
         self._execution = Execution(self._waypoints, observer)

@@ -27,6 +27,10 @@ MANY_WAYPOINTS, NEARER_SHARE = 10, 0.7
 """Where so many waypoints are sparse and within the horizon of a plan, it looks that much less far
 ahead: a better path for the next ones is worth more than a plan for all of them."""
 
+NEIGHBOUR_SHARE = 0.25
+"""A path passes a waypoint within this share of the way to its neighbours, whatever the tolerance:
+it must not leave the order of the points."""
+
 REFINEMENT_SHARE = 0.6
 """Of the effort that is left, for the path; the rest is for the timing on it."""
 
@@ -87,15 +91,17 @@ def _freedom(request: Request, path: Path, limits: JointLimits) -> Freedom:
     count, kept = len(knots.u), len(request.kept.u)
     free = np.ones((count, 3), dtype=bool)
     free[[0, -1], 0] = False
-    free[:, 0] &= request.tolerance > 0.0
+    centre = np.concatenate([request.kept.position, request.points])[:count]
+    ways = np.append(np.abs(np.diff(centre, axis=0)).max(axis=1), np.inf)
+    tolerance = np.minimum(request.tolerance, NEIGHBOUR_SHARE * np.minimum(ways, np.roll(ways, 1)))
+    free[:, 0] &= tolerance > 0.0
     if kept > 1:
         free[:kept] = False
     cut = count < kept + len(request.points)
     if cut or not request.whole:
         free[-1] = False  # the path must be able to go on from there
-    centre = np.concatenate([request.kept.position, request.points])[:count]
     border = (knots.position < limits.position_min + AT_LIMIT_DISTANCE) | (
         knots.position > limits.position_max - AT_LIMIT_DISTANCE
     )
     free[border.any(axis=1)] = False
-    return Freedom(free, centre, request.tolerance)
+    return Freedom(free, centre, tolerance)
