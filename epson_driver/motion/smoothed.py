@@ -32,9 +32,9 @@ def smoothed(
 
     It begins and ends at rest, at the first and the last point. Its joints are in the order of
     the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
-    TIME_OPTIMAL takes the positions only. refine, path_tolerance: as in `Smoother`. Raises ValueError that names point, joint, value and
-    limit for a trajectory that cannot be smoothed, or if its motion would break a limit;
-    RuntimeError if the planner raises.
+    TIME_OPTIMAL takes the positions only. refine, path_tolerance: as in `Smoother`. Raises
+    ValueError that names point, joint, value and limit for a trajectory that cannot be smoothed,
+    or if its motion would break a limit; RuntimeError if the planner raises.
     """
     if not period > 0.0:
         raise ValueError(f'period = {period} s: must be positive')

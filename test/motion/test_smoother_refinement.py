@@ -239,8 +239,9 @@ def test_points_with_times_are_followed_on_the_spline() -> None:
         assert mine.timing.times.tolist() == its.timing.times.tolist()
 
 
+@pytest.mark.slow
 def test_times_that_others_are_to_keep_are_those_on_the_spline() -> None:
-    """Who follows the times of `retimed` bends as a spline does: it could not keep shorter ones."""
+    """Who follows the times of `retimed` bends as a spline does, and could not keep others."""
     points, arm = positions_of('around_pillar_11_points'), limit_set('full')
     trajectory = Trajectory(arm.names, np.arange(float(len(points))), points)
     plain = smoothed(trajectory, arm, Mode.TIME_OPTIMAL, refine=False)

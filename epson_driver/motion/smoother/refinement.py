@@ -37,7 +37,7 @@ GAP_TOLERANCE, ROW_TOLERANCE = 2e-2, 5e-3
 """When to stop: on what more time could be gained, relative, and on the limits."""
 
 DAMPING = 1e-3
-"""Cost of a change in one step: a path can be measured in many parameters that are all the same."""
+"""Cost of a change in one step: many parameters of a path are as good as each other."""
 
 MAX_CHANGE = 0.3
 """The most that a parameter may change in one step, in its unit."""
@@ -172,9 +172,7 @@ class _Search:
 
         self._coefficients = spline.coefficients.copy()
         self._place()
-        self._sides, self._side_scale, self._centre = _sides(
-            problem, spline, freedom, self._units
-        )
+        self._sides, self._side_scale, self._centre = _sides(problem, spline, freedom, self._units)
         self._root = np.ones_like(us)
         self._update()
         self._root = np.sqrt(self._y[0])
@@ -393,7 +391,7 @@ def _between(
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Yield rows, scale and centre: the path is about as near to the straight way as it was."""
     knots = path.knots
-    free = freedom.free.any(axis=1)
+    free: npt.NDArray[np.bool_] = np.any(freedom.free, axis=1)
     segment = np.flatnonzero(free[:-1] | free[1:])
     h = np.diff(knots.u)[segment]
     ways = np.diff(knots.position, axis=0)[segment]

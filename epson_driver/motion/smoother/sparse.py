@@ -41,7 +41,7 @@ def improves(request: Request) -> bool:
 
 
 def nearer(request: Request, path: Path, limits: JointLimits) -> Request:
-    """Return the request to plan for where a path, as far as it is looked at, has many waypoints."""
+    """Return the request, with a nearer horizon if a path has many sparse waypoints within it."""
     ahead = len(path.knots.u) - 1 - path.segment(request.state[0])
     if not improves(request) or ahead <= MANY_WAYPOINTS:
         return request
