@@ -20,7 +20,7 @@ from epson_driver.motion.smoother import Mode, Smoother, optimal, planner, refin
 from epson_driver.motion.smoother.effort import Effort
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
-from epson_driver.motion.smoother.refinement import BEND_RATIO, MIN_BEND, Freedom
+from epson_driver.motion.smoother.refinement_rows import BEND_RATIO, MIN_BEND, Freedom
 from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 
@@ -103,10 +103,10 @@ def bends(path: Path) -> Array:
     return np.array(found)
 
 
-def derivatives_free(count: int) -> Freedom:
-    free = np.ones((count, 3), dtype=bool)
+def derivatives_free(path: Path) -> Freedom:
+    free = np.ones((len(path.knots.u), 3), dtype=bool)
     free[:, 0] = False
-    return Freedom(free, np.zeros((count, 1)), np.zeros(count))
+    return Freedom(free, path.knots.position, np.zeros(len(free)), path)
 
 
 @pytest.mark.parametrize(
@@ -124,8 +124,10 @@ def test_a_sparse_plan_takes_less_time_through_the_same_points(name: str, limits
     better, asked = move(arm, positions)
     assert better.now <= 0.98 * plain.now
     assert_within(arm, better, positions[0])
+    most = max(BEND_RATIO * bends(spline_through(positions, arm)).max(), MIN_BEND)
     for _, plan in asked:
         assert plan is not None
+        assert bends(Path(plan.knots)).max() <= 1.1 * most
         for position in plan.knots.position[1:]:
             assert np.abs(positions - position).max(axis=1).min() <= 1e-8
 
@@ -149,7 +151,7 @@ def test_the_path_stays_as_near_to_the_straight_way_as_it_must() -> None:
     problem = problem_on(path, SLOW)
     bounds = SpeedBounds(problem)
     timing = optimal.propose(problem, bounds)
-    better = refinement.refined(problem, bounds, timing, derivatives_free(len(path.knots.u)))
+    better = refinement.refined(problem, bounds, timing, derivatives_free(path))
     assert better.knots.position.tolist() == path.knots.position.tolist()
     most = np.maximum(BEND_RATIO * bends(path), MIN_BEND)
     assert np.all(bends(better) <= 1.05 * most)  # between the places where it is held to that

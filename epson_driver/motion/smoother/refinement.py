@@ -9,24 +9,24 @@ they are there, and each step goes towards what the tangents to both allow. The 
 with few nodes, and nothing is verified: the path is worth something only once a proposer has found
 a faster timing on it.
 
-A knot's parameters are its position, its first and its second derivative, in this order. Joints
-are measured in what they move in a second at their velocity limit.
+Parameters and units are those of `refinement_rows`.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-
 import numpy as np
-import numpy.typing as npt
 
-from epson_driver.motion.interpolation import hermite
-from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother import optimal
 from epson_driver.motion.smoother.effort import REFINEMENT_ROW_US, REFINEMENT_STEP_US
-from epson_driver.motion.smoother.path import DEGREE, Knots, Path
+from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.problem import Problem
+from epson_driver.motion.smoother.refinement_rows import (
+    PARAMETERS,
+    Freedom,
+    PathRows,
+    side_rows,
+)
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
-from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
+from epson_driver.motion.smoother.speed_spline import SpeedSpline, basis
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 NODE_SPACING_S, MAX_NODES = 0.016, 80
@@ -36,41 +36,19 @@ MAX_STEPS = 30
 GAP_TOLERANCE, ROW_TOLERANCE = 2e-2, 5e-3
 """When to stop: on what more time could be gained, relative, and on the limits."""
 
+HOPELESS_GAP = 1e3
+"""A search begins with 1, and what rises so far does not come back."""
+
 DAMPING = 1e-3
 """Cost of a change in one step: many parameters of a path are as good as each other."""
 
 MAX_CHANGE = 0.3
 """The most that a parameter may change in one step, in its unit."""
 
-BEND_RATIO, MIN_BEND = 1.25, 0.01
-"""How far from the straight way between two knots the path may be: so many times as far as it was
-before in any joint, or so many rad (or m)."""
-
-_PARAMETERS = 3
 _KINDS = 4
 """Rows of each joint at each sample: velocity, acceleration, and jerk to both sides."""
 
-_BASIS = hermite(tuple(np.eye(6)[:3, None]), tuple(np.eye(6)[3:, None]))[0]
-"""From the parameters at both ends of a segment of length 1 to its coefficients."""
-
 _SAMPLES = np.array([0.02, 0.98])
-_BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]
-_ALONG_RAMP = np.array([0.0, 0.5, 1.0])
-
-Indices = npt.NDArray[np.intp]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Freedom:
-    """Which parameters of k knots may change, shape (k, 3).
-
-    Where that is the position: within `tolerance`, shape (k,), rad (or m) in every joint, of
-    `centre`, shape (k, n).
-    """
-
-    free: npt.NDArray[np.bool_]
-    centre: Array
-    tolerance: Array
 
 
 def refined(
@@ -92,42 +70,6 @@ def refined(
         if search.converged:
             return search.path
     return None
-
-
-class _Rows:
-    """What holds of n joints at m places of the path: the derivatives from the parameters.
-
-    weights: shape (4, m, 6), from the parameters at both ends of the segment to q, q′, q″, q‴;
-    ends: which of the knots' parameters these are, shape (m, 6).
-    """
-
-    def __init__(self, us: Array, knots: Array, units: Array) -> None:
-        segment = np.clip(knots.searchsorted(us, side='right') - 1, 0, len(knots) - 2)
-        h = np.diff(knots)[segment]
-        powers = ((us - knots[segment]) / h)[:, None] ** np.arange(DEGREE + 1)
-        self.ends = segment[:, None] * _PARAMETERS + np.arange(2 * _PARAMETERS)
-        sizes = h[:, None] ** np.tile(np.arange(_PARAMETERS), 2) * units.ravel()[self.ends]
-        self.weights = np.empty((4, len(us), 2 * _PARAMETERS))
-        factors = np.ones(DEGREE + 1)
-        for order in range(4):
-            derivative = np.zeros_like(powers)
-            derivative[:, order:] = powers[:, : DEGREE + 1 - order]
-            weights = (derivative * factors) @ _BASIS
-            self.weights[order] = weights * sizes / h[:, None] ** order
-            factors = factors * np.maximum(np.arange(DEGREE + 1.0) - order, 0.0)
-
-    def derivatives(self, values: Array) -> Array:
-        """Return q′, q″, q‴, shape (3, n, m), of parameters (3 k, n)."""
-        result: Array = (self.weights[1:, :, None] @ values[self.ends])[:, :, 0].transpose(0, 2, 1)
-        return np.ascontiguousarray(result)
-
-    def combined(self, factors: tuple[Array | float, ...], count: int) -> Array:
-        """Return what gives a sum of q, q′, q″, q‴ from all of `count` parameters, (m, count)."""
-        rows = np.zeros((len(self.ends), count))
-        each = np.stack([np.broadcast_to(factor, len(self.ends)) for factor in factors])
-        local = (each[:, :, None] * self.weights).sum(axis=0)
-        np.put_along_axis(rows, self.ends, local, axis=1)
-        return rows
 
 
 class _Search:
@@ -152,7 +94,7 @@ class _Search:
         nodes, lengths = spline.nodes, spline.lengths
         us = (nodes[:-1, None] + lengths[:, None] * _SAMPLES).ravel()
         interval = np.repeat(np.arange(len(lengths)), 2)
-        self._rows = _Rows(us, u, self._units)
+        self._rows = PathRows(us, u, self._units)
         self._basis = basis(lengths, interval, np.tile(_SAMPLES, len(lengths)))
         self._three = interval[:, None] + np.arange(3)
         # as `optimal` has it: the velocity in the middle, the acceleration from one side each
@@ -172,7 +114,9 @@ class _Search:
 
         self._coefficients = spline.coefficients.copy()
         self._place()
-        self._sides, self._side_scale, self._centre = _sides(problem, spline, freedom, self._units)
+        self._sides, self._side_scale, self._centre = side_rows(
+            problem, spline, freedom, self._units
+        )
         self._root = np.ones_like(us)
         self._update()
         self._root = np.sqrt(self._y[0])
@@ -188,8 +132,8 @@ class _Search:
         joints, size, free = len(self._velocity), len(self._coefficients), len(self._free)
         index = np.full(len(self._values), free)  # of what is fixed: one more, which is left out
         index[self._free] = np.arange(free)
-        used = np.unique(self._free % _PARAMETERS)  # where no position is free: without them
-        self._used = np.append(used, used + _PARAMETERS)
+        used = np.unique(self._free % PARAMETERS)  # where no position is free: without them
+        self._used = np.append(used, used + PARAMETERS)
         self._own = index[self._rows.ends[:, self._used]]  # (m, 4 or 6)
         joint = np.arange(joints)[:, None, None]
         own, three = self._own[:, None, :], self._three[:, :, None]
@@ -344,80 +288,10 @@ class _Search:
         np.maximum(slack, -self._g, out=slack)
         self._gap = float(slack @ dual)
         self._mu = self._gap / self.size * (0.15 if min(ahead, dual_ahead) > 0.7 else 0.5)
-        return True
+        return self._gap < HOPELESS_GAP
 
 
 def _longest(values: Array, changes: Array) -> float:
     """Return the longest step ≤ 1 that leaves a hundredth of each positive value."""
     fastest = float((changes / values).min())
     return 1.0 if fastest >= 0.0 else min(1.0, -0.99 / fastest)
-
-
-def _sides(
-    problem: Problem, spline: SpeedSpline, freedom: Freedom, units: Array
-) -> tuple[Array, Array, Array]:
-    """Return rows in the parameters alone: limits in both ramps, tolerance, and way between knots.
-
-    As rows on the parameters, shape (r, 3 k), their scale and their centre, shape (n, r):
-    |rows · parameters - centre| · scale ≤ 1.
-    """
-    limits, count = problem.limits, units.size
-    rows, scales = [np.zeros((0, count))], [np.zeros((len(limits.names), 0))]
-    for ramp, end, inward in (
-        (spline.start_ramp, problem.start[0], 1.0),
-        (spline.end_ramp, problem.end, -1.0),
-    ):
-        if ramp.time > 0.0:
-            for row, scale in _on_ramp(ramp, end, inward, problem.path.knots.u, units, limits):
-                rows.append(row)
-                scales.append(np.repeat(scale[:, None], len(row), axis=1))
-    centres = [np.zeros((len(limits.names), sum(len(row) for row in rows)))]
-    moved = np.flatnonzero(freedom.free[:, 0])
-    if len(moved):
-        row = np.zeros((len(moved), count))
-        row[np.arange(len(moved)), moved * _PARAMETERS] = units[moved, 0]
-        rows.append(row)
-        scales.append(limits.velocity[:, None] / freedom.tolerance[moved])
-        centres.append((freedom.centre[moved] / limits.velocity).T)
-    for row, scale, centre in _between(problem.path, freedom, units, limits):
-        rows.append(row)
-        scales.append(scale)
-        centres.append(centre)
-    return np.concatenate(rows), np.concatenate(scales, axis=1), np.concatenate(centres, axis=1)
-
-
-def _between(
-    path: Path, freedom: Freedom, units: Array, limits: JointLimits
-) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield rows, scale and centre: the path is about as near to the straight way as it was."""
-    knots = path.knots
-    free: npt.NDArray[np.bool_] = np.any(freedom.free, axis=1)
-    segment = np.flatnonzero(free[:-1] | free[1:])
-    h = np.diff(knots.u)[segment]
-    ways = np.diff(knots.position, axis=0)[segment]
-    us = knots.u[segment] + h * _BETWEEN[:, None]
-    # where each of these places is on the straight way: (7, s), in its length
-    since = path.sample(us.ravel())[0].reshape(*us.shape, -1) - knots.position[segment]
-    share = np.clip((since * ways).sum(axis=2) / (ways**2).sum(axis=1), 0.0, 1.0)
-    bends = np.abs(since - share[:, :, None] * ways).max(axis=(0, 2))
-    beside = np.maximum(freedom.tolerance[segment], freedom.tolerance[segment + 1])
-    most = np.maximum(BEND_RATIO * bends, MIN_BEND) + beside
-    scale = limits.velocity[:, None] / most
-    for u, part in zip(us, share, strict=True):
-        places = _Rows(u, knots.u, units)
-        centre = (knots.position[segment] + part[:, None] * ways) / limits.velocity
-        yield places.combined((1.0, 0.0, 0.0, 0.0), units.size), scale, centre.T
-
-
-def _on_ramp(
-    ramp: Ramp, end: float, inward: float, knots: Array, units: Array, limits: JointLimits
-) -> list[tuple[Array, Array]]:
-    """Return rows on the parameters for acceleration and jerk in a ramp, each with its scale."""
-    times = ramp.time * _ALONG_RAMP
-    v, a = ramp.jerk * times**2 / 2.0, inward * ramp.jerk * times
-    places = _Rows(end + inward * ramp.jerk * times**3 / 6.0, knots, units)
-    bend = places.combined((0.0, a, v**2, 0.0), units.size)
-    twist = places.combined((0.0, ramp.jerk, 3.0 * v * a, v**3), units.size)
-    acceleration = (1.0 - optimal.ACCELERATION_RESERVE_SHARE) * limits.acceleration
-    jerk = (1.0 - optimal.JERK_RESERVE_SHARE) * limits.jerk
-    return [(bend, limits.velocity / acceleration), (twist, limits.velocity / jerk)]

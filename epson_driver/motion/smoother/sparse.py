@@ -12,9 +12,10 @@ import numpy as np
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.smoother import optimal
 from epson_driver.motion.smoother.effort import OUTSET_US, Effort
-from epson_driver.motion.smoother.path import AT_LIMIT_DISTANCE, Path
+from epson_driver.motion.smoother.path import AT_LIMIT_DISTANCE, Path, through
 from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.refinement import Freedom, refined
+from epson_driver.motion.smoother.refinement import refined
+from epson_driver.motion.smoother.refinement_rows import Freedom
 from epson_driver.motion.smoother.request import Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
@@ -104,4 +105,6 @@ def _freedom(request: Request, path: Path, limits: JointLimits) -> Freedom:
         knots.position > limits.position_max - AT_LIMIT_DISTANCE
     )
     free[border.any(axis=1)] = False
-    return Freedom(free, centre, tolerance)
+    # not the path itself: what was better before would be allowed to bend still more
+    spline = through(knots[:1], knots.position[1:], limits, clamped=False, final=True)
+    return Freedom(free, centre, tolerance, spline)
