@@ -22,7 +22,7 @@ from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline
 PARAMETERS = 3
 """Of a knot, for each joint."""
 
-BEND_RATIO, MIN_BEND = 1.25, 0.01
+BEND_RATIO, MIN_BEND = 1.5, 0.002
 """How far from the straight way between two knots the path may be: so many times as far as the
 spline is in any joint, or so many rad (or m)."""
 
