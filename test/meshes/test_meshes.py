@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 import yaml
+from support.examples import one_in
 
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
@@ -50,7 +51,7 @@ def generated():
     return {model.name: (links, homes) for model, links, homes in sharing(MODELS)}
 
 
-@each_model
+@pytest.mark.parametrize('model', one_in(3, MODELS), ids=lambda model: model.name)
 def test_the_files_hold_what_the_generator_makes(model, generated):
     links, homes = generated[model.name]
     for name, link in links.items():

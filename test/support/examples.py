@@ -6,6 +6,10 @@
 was changed; `make soak` looks for new ones, and prints how to see a failure again.
 """
 
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
 from hypothesis import HealthCheck, settings
 
 FULL = 100
@@ -42,3 +46,11 @@ def load_profile(name: str) -> None:
 def examples(count: int) -> int:
     """Return how many of so many examples are tried in this run."""
     return max(count * settings.default.max_examples // FULL, min(count, LEAST))
+
+
+def one_in(every: int, values: Iterable[Any]) -> list[Any]:
+    """Return parameters: `make test` tries the first of every so many, `make test-all` all."""
+    return [
+        value if index % every == 0 else pytest.param(value, marks=pytest.mark.slow)
+        for index, value in enumerate(values)
+    ]
