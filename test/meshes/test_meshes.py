@@ -7,7 +7,6 @@ import itertools
 import numpy as np
 import pytest
 import yaml
-from support.examples import one_in
 
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
@@ -51,7 +50,8 @@ def generated():
     return {model.name: (links, homes) for model, links, homes in sharing(MODELS)}
 
 
-@pytest.mark.parametrize('model', one_in(3, MODELS), ids=lambda model: model.name)
+@pytest.mark.slow
+@each_model
 def test_the_files_hold_what_the_generator_makes(model, generated):
     links, homes = generated[model.name]
     for name, link in links.items():

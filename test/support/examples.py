@@ -48,9 +48,14 @@ def examples(count: int) -> int:
     return max(count * settings.default.max_examples // FULL, min(count, LEAST))
 
 
-def one_in(every: int, values: Iterable[Any]) -> list[Any]:
-    """Return parameters: `make test` tries the first of every so many, `make test-all` all."""
+def one_in(every: int, values: Iterable[Any], *, several: bool = False) -> list[Any]:
+    """Return parameters: `make test` tries the first of every so many, `make test-all` all.
+
+    `several`: each value is a tuple with the values of several parameters.
+    """
     return [
-        value if index % every == 0 else pytest.param(value, marks=pytest.mark.slow)
+        pytest.param(
+            *(value if several else (value,)), marks=pytest.mark.slow if index % every else ()
+        )
         for index, value in enumerate(values)
     ]
