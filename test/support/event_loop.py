@@ -68,6 +68,14 @@ class EventLoop(asyncio.SelectorEventLoop):
         future.add_done_callback(self._thread_done)
         return future
 
+    async def shutdown_default_executor(self, *args: Any) -> None:
+        """Wait in real time until all threads are gone."""
+        self.threads += 1
+        try:
+            await super().shutdown_default_executor(*args)
+        finally:
+            self.threads -= 1
+
     def until(self, condition: Callable[[], object]) -> Awaitable[None]:
         """Return what is done when a condition holds, which is looked at after every turn."""
         future = self.create_future()
