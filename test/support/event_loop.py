@@ -177,6 +177,15 @@ async def until(condition: Callable[[], object]) -> None:
     await loop.until(condition)
 
 
+async def accepted() -> None:
+    """Let connections that a server has just accepted be served, before it is closed.
+
+    asyncio would leave their sockets open.
+    """
+    for _ in range(5):
+        await asyncio.sleep(0)
+
+
 @contextlib.contextmanager
 def real_time() -> Iterator[None]:
     """Let time be real meanwhile, as another process works for the loop."""

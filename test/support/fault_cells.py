@@ -146,6 +146,9 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     # The points of a download are topics: STOP's reply can be lost; a refused one has none.
     ('lost_reply', 'download'): STOP_UNANSWERED,
     ('failure_reply', 'download'): {'text': f'{IN_ERROR_4001}|refused point'},
+    # Each setpoint has a reply, whatever the controller; it may be missed before the state is.
+    ('lost_reply', 'setpoints'): {'canceled': False, 'gate': 'no reply to setpoint'},
+    ('silence', 'setpoints'): {'gate': 'the state link was lost|no reply to setpoint'},
     # Its servers are dead when their client is gone or the tasks were aborted.
     **{
         (fault, 'thesis'): {'boots': True}
