@@ -170,6 +170,10 @@ ANSWER_A_POINT_FIRST = ('rc620', 'rc700a', 'generic', 'fanuc')
 lost reply to that point alone closes no gate: STOP is confirmed. So STOP's reply is the lost one
 here."""
 
+LAST_REPLY_ELSEWHERE = ('generic', 'fanuc')
+"""Controllers that have answered the last point before the arm is near it, or do so more than a
+reply's time-out of these cells later."""
+
 STOPPED = 'canceled|the controller did not confirm the standstill'
 """What a goal may say, too, that was canceled when the fault struck."""
 
@@ -219,6 +223,8 @@ class Cell:
         if self.fault == 'lost_reply':
             if self.phase == 'standing':
                 return 'nothing waits for a reply'
+            if self.phase == 'arriving' and self.profile in LAST_REPLY_ELSEWHERE:
+                return 'no reply is due then that could be lost'
             if self.row.canceled and self.phase != 'stopping' and self.interface != 'setpoints':
                 return '' if self.phase == 'moving' else 'its points are not answered one by one'
         return ''
