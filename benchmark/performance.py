@@ -127,7 +127,7 @@ def bars(figures: dict[str, Any]) -> Iterator[Bar]:
 def write(folder: Path, data: dict[str, Any]) -> None:
     """Write the figures, the tables and the picture."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(rounded(data), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
     (folder / 'performance.json').write_text(text + '\n', encoding='utf-8')
     (folder / 'performance.md').write_text(report(data), encoding='utf-8')
     picture(data, folder / 'performance.png')
@@ -152,7 +152,7 @@ def main() -> int:
     parser.add_argument('--runs', type=int, metavar='N', help='3, or 1 with --quick')
     arguments = parser.parse_args()
     runs = arguments.runs or (1 if arguments.quick else 3)
-    data = measure_again(runs, quick=arguments.quick)
+    data: Any = rounded(measure_again(runs, quick=arguments.quick))
     if arguments.quick:
         write(ROOT / 'build' / 'performance', data)
     else:
