@@ -234,7 +234,9 @@ def picture(data: dict[str, Any], path: Path) -> None:
     ratios.barh(places, [bar.value for bar in bars], color=colours, height=0.6)
     for place, bar in zip(places, bars, strict=True):
         ratios.plot([bar.required] * 2, [place - 0.42, place + 0.42], color='black', linewidth=2)
-        ratios.text(bar.value + 0.03, place, f'{bar.value:.2f}', va='center', fontsize=8)
+        ratios.text(
+            max(bar.value, bar.required) + 0.05, place, f'{bar.value:.2f}', va='center', fontsize=8
+        )
     ratios.axvline(1.0, color='tab:gray', linewidth=0.8)
     ratios.set_yticks(places, [bar.name for bar in bars], fontsize=8)
     ratios.invert_yaxis()
