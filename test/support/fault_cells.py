@@ -146,6 +146,12 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     # The points of a download are topics: STOP's reply can be lost; a refused one has none.
     ('lost_reply', 'download'): STOP_UNANSWERED,
     ('failure_reply', 'download'): {'text': f'{IN_ERROR_4001}|refused point'},
+    # It refuses the download as a whole, and topics have no reply: all that is seen is an arm that
+    # does not begin to move.
+    ('failure_reply', 'spel:download'): {
+        'text': 'the controller did not confirm the standstill within',
+        'gate': 'the controller did not confirm the standstill within',
+    },
     # Each setpoint has a reply, whatever the controller; it may be missed before the state is.
     ('lost_reply', 'setpoints'): {'canceled': False, 'gate': 'no reply to setpoint'},
     ('silence', 'setpoints'): {'gate': 'the state link was lost|no reply to setpoint'},
@@ -198,7 +204,7 @@ class Cell:
     def row(self) -> Row:
         """What happens in it, and what is expected."""
         row = FAULTS[self.fault]
-        for key in (self.profile, self.interface):
+        for key in (self.profile, self.interface, f'{self.profile}:{self.interface}'):
             row = replace(row, **EXCEPTIONS.get((self.fault, key), {}))
         if self.phase == 'stopping':
             row = replace(row, canceled=True)
