@@ -11,10 +11,20 @@ from epson_driver.motion.smoother.request import Plan, Request
 class DriverSmoother:
     """As `benchmark.strategies.Smoother`."""
 
-    def __init__(self, limits: JointLimits, start: Array, timed: bool, latency: float) -> None:
+    def __init__(
+        self,
+        limits: JointLimits,
+        start: Array,
+        timed: bool,
+        latency: float,
+        *,
+        refine: bool = True,
+    ) -> None:
         mode = Mode.TIME_PRESERVING if timed else Mode.TIME_OPTIMAL
         self.plans = 0
-        self._smoother = Smoother(limits, start, mode, latency=latency, planner=self._plan)
+        self._smoother = Smoother(
+            limits, start, mode, latency=latency, planner=self._plan, refine=refine
+        )
         self.append = self._smoother.append
         self.finish = self._smoother.finish
         self.step = self._smoother.step

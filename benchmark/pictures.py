@@ -78,7 +78,7 @@ def _times(axes: Axes, cases: list[Case]) -> None:
 def _commands(axes: Axes, cases: list[Case]) -> None:
     axes.set_title('Keeping the commanded times: time / commanded time\n')
     timed = [(y, case, case.commanded) for y, case in enumerate(cases) if case.commanded]
-    optima = [(case.references.opt / commanded, y) for y, case, commanded in timed]
+    optima = [(case.references.spline / commanded, y) for y, case, commanded in timed]
     _dots(axes, optima, 'tab:gray', '|', 'optimum')
     for name, (colour, marker) in TIMED.items():
         found = [
@@ -91,8 +91,8 @@ def _commands(axes: Axes, cases: list[Case]) -> None:
         judged = [
             (bound, y)
             for y, case, commanded in timed
-            if (commanded - case.rests) / case.references.opt >= share
-            and not (share < 1.5 <= (commanded - case.rests) / case.references.opt)
+            if (commanded - case.rests) / case.references.spline >= share
+            and not (share < 1.5 <= (commanded - case.rests) / case.references.spline)
         ]
         label = f'required: {bound:g} (from {share:g} · optimum on)'
         _dots(axes, judged, colour, '|', label)

@@ -33,11 +33,11 @@ def merged(positions: Array, tolerance: float = MERGE_TOLERANCE_RAD / 2) -> Arra
 
 @dataclass(frozen=True, eq=False)
 class SplinePath:
-    """A natural C2 cubic spline q(u), 0 ≤ u ≤ length.
+    """A path q(u), 0 ≤ u ≤ length, of polynomials: a natural C2 cubic spline by `spline_path`.
 
     u is chord length with every joint measured in its own velocity limit, so u is about the time
-    in s that the way would take at full speed. knots: shape (m,); coefficients: (4, m − 1, n), the
-    highest power first.
+    in s that the way would take at full speed. knots: shape (m,); coefficients of u - knot: shape
+    (degree + 1, m − 1, n), the highest power first.
     """
 
     knots: Array
@@ -59,9 +59,15 @@ class SplinePath:
         """
         where = self.pieces(u) if pieces is None else pieces
         s = (u - self.knots[where])[:, None]
-        a, b, c, d = self.coefficients[:, where]
-        third = 6.0 * a
-        return ((a * s + b) * s + c) * s + d, (3 * a * s + 2 * b) * s + c, third * s + 2 * b, third
+        rest = self.coefficients[:, where]
+        found = []
+        for _ in range(4):
+            value = rest[0]
+            for coefficient in rest[1:]:
+                value = value * s + coefficient
+            found.append(value)
+            rest = rest[:-1] * np.arange(len(rest) - 1.0, 0.0, -1.0)[:, None, None]
+        return found[0], found[1], found[2], found[3]
 
 
 def spline_path(positions: Array, velocity: Array) -> SplinePath:

@@ -67,21 +67,24 @@ class Smoother(Protocol):
 MODES = {True: 'time-preserving', False: 'time-optimal'}
 """What is said of a strategy that keeps the commanded durations, or does not."""
 
-MakeSmoother = Callable[[JointLimits, Array, bool, float], Smoother]
-"""Makes one from limits, start (n,), whether it keeps the times, and the planner's latency."""
+MakeSmoother = Callable[..., Smoother]
+"""Makes one from limits, start (n,), whether it keeps the times, and the planner's latency; with
+`refine=False` one that stays on the spline."""
 
 
 @dataclass(frozen=True)
 class Strategy:
     """How a smoother is used. `look_ahead` gives the time known ahead, s, or None for all.
 
-    `timed`: whether it keeps the commanded durations or is as fast as it can.
+    `timed`: whether it keeps the commanded durations or is as fast as it can. `refine`: whether
+    its path may be another one than the spline through the points.
     """
 
     name: str
     timed: bool
     look_ahead: Callable[[JointLimits], float] | None = None
     latency: float = 0.0
+    refine: bool = True
 
     def suits(self, trajectory: BenchmarkTrajectory) -> bool:
         """Return whether the trajectory has what the strategy needs."""
@@ -102,10 +105,13 @@ def _both(timed: bool) -> tuple[Strategy, ...]:
     )
 
 
+ON_SPLINE = 'time-optimal, all known, on the spline'
+
 STRATEGIES = {
     strategy.name: strategy
     for strategy in (
         *_both(timed=False),
+        Strategy(ON_SPLINE, False, refine=False),
         *_both(timed=True),
         Strategy(
             'time-preserving, 3·A/J + 40 ms known, 40 ms late',
@@ -134,7 +140,8 @@ def run(
     positions = trajectory.positions
     durations = trajectory.durations if strategy.timed else None
     ahead = None if strategy.look_ahead is None else strategy.look_ahead(limits)
-    smoother = make(limits, positions[0], strategy.timed, strategy.latency)
+    settings = {} if strategy.refine else {'refine': False}
+    smoother = make(limits, positions[0], strategy.timed, strategy.latency, **settings)
     n = len(positions)
     fed = 1
     started = time.perf_counter()

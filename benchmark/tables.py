@@ -33,8 +33,10 @@ WORDS = """Written by `make bench-motion`; all figures are in motion.json as wel
   time in which a joint's acceleration can build up: 0.1 s under full limits, 0.2 s under half.
 * **limits**: `full`: acceleration = 10 · velocity / s, jerk = 10 · acceleration / s; `half`: 5, 5.
 * **point to point**: the fastest moves that rest at every point. **TOPP-RA** keeps no jerk limit:
-  nothing can be faster. **optimum**: the fastest motion within all limits on one spline through
-  the points (benchmark/optimum).
+  nothing on the spline through the points can be faster. **optimum**: the fastest motion found
+  within all limits, whatever its path between the points (benchmark/optimum). **on the spline**:
+  both where it may not leave that path; where times are commanded, they are compared with the
+  optimum there. **sparse**: on average, points are 0.5 A/J or more apart.
 * **v, a, j**: the largest velocity, acceleration and jerk, as a multiple of the joint's limit.
   **waypoint**, **overrun**, **off lines**: the largest distance from a waypoint, past the last
   known point and from the straight lines between the points, rad."""

@@ -10,13 +10,15 @@ import numpy as np
 from benchmark.cases import Case
 from benchmark.limit_sets import limit_set, ramp_time
 from benchmark.metrics import Metrics
-from benchmark.strategies import STRATEGIES
+from benchmark.strategies import ON_SPLINE, STRATEGIES
 
 CYCLE_S = 0.004
 """The controller's cycle, s."""
 MIN_MANY_POINTS = 50
 LIMIT_TOLERANCE_SHARE = 1e-6
 """Relative; limits are kept, but the last bits of a sampled velocity are its own."""
+SPARSE_SHARE = 0.5
+"""Points are sparse from so many A/J on between two of them, on average."""
 NO_DISTANCE_RAD = 1e-9
 """A distance that is no distance, rad."""
 
@@ -34,6 +36,7 @@ class Target:
     """A metric with its bounds; `required` is infinite if there is a goal only.
 
     `values` yields it from every case to which it applies. `geometric`: what its mean is.
+    `of_mean`: the bounds are for the mean, and not for the worst value.
     """
 
     metric: str
@@ -43,6 +46,7 @@ class Target:
     geometric: bool = True
     unit: str = ''
     slack: float = 0.0
+    of_mean: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ def _outcome(target: Target, cases: list[Case]) -> Outcome:
     worst = max(found, key=lambda measured: measured.value)
     values = np.array([measured.value for measured in found])
     mean = np.exp(np.mean(np.log(values))) if target.geometric else np.mean(values)
+    judged = float(mean) if target.of_mean else worst.value
     return Outcome(
         target.metric,
         target.unit,
@@ -90,8 +95,8 @@ def _outcome(target: Target, cases: list[Case]) -> Outcome:
         worst.value,
         worst.where,
         float(mean),
-        met=worst.value <= target.required + target.slack,
-        goal_met=worst.value <= target.goal + target.slack,
+        met=judged <= target.required + target.slack,
+        goal_met=judged <= target.goal + target.slack,
     )
 
 
@@ -136,9 +141,10 @@ def _stops(enough: bool) -> Callable[[Case], Iterator[Measured]]:
 
 
 def _slower_than(share: float) -> Callable[[Case], bool]:
-    """Return whether a case's command moves for at least `share` times the optimum."""
+    """Return whether a case's command moves for at least `share` times the spline's optimum."""
     return lambda case: (
-        case.commanded is not None and (case.commanded - case.rests >= share * case.references.opt)
+        case.commanded is not None
+        and (case.commanded - case.rests >= share * case.references.spline)
     )
 
 
@@ -148,6 +154,20 @@ def _of_command(case: Case, metrics: Metrics) -> float:
 
 def _slow_down(case: Case, metrics: Metrics) -> float:
     return metrics.duration / case.strategies['time-preserving, all known'].duration
+
+
+def _of_spline(case: Case, metrics: Metrics) -> float:
+    return metrics.duration / case.strategies[ON_SPLINE].duration
+
+
+def _both_paths(case: Case) -> bool:
+    return ON_SPLINE in case.strategies
+
+
+def _sparse(case: Case) -> bool:
+    """Return whether both were run, and points are far apart by the time between them."""
+    apart = case.references.spline / (case.points - 1)
+    return _both_paths(case) and apart >= SPARSE_SHARE * ramp_time(limit_set(case.limits))
 
 
 def _known(case: Case) -> bool:
@@ -170,6 +190,20 @@ TARGETS = (
         1.35,
         1.10,
         _of('time-optimal, all known', lambda case, m: m.duration / case.references.opt),
+    ),
+    Target(
+        'time / that on the spline, time-optimal, mean of the sparse plans',
+        0.97,
+        0.92,
+        _of('time-optimal, all known', _of_spline, _sparse),
+        of_mean=True,
+    ),
+    Target(
+        'time / that on the spline, time-optimal, every plan',
+        1.0,
+        1.0,
+        _of('time-optimal, all known', _of_spline, _both_paths),
+        slack=LIMIT_TOLERANCE_SHARE,
     ),
     Target(
         'time / commanded, time-preserving, where commanded ≥ 1.5 · optimum',
@@ -205,7 +239,7 @@ TARGETS = (
     ),
     Target('largest jerk / limit', 1.02, 1.0, _every('jerk'), slack=LIMIT_TOLERANCE_SHARE),
     Target(
-        'stops on the way that were not commanded, 3·A/J or more known',
+        'stops not commanded, 3·A/J or more known',
         0.0,
         0.0,
         _stops(enough=True),
@@ -213,7 +247,7 @@ TARGETS = (
     ),
     Target('the same with less known', np.inf, 0.0, _stops(enough=False), geometric=False),
     Target(
-        'waypoint error beyond merging',
+        'distance from a waypoint',
         1e-5,
         1e-6,
         _every('waypoint'),
@@ -248,7 +282,7 @@ TARGETS = (
         slack=NO_DISTANCE_RAD,
     ),
     Target(
-        'v and a against positions, share of limit',
+        'v, a against positions / limit',
         5e-3,
         5e-3,
         _every('mismatch'),

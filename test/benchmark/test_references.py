@@ -16,7 +16,7 @@ from benchmark.stop_and_go import stop_and_go
 LIMITS = limit_set('full')
 LINE = np.array([[0.0, 0.0, 0.5, 0.0, -1.0, 0.0], [1.0, -0.5, 1.0, 0.5, -0.5, 1.0]])
 CURVE = np.array([LINE[0], [0.5, -0.4, 1.0, 0.3, -0.9, 0.2], [0.7, -0.6, 0.6, 0.6, -0.5, 0.9]])
-TIMES = ReferenceTimes(2.0, 3, 0.8, 1.0, 0.9, 0.9, 1.0)
+TIMES = ReferenceTimes(2.0, 3, 0.8, 1.0, 0.9, 0.9, 1.0, 1.1, 0.9, 0.9, 1.0)
 
 
 def test_a_repeated_point_takes_ptp_no_time() -> None:
@@ -78,6 +78,22 @@ def test_the_optimum_keeps_the_limits_when_it_is_sampled_in_time() -> None:
     assert optimum.jerk <= 1.01
     for point in CURVE:
         assert np.min(np.max(np.abs(positions - point), axis=1)) < 0.02
+
+
+@pytest.mark.slow
+def test_the_optimum_on_a_free_path_is_faster_and_within_the_limits() -> None:
+    pytest.importorskip('scipy')
+    from benchmark.optimum import free_path_optimum, jerk_limited_optimum
+    from benchmark.spline_path import spline_path
+
+    points = np.vstack([CURVE, CURVE[:1]])
+    spline = jerk_limited_optimum(spline_path(points, LIMITS.velocity), LIMITS)
+    free = free_path_optimum(points, LIMITS)
+    assert free is not None
+    assert free.duration < 0.99 * spline.profile.duration
+    assert max(free.velocity, free.acceleration) <= 1.001
+    assert free.jerk <= 1.01
+    assert free_path_optimum(LINE, LIMITS) is None
 
 
 def test_topp_ra_is_a_bound() -> None:

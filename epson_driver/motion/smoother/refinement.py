@@ -52,13 +52,19 @@ _SAMPLES = np.array([0.02, 0.98])
 
 
 def refined(
-    problem: Problem, bounds: SpeedBounds, timing: TimeParametrisation, freedom: Freedom
+    problem: Problem,
+    bounds: SpeedBounds,
+    timing: TimeParametrisation,
+    freedom: Freedom,
+    spacing: float | None = None,
 ) -> Path | None:
     """Return a path that should take less time than the problem's, or None.
 
     timing: one on the problem's path, from the problem's start to its end, to begin with.
+    spacing: time between the nodes of the speed's spline, s.
     """
-    spacing = max(NODE_SPACING_S, timing.duration / MAX_NODES)
+    if spacing is None:
+        spacing = max(NODE_SPACING_S, timing.duration / MAX_NODES)
     spline = optimal.spline_of(problem, bounds, timing, spacing)
     if spline is None or not freedom.free.any():
         return None

@@ -38,13 +38,15 @@ class Freedom:
     """Which parameters of k knots may change, shape (k, 3).
 
     Where that is the position: within `tolerance`, shape (k,), rad (or m) in every joint, of
-    `centre`, shape (k, n). spline: the path to bend little more than, through the same knots.
+    `centre`, shape (k, n). spline: the path to bend little more than, through the same knots: at
+    most `bend_ratio` times as far from the straight way.
     """
 
     free: npt.NDArray[np.bool_]
     centre: Array
     tolerance: Array
     spline: Path
+    bend_ratio: float = BEND_RATIO
 
 
 class PathRows:
@@ -127,7 +129,7 @@ def _between(
     now, share = _bends(path, segment, us)
     # where the path bends more already it may: its ends may be those of a path in motion
     most = np.maximum(
-        np.maximum(BEND_RATIO * _bends(freedom.spline, segment, us)[0], now), MIN_BEND
+        np.maximum(freedom.bend_ratio * _bends(freedom.spline, segment, us)[0], now), MIN_BEND
     )
     most += np.maximum(freedom.tolerance[segment], freedom.tolerance[segment + 1])
     scale = limits.velocity[:, None] / most
