@@ -21,11 +21,9 @@ from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-STRAIGHT_SHARE, URGENT_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.9, 0.8
-FRESH_SHARE, FRESH_SHARE_AT_REST = 0.7, 0.55
+STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.7, 0.9, 0.8
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
-for each branch of the plan so far; for each part of the path. And for a plan as if there were none
-so far."""
+for a plan as if there were none so far; for each branch of that; for each part of the path."""
 
 SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
 """Parts of the path to plan for where there is no plan for all of it; after which branch."""
@@ -33,7 +31,7 @@ SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
-BRANCHES = ((1, 0.15, True), (0, 0.4, True), (0, 0.15, True), (0, 0.75, True))
+BRANCHES = ((1, 0.15, True), (0, 0.15, True), (0, 0.4, True), (0, 0.75, True))
 TIMED_BRANCHES = (
     (1, 0.15, True),
     (0, 0.15, True),
@@ -91,8 +89,7 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
 def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan by the optimal proposer: the better ones are tried first."""
     if request.failures % 2 == 0:  # else that has just failed, and the rest has all of the effort
-        moving = request.state[1] > 0.0
-        fresh = effort.part(FRESH_SHARE if moving else FRESH_SHARE_AT_REST)
+        fresh = effort.part(FRESH_SHARE)
         onward, older = first, request.older
         if sparse.improves(request) and older is not None and len(older.u) > LEAST_OLDER:
             # what was improved before is a better path to begin with than a new spline
