@@ -20,6 +20,12 @@ would reach the trajectory's end too late so; and how closely that ratio is look
 LATE_END_SHARE = 0.05
 """What is too late, of the time that is left for the way there."""
 
+KNOWN_IN_STOPPING_TIMES = 1.5
+"""How much of the commanded time must be known to make up for a delay as fast as that."""
+
+LATE_WAY_IN_STOPPING_TIMES = 0.5
+"""What is too late where the motion goes on, besides: what the plan's rest at the end costs."""
+
 GUESS_EXCESS_SHARE = 0.4
 """About how much longer than a plan the guess for it takes, in A/J."""
 
@@ -51,8 +57,13 @@ def within_horizon(
             bounds = SpeedBounds(problem)
         guess = filtered.filtered(problem, bounds)
         factor = _catch_up(request, path, limits, guess)
-        if request.whole and not cut and _late_end(request, path, limits, guess):
-            factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
+        final = request.whole and not cut
+        if _late_end(request, path, limits, guess, final):
+            ratio = _higher_ratio(request, path, limits, effort, final)
+            if not final:  # no less is known so, in time, than at the usual ratio
+                known = _known(request, path) / (KNOWN_IN_STOPPING_TIMES * stopping_time(limits))
+                ratio = min(ratio, CATCH_UP_RATIO * known)
+            factor = np.maximum(factor, ratio)
         problem = problem_of(request, path, limits, factor, effort)
         bounds = SpeedBounds(problem)
     elif cut:
@@ -62,29 +73,42 @@ def within_horizon(
 
 
 def _late_end(
-    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+    request: Request,
+    path: Path,
+    limits: JointLimits,
+    guess: TimeParametrisation | None,
+    final: bool,
 ) -> bool:
-    """Return whether a plan like a guess reaches the end of the path too late."""
+    """Return whether a plan like a guess reaches the end of the path too late.
+
+    final: whether the motion ends there. Else it goes on, and loses nothing by a rest.
+    """
     if guess is None:
-        return True
-    now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
+        return final
+    clock = request.clock[: len(path.knots.u)]
+    now, end = np.interp([request.state[0], path.end], path.knots.u, clock)
     left = float(end - now) / (request.scale or 1.0)
     faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
-    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
+    rest = 0.0 if final else LATE_WAY_IN_STOPPING_TIMES * stopping_time(limits)
+    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left + rest
 
 
-def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
+def _higher_ratio(
+    request: Request, path: Path, limits: JointLimits, effort: Effort, final: bool
+) -> float:
     """Return the factor on the commanded speed that is needed to be in time at the end."""
     low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
-    for _ in range(CATCH_UP_BISECTIONS):
+    for turn in range(1 + CATCH_UP_BISECTIONS):
         effort.spend(OUTSET_US / 2.0)
-        ratio = float(np.sqrt(low * high))
+        ratio = high if turn == 0 else float(np.sqrt(low * high))
         problem = problem_of(request, path, limits, ratio, effort)
         guess = filtered.filtered(problem, SpeedBounds(problem))
-        if _late_end(request, path, limits, guess):
-            low = ratio
-        else:
+        if not _late_end(request, path, limits, guess, final):
             high = ratio
+        elif turn == 0:
+            break  # as fast as the limits allow, then
+        else:
+            low = ratio
     return high
 
 
@@ -110,12 +134,17 @@ def _catch_up(
         late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
         late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
         late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
-    spare = float(request.clock[-1]) - float(
-        np.interp(request.state[0], knots, request.clock[: len(knots)])
-    )
+    known = _known(request, path) / stopping_time(limits)
     # with less known than a stop takes, the time that was lost would be lost again in a stop
-    share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
+    share = np.clip((known - 1.0) / (KNOWN_IN_STOPPING_TIMES - 1.0), 0.0, 1.0)
     return 1.0 + np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, share) * (CATCH_UP_RATIO - 1.0)
+
+
+def _known(request: Request, path: Path) -> float:
+    """Return how much commanded time is known ahead, s."""
+    knots = path.knots.u
+    now = float(np.interp(request.state[0], knots, request.clock[: len(knots)]))
+    return float(request.clock[-1]) - now
 
 
 def stopping_time(limits: JointLimits) -> float:

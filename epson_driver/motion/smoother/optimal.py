@@ -183,12 +183,17 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
 
 def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ramp:
     """Return a ramp, gentler if it would exceed a limit where the path bends at its end."""
-    limits = problem.limits
-    times = ramp.time * _ALONG_RAMP
+    limits, knots = problem.limits, problem.path.knots.u
     jerk = ramp.jerk
     for _ in range(MAX_GENTLER_RAMPS):
+        ways = jerk * (ramp.time * _ALONG_RAMP) ** 3 / 6.0
+        # jerk jumps at the knots of the path: both sides of those on the ramp
+        passed = inward * (knots - end)
+        passed = passed[(passed > _BESIDE) & (passed < ways[-1])]
+        ways = np.concatenate((ways, passed - _BESIDE, passed + _BESIDE))
+        times = np.cbrt(6.0 * ways / jerk)
         v, a = jerk * times[:, None] ** 2 / 2.0, inward * jerk * times[:, None]
-        _, first, second, third = problem.path.sample(end + inward * jerk * times**3 / 6.0)
+        _, first, second, third = problem.path.sample(end + inward * ways)
         accelerations = np.abs(first * a + second * v**2) / limits.acceleration
         jerks = np.abs(first * jerk + 3.0 * second * v * a + third * v**3) / limits.jerk
         if (
