@@ -21,8 +21,8 @@ from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-STRAIGHT_SHARE, URGENT_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.9, 0.8
-FRESH_SHARE, FRESH_SHARE_AT_REST = 0.7, 0.55
+STRAIGHT_SHARE, URGENT_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.7, 0.8
+FRESH_SHARE, FRESH_SHARE_AT_REST = 0.55, 0.55
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
 for each branch of the plan so far; for each part of the path. And for a plan as if there were none
 so far."""
@@ -33,8 +33,9 @@ SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
-BRANCHES = ((1, 0.15, True), (0, 0.4, True), (0, 0.15, True), (0, 0.75, True))
+BRANCHES = ((0, 0.55, True), (1, 0.15, True), (0, 0.4, True), (0, 0.15, True), (0, 0.75, True))
 TIMED_BRANCHES = (
+    (0, 0.55, True),
     (1, 0.15, True),
     (0, 0.15, True),
     (0, 0.15, False),
