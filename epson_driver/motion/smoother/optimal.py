@@ -114,7 +114,17 @@ def propose(
             places, ratio = excess.pop()
             places = places[ratio > NODES_TOO_FAR_APART_RATIO]
             spline = _finer(problem, spline, timing, places)
+        elif result.positions[_ratio(result) > 1.0].max(initial=0.0) > spline.nodes[-3]:
+            spline = _gentler_end(problem, spline)
     return None
+
+
+def _gentler_end(problem: Problem, spline: SpeedSpline) -> SpeedSpline | None:
+    """Return a spline with a gentler ramp to its end, on which its last coefficients depend."""
+    ramp = Ramp(GENTLER_RAMP_RATIO**2 * spline.end_ramp.jerk, spline.end_ramp.time)
+    nodes = np.append(spline.nodes[:-1], problem.end - ramp.length)
+    speeds = np.sqrt(np.maximum(spline.coefficients, 0.0))
+    return _of_speeds(problem, nodes, speeds, spline.start_ramp, ramp)
 
 
 def _eased(
@@ -364,9 +374,15 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
 
 def _excess(result: LimitUsage) -> Excess:
     """Return where a timing exceeds the limits, and by how much."""
-    ratio = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
+    ratio = _ratio(result)
     where = ratio > 1.0
     return result.positions[where], ratio[where]
+
+
+def _ratio(result: LimitUsage) -> Array:
+    """Return how many times the limit is used that is used most, shape (m,)."""
+    ratio: Array = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
+    return ratio
 
 
 def _share(excess: list[Excess], nodes: Array) -> Array:
