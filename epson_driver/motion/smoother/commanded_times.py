@@ -20,6 +20,9 @@ would reach the trajectory's end too late so; and how closely that ratio is look
 LATE_END_SHARE = 0.05
 """What is too late, of the time that is left for the way there."""
 
+MAX_RATIO_ON_THE_WAY = 1.5
+"""The same where the trajectory goes on: what is not known yet may need a lower speed soon."""
+
 KNOWN_IN_STOPPING_TIMES = 1.5
 """How much of the commanded time must be known to make up for a delay as fast as that."""
 
@@ -58,12 +61,12 @@ def within_horizon(
         guess = filtered.filtered(problem, bounds)
         factor = _catch_up(request, path, limits, guess)
         final = request.whole and not cut
-        if _late_end(request, path, limits, guess, final):
-            ratio = _higher_ratio(request, path, limits, effort, final)
-            if not final:  # no less is known so, in time, than at the usual ratio
-                known = _known(request, path) / (KNOWN_IN_STOPPING_TIMES * stopping_time(limits))
-                ratio = min(ratio, CATCH_UP_RATIO * known)
-            factor = np.maximum(factor, ratio)
+        most = MAX_CATCH_UP_RATIO
+        if not final:  # and no less is known then, in time, than at the usual ratio
+            known = _known(request, path) / (KNOWN_IN_STOPPING_TIMES * stopping_time(limits))
+            most = min(MAX_RATIO_ON_THE_WAY, CATCH_UP_RATIO * known)
+        if most > CATCH_UP_RATIO and _late_end(request, path, limits, guess, final):
+            factor = np.maximum(factor, _higher_ratio(request, path, limits, effort, most, final))
         problem = problem_of(request, path, limits, factor, effort)
         bounds = SpeedBounds(problem)
     elif cut:
@@ -94,10 +97,10 @@ def _late_end(
 
 
 def _higher_ratio(
-    request: Request, path: Path, limits: JointLimits, effort: Effort, final: bool
+    request: Request, path: Path, limits: JointLimits, effort: Effort, most: float, final: bool
 ) -> float:
-    """Return the factor on the commanded speed that is needed to be in time at the end."""
-    low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
+    """Return the factor on the commanded speed that is needed to be in time; `most` at most."""
+    low, high = CATCH_UP_RATIO, most
     for turn in range(1 + CATCH_UP_BISECTIONS):
         effort.spend(OUTSET_US / 2.0)
         ratio = high if turn == 0 else float(np.sqrt(low * high))
@@ -106,7 +109,7 @@ def _higher_ratio(
         if not _late_end(request, path, limits, guess, final):
             high = ratio
         elif turn == 0:
-            break  # as fast as the limits allow, then
+            break  # nothing slower is enough either
         else:
             low = ratio
     return high
