@@ -87,7 +87,11 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     if found is None and request.urgent:
         urgent.back(effort)  # what is left of it, or was used too much
         found = _any(request, first, limits, urgent)
-        if found is not None and straight is not None and _slower_than_stops(request, found, limits):
+        if (
+            found is not None
+            and straight is not None
+            and _slower_than_stops(request, found, limits)
+        ):
             found = None
     if found is None and straight is not None:
         found = _straight(request, limits, straight)
