@@ -154,7 +154,7 @@ def _run_member(member: FamilyMember, feasible: bool, planner: _Counting) -> Non
     figures, little = planner.figures, KNOWN_AHEAD * ramp_time(member.limits)
     ways = np.max(np.abs(np.diff(member.positions, axis=0)) / member.limits.velocity, axis=1)
     durations = np.maximum(COMMANDED_PACE * ways, MIN_DURATION_S)
-    fastest = _run(member, Mode.TIME_OPTIMAL, durations, np.inf, planner)
+    fastest = _run(member, Mode.TIME_OPTIMAL, durations, np.inf, planner, refine=False)
     reference = stop_and_go(member.positions, member.limits).duration
     figures.raise_to(time_ratio=fastest / reference)
     _run(member, Mode.TIME_OPTIMAL, durations, little, planner)
@@ -167,11 +167,17 @@ def _run_member(member: FamilyMember, feasible: bool, planner: _Counting) -> Non
 
 
 def _run(
-    member: FamilyMember, mode: Mode, durations: Array, known: float, planner: _Counting
+    member: FamilyMember,
+    mode: Mode,
+    durations: Array,
+    known: float,
+    planner: _Counting,
+    *,
+    refine: bool = True,
 ) -> float:
     """Return how long one motion takes, s, and count what happens in it."""
     positions, limits, figures = member.positions, member.limits, planner.figures
-    smoother = Recorded(limits, positions[0], mode, planner=planner)
+    smoother = Recorded(limits, positions[0], mode, planner=planner, refine=refine)
     fed = 1
     rows = [smoother.motion]
     while fed < len(positions) or smoother.moving:

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of `performance.py` as tables and as a picture."""
 
+import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,13 @@ STAGES = {
 
 @dataclass(frozen=True)
 class Bar:
-    """What is required of a figure, at most or at least."""
+    """What is required of a figure, at most or at least. `value`: the median of `runs`."""
 
     name: str
     value: float
     required: float
     at_least: bool = False
+    runs: tuple[float, ...] = ()
 
     @property
     def met(self) -> bool:
@@ -37,6 +39,15 @@ class Bar:
     def read(data: dict[str, Any]) -> 'Bar':
         """Return it as JSON has it."""
         return Bar(**data)
+
+
+def medians(runs: Sequence[Sequence[Bar]]) -> list[Bar]:
+    """Return what was found in several runs, one list of bars for each run, as medians."""
+    found = []
+    for bars in zip(*runs, strict=True):
+        values = tuple(bar.value for bar in bars)
+        found.append(replace(bars[-1], value=statistics.median(values), runs=values))
+    return found
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -53,7 +64,7 @@ def report(data: dict[str, Any]) -> str:
         f'{machine["date"]}, `{machine["command"]}`, {machine["took"]:.0f} s, '
         f'{machine["cores"]} cores of {machine["processor"]},\n'
         f'Python {machine["python"]}; load at begin and end {load}.\n',
-        '**Required and found**\n',
+        '**Required and found**, the median of the runs; the tables below are of the last one\n',
         _bars(data),
         '**State path**: latency from the byte to the subscriber, CPU of the whole process\n',
         _state(data),
@@ -72,11 +83,12 @@ def report(data: dict[str, Any]) -> str:
 
 def _bars(data: dict[str, Any]) -> str:
     return table(
-        ['', 'found', 'required', ''],
+        ['', 'found', 'of', 'required', ''],
         [
             [
                 bar.name,
                 f'{bar.value:.2f} ×',
+                ', '.join(f'{value:.2f}' for value in bar.runs),
                 f'{"≥" if bar.at_least else "≤"} {bar.required:.2f} ×',
                 'yes' if bar.met else '**missed**',
             ]
@@ -222,7 +234,9 @@ def picture(data: dict[str, Any], path: Path) -> None:
     ratios.barh(places, [bar.value for bar in bars], color=colours, height=0.6)
     for place, bar in zip(places, bars, strict=True):
         ratios.plot([bar.required] * 2, [place - 0.42, place + 0.42], color='black', linewidth=2)
-        ratios.text(bar.value + 0.03, place, f'{bar.value:.2f}', va='center', fontsize=8)
+        ratios.text(
+            max(bar.value, bar.required) + 0.05, place, f'{bar.value:.2f}', va='center', fontsize=8
+        )
     ratios.axvline(1.0, color='tab:gray', linewidth=0.8)
     ratios.set_yticks(places, [bar.name for bar in bars], fontsize=8)
     ratios.invert_yaxis()

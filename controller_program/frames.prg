@@ -35,6 +35,16 @@ Function TakeFrame(port As Integer, timer As Integer, ByRef b() As Integer, ByRe
   EndIf
 Fend
 
+' Opens a port again that has had no client for a while: one that came and left before the server looked is, to ChkNet,
+' none at all, and could keep the next one out.
+Function OpenAgain(port As Integer, timer As Integer)
+  If Tmr(timer) > NOBODY_FOR And ChkNet(port) < 0 Then
+    CloseNet #port
+    OpenNet #port As Server
+    TmReset timer
+  EndIf
+Fend
+
 ' Writes the length and the head of a message to the begin of out().
 Function PutHead(ByRef message() As Integer, length As Long, kind As Long, comm As Integer, code As Integer)
   PackLong length, ByRef message(), 0

@@ -60,12 +60,7 @@ Function IoService
   TmReset IO_TIMER
   Do While ChkNet(IO_PORT) < 0
     WaitNet #IO_PORT, 1
-    ' A client that came and left meanwhile looks like none, and may keep the next one out
-    If Tmr(IO_TIMER) > NOBODY_FOR And ChkNet(IO_PORT) < 0 Then
-      CloseNet #IO_PORT
-      OpenNet #IO_PORT As Server
-      TmReset IO_TIMER
-    EndIf
+    OpenAgain IO_PORT, IO_TIMER
   Loop
   m_length = 0
   m_used = 0

@@ -66,12 +66,7 @@ Function MotionService
   Do While ChkNet(MOTION_PORT) < 0
     WaitNet #MOTION_PORT, 0.05
     Watch
-    ' A client that came and left meanwhile looks like none, and may keep the next one out
-    If Tmr(MOTION_TIMER) > NOBODY_FOR And ChkNet(MOTION_PORT) < 0 Then
-      CloseNet #MOTION_PORT
-      OpenNet #MOTION_PORT As Server
-      TmReset MOTION_TIMER
-    EndIf
+    OpenAgain MOTION_PORT, MOTION_TIMER
   Loop
   ReadLimits
   m_length = 0

@@ -31,12 +31,7 @@ Function StateService
   TmReset STATE_FRAME_TIMER
   Do While ChkNet(STATE_PORT) < 0
     WaitNet #STATE_PORT, 1
-    ' A client that came and left meanwhile looks like none, and may keep the next one out
-    If Tmr(STATE_FRAME_TIMER) > NOBODY_FOR And ChkNet(STATE_PORT) < 0 Then
-      CloseNet #STATE_PORT
-      OpenNet #STATE_PORT As Server
-      TmReset STATE_FRAME_TIMER
-    EndIf
+    OpenAgain STATE_PORT, STATE_FRAME_TIMER
   Loop
   For i = 0 To 59
     m_position(i) = 0

@@ -27,7 +27,14 @@ from epson_driver.cli.trajectory_file import (
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import smoothed
-from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
+from epson_driver.motion.smoother import (
+    MAX_PATH_TOLERANCE,
+    MERGE_TOLERANCE,
+    Mode,
+    Plan,
+    Request,
+    plan,
+)
 from epson_driver.robots import load_robot_model
 
 SAMPLE_PERIOD_S = 0.001
@@ -76,7 +83,13 @@ def _run(arguments: argparse.Namespace) -> int:
     period = 1.0 / arguments.rate
     try:
         fine = smoothed(
-            plan_read, limits, mode, arguments.look_ahead, period / parts, planner=planner
+            plan_read,
+            limits,
+            mode,
+            arguments.look_ahead,
+            period / parts,
+            planner=planner,
+            path_tolerance=arguments.path_tolerance,
         )
     except ValueError as error:
         raise _PlanError(f'{file}: {error}') from error
@@ -229,6 +242,14 @@ def _parser() -> argparse.ArgumentParser:
         default=np.inf,
         metavar='S',
         help='how far ahead of the arm points are known, s, as in a stream (all points)',
+    )
+    parser.add_argument(
+        '--path-tolerance',
+        type=argument(number(0.0, MAX_PATH_TOLERANCE, 'rad')),
+        default=0.0,
+        metavar='RAD',
+        help='how far beside the points, in every joint, the motion may pass with --mode '
+        'time_optimal; the first and the last are met exactly (%(default)g)',
     )
     parser.add_argument(
         '--output', type=Path, metavar='FILE', help='the smooth trajectory (NAME_smooth.yaml)'

@@ -24,14 +24,17 @@ def smoothed(
     look_ahead: float = np.inf,
     period: float = MAX_STEP_S,
     planner: Callable[[Request, JointLimits], Plan | None] = plan,
+    *,
+    refine: bool = True,
+    path_tolerance: float = 0.0,
 ) -> Trajectory:
     """Return the smooth motion through a trajectory's points, one point every `period` s.
 
     It begins and ends at rest, at the first and the last point. Its joints are in the order of
     the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
-    TIME_OPTIMAL takes the positions only. Raises ValueError that names point, joint, value and
-    limit for a trajectory that cannot be smoothed, or if its motion would break a limit;
-    RuntimeError if the planner raises.
+    TIME_OPTIMAL takes the positions only. refine, path_tolerance: as in `Smoother`. Raises
+    ValueError that names point, joint, value and limit for a trajectory that cannot be smoothed,
+    or if its motion would break a limit; RuntimeError if the planner raises.
     """
     if not period > 0.0:
         raise ValueError(f'period = {period} s: must be positive')
@@ -40,7 +43,14 @@ def smoothed(
     trajectory = trajectory.in_order(limits.names)
     positions, times = trajectory.positions, trajectory.times
     durations = np.diff(times, prepend=times[0]).tolist()
-    smoother = Smoother(limits, positions[0], mode, planner=planner)
+    smoother = Smoother(
+        limits,
+        positions[0],
+        mode,
+        planner=planner,
+        refine=refine,
+        path_tolerance=path_tolerance,
+    )
     steps = ceil(period / MAX_STEP_S - 1e-9)
     motion = smoother.motion
     samples = [motion]
@@ -72,10 +82,10 @@ def smoothed(
 def retimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     """Return a trajectory's own points at the times of the time-optimal motion through them.
 
-    With the velocities there; points that repeat the one before are left out. Raises as
-    `smoothed`.
+    With the velocities there; points that repeat the one before are left out. The motion is that
+    on the spline: who follows these times knows no other path. Raises as `smoothed`.
     """
-    motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL)
+    motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL, refine=False)
     times, positions = _own_points(trajectory, motion)
     return Trajectory(limits.names, times, positions, _at(times, motion.times, motion.velocities))
 

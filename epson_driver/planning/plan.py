@@ -220,7 +220,10 @@ class _Planner:
             knots = thinned(path, POINT_SPACING_RAD) / metric
             times = np.arange(len(knots), dtype=float)  # these do not count
             fast = smoothed(
-                Trajectory(self._limits.names, times, knots), self._gentle, Mode.TIME_OPTIMAL
+                Trajectory(self._limits.names, times, knots),
+                self._gentle,
+                Mode.TIME_OPTIMAL,
+                refine=False,  # as near to the path that was checked as the spline is
             )
             for period in POINT_PERIODS_S:
                 sent = _every(fast, period)

@@ -60,7 +60,8 @@ class MotionProfile:
     most `low_power`, a fraction, and the tool moves at most at `low_power_tool_speed` m/s. `cp`:
     point-to-point moves blend into the next one if that is known in time. `statement_overhead` s
     pass before each move. In smooth motion points are taken while less than `look_ahead` s and
-    fewer than `look_ahead_points` are ahead; in both, at most `pending_limit` points wait.
+    fewer than `look_ahead_points` are ahead, and points without times are passed within
+    `path_tolerance` rad; in both, at most `pending_limit` points wait.
     """
 
     speed: float
@@ -72,6 +73,7 @@ class MotionProfile:
     statement_overhead: float
     look_ahead: float
     look_ahead_points: int
+    path_tolerance: float
     pending_limit: int
 
 

@@ -82,6 +82,7 @@ RULES: dict[str, Rule] = {
     'motion.statement_overhead': number(0.0, 1.0),
     'motion.look_ahead': number(*LOOK_AHEAD_S),
     'motion.look_ahead_points': count(1, 100_000),
+    'motion.path_tolerance': number(0.0, 0.5),
     'motion.pending_limit': count(1, 100_000),
     'servo.lag': number(0.0, 1.0),
     'servo.encoder': _YES_OR_NO,

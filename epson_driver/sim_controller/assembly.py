@@ -158,6 +158,7 @@ def _new_executor(
         controller.planner_failed,
         motion.look_ahead,
         motion.look_ahead_points,
+        path_tolerance=motion.path_tolerance,
         low_power_limits=caps.limits(limits),
         acknowledge=_acknowledge(program.acknowledge, 'taken'),
         uses=program.uses,

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.examples import one_in
 
 from epson_driver.cli.executables import EXECUTABLES
 
@@ -55,7 +56,7 @@ def test_every_executable_is_installed_for_ros2_run() -> None:
     assert scripts == {'executable', *EXECUTABLES}
 
 
-@pytest.mark.parametrize('name', EXECUTABLES)
+@pytest.mark.parametrize('name', one_in(4, EXECUTABLES))
 def test_every_usage_begins_alike(name: str) -> None:
     run = command(name, '--help')
     assert run.returncode == 0

@@ -52,6 +52,7 @@ TABLE = (
     ('smooth', FILES, PLAN, '--robot={}'),
     ('smooth', NUMBERS, PLAN, '--rate={}'),
     ('smooth', (*NUMBERS, '1e-300', '0'), PLAN, '--look-ahead={}'),
+    ('smooth', NUMBERS, PLAN, '--path-tolerance={}'),
     ('smooth', ('x.foo', '/tmp', '', '\udc80'), PLAN, '--picture={}'),
     ('robots', FILES[1:], '{}'),  # without a name it lists all
     ('spel', FILES, 'check', '{}'),

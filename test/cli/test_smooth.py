@@ -115,6 +115,7 @@ def test_what_is_wrong_is_said_in_one_sentence(run, tmp_path):
     assert 'points is missing' in refusal(replace=[('points:', 'way:')])
     assert 'must be a number from 0.01 to inf s' in refusal('--look-ahead', '0')
     assert 'must be a number from 1 to 1000 Hz' in refusal('--rate', '5000')
+    assert 'must be a number from 0 to 0.5 rad' in refusal('--path-tolerance', '0.6')
     assert 'no_robot' in refusal('--robot', 'no_robot')
 
 

@@ -115,6 +115,7 @@ class User:
         return done
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('patient_driver')
 def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

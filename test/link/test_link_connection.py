@@ -639,6 +639,7 @@ def test_inv7_closing_leaves_no_task_and_no_socket():
     """docs/invariants.md, 7."""
 
     async def scenario():
+        vacant = vacant_port()
         before = open_sockets()
         async with Peer(silent) as peer:
             for _ in range(20):
@@ -648,7 +649,7 @@ def test_inv7_closing_leaves_no_task_and_no_socket():
                 assert harness.link.state is LinkState.DISCONNECTED
                 assert harness.changes[-1][1] == 'closed'
             await until(lambda: not peer.busy)  # it has seen the end of every connection
-        refused = Harness(vacant_port())
+        refused = Harness(vacant)
         async with refused:
             await until(lambda: refused.reasons('backing_off'))
         assert refused.link.state is LinkState.DISCONNECTED

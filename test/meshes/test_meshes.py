@@ -50,6 +50,7 @@ def generated():
     return {model.name: (links, homes) for model, links, homes in sharing(MODELS)}
 
 
+@pytest.mark.slow
 @each_model
 def test_the_files_hold_what_the_generator_makes(model, generated):
     links, homes = generated[model.name]

@@ -64,7 +64,7 @@ def test_the_rc620_is_as_the_thesis_measured_it():
     assert (motion.low_power, motion.low_power_tool_speed) == (0.05, 0.25)
     assert (motion.cp, motion.statement_overhead) == (False, 0.012)
     assert (motion.look_ahead, motion.look_ahead_points) == (1.0, 1000)
-    assert motion.pending_limit == 1000
+    assert (motion.pending_limit, motion.path_tolerance) == (1000, 0.0)
     assert (state.period, state.joint_positions_per_status) == (0.005, 10)
     assert (state.message, state.in_motion, state.motion_possible) == (
         'joint_position',
@@ -161,6 +161,8 @@ WRONG = [
     ('motion.look_ahead', 0, 'must be a number from 0.01 to 60'),
     ('motion.look_ahead', 61, 'must be a number from 0.01 to 60'),
     ('motion.look_ahead_points', 0, 'must be a whole number from 1 to 100000'),
+    ('motion.path_tolerance', -0.001, 'must be a number from 0 to 0.5'),
+    ('motion.path_tolerance', 0.6, 'must be a number from 0 to 0.5'),
     ('motion.speed_percent', 50, 'is not a key'),
     ('servo.lag', -0.1, 'must be a number from 0 to 1'),
     ('program.reply', 'nothing', 'must be sequence or zero or header'),

@@ -24,7 +24,7 @@ from epson_driver.sim_controller.assembly import SpelSource, new_controller, pro
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel import build
-from support.event_loop import now, real_time, until
+from support.event_loop import accepted, now, real_time, until
 
 MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits
@@ -259,6 +259,7 @@ class ScriptedController:
         return self
 
     async def __aexit__(self, *_):
+        await accepted()
         for server in self._servers:
             server.close()
         for task in self._tasks:

@@ -68,6 +68,14 @@ class EventLoop(asyncio.SelectorEventLoop):
         future.add_done_callback(self._thread_done)
         return future
 
+    async def shutdown_default_executor(self, *args: Any) -> None:
+        """Wait in real time until all threads are gone."""
+        self.threads += 1
+        try:
+            await super().shutdown_default_executor(*args)
+        finally:
+            self.threads -= 1
+
     def until(self, condition: Callable[[], object]) -> Awaitable[None]:
         """Return what is done when a condition holds, which is looked at after every turn."""
         future = self.create_future()
@@ -167,6 +175,15 @@ async def until(condition: Callable[[], object]) -> None:
     loop = asyncio.get_running_loop()
     assert isinstance(loop, EventLoop)
     await loop.until(condition)
+
+
+async def accepted() -> None:
+    """Let connections that a server has just accepted be served, before it is closed.
+
+    asyncio would leave their sockets open.
+    """
+    for _ in range(5):
+        await asyncio.sleep(0)
 
 
 @contextlib.contextmanager

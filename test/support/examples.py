@@ -6,6 +6,10 @@
 was changed; `make soak` looks for new ones, and prints how to see a failure again.
 """
 
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
 from hypothesis import HealthCheck, settings
 
 FULL = 100
@@ -42,3 +46,16 @@ def load_profile(name: str) -> None:
 def examples(count: int) -> int:
     """Return how many of so many examples are tried in this run."""
     return max(count * settings.default.max_examples // FULL, min(count, LEAST))
+
+
+def one_in(every: int, values: Iterable[Any], *, several: bool = False) -> list[Any]:
+    """Return parameters: `make test` tries the first of every so many, `make test-all` all.
+
+    `several`: each value is a tuple with the values of several parameters.
+    """
+    return [
+        pytest.param(
+            *(value if several else (value,)), marks=pytest.mark.slow if index % every else ()
+        )
+        for index, value in enumerate(values)
+    ]

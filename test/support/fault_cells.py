@@ -146,6 +146,15 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     # The points of a download are topics: STOP's reply can be lost; a refused one has none.
     ('lost_reply', 'download'): STOP_UNANSWERED,
     ('failure_reply', 'download'): {'text': f'{IN_ERROR_4001}|refused point'},
+    # It refuses the download as a whole, and topics have no reply: all that is seen is an arm that
+    # does not begin to move.
+    ('failure_reply', 'spel:download'): {
+        'text': 'the controller did not confirm the standstill within',
+        'gate': 'the controller did not confirm the standstill within',
+    },
+    # Each setpoint has a reply, whatever the controller; it may be missed before the state is.
+    ('lost_reply', 'setpoints'): {'canceled': False, 'gate': 'no reply to setpoint'},
+    ('silence', 'setpoints'): {'gate': 'the state link was lost|no reply to setpoint'},
     # Its servers are dead when their client is gone or the tasks were aborted.
     **{
         (fault, 'thesis'): {'boots': True}
@@ -166,6 +175,10 @@ ANSWER_A_POINT_FIRST = ('rc620', 'rc700a', 'generic', 'fanuc')
 """Controllers that answer the point which still waits for its reply when STOP comes, then STOP. A
 lost reply to that point alone closes no gate: STOP is confirmed. So STOP's reply is the lost one
 here."""
+
+LAST_REPLY_ELSEWHERE = ('generic', 'fanuc')
+"""Controllers that have answered the last point before the arm is near it, or do so more than a
+reply's time-out of these cells later."""
 
 STOPPED = 'canceled|the controller did not confirm the standstill'
 """What a goal may say, too, that was canceled when the fault struck."""
@@ -191,7 +204,7 @@ class Cell:
     def row(self) -> Row:
         """What happens in it, and what is expected."""
         row = FAULTS[self.fault]
-        for key in (self.profile, self.interface):
+        for key in (self.profile, self.interface, f'{self.profile}:{self.interface}'):
             row = replace(row, **EXCEPTIONS.get((self.fault, key), {}))
         if self.phase == 'stopping':
             row = replace(row, canceled=True)
@@ -216,6 +229,8 @@ class Cell:
         if self.fault == 'lost_reply':
             if self.phase == 'standing':
                 return 'nothing waits for a reply'
+            if self.phase == 'arriving' and self.profile in LAST_REPLY_ELSEWHERE:
+                return 'no reply is due then that could be lost'
             if self.row.canceled and self.phase != 'stopping' and self.interface != 'setpoints':
                 return '' if self.phase == 'moving' else 'its points are not answered one by one'
         return ''

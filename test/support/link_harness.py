@@ -8,7 +8,7 @@ import socket
 import struct
 
 from epson_driver.link import Link
-from support.event_loop import now, run, until  # noqa: F401 - for the tests
+from support.event_loop import accepted, now, run, until  # noqa: F401 - for the tests
 
 
 def frame(msg_type, comm_type, reply_code=0, body=b'', order='<'):
@@ -41,6 +41,7 @@ class Peer:
         return self
 
     async def __aexit__(self, *_):
+        await accepted()
         self._server.close()
         for task in self._tasks:
             task.cancel()

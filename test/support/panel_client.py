@@ -88,7 +88,8 @@ class PanelClient:
         return {str(each.get('label')) for each in list(self.elements.values())}
 
     def disabled(self, label: str) -> bool:
-        """Return whether a button is shown as one that cannot be pressed."""
+        """Return whether a button, once it is there, is shown as one that cannot be pressed."""
+        self.wait(lambda: self.buttons(label), f'a button {label}')
         return bool(self.elements[self.buttons(label)[0]]['disabled'])
 
     def html(self, part: str) -> str:

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.examples import one_in
 
 from epson_driver.cli.demo_verdict import TOO_BUSY
 from epson_driver.share import share_file
@@ -73,14 +74,18 @@ def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: P
 
 @pytest.mark.parametrize(
     ('arguments', 'words'),
-    [
-        (['--controller=spel', '--motion=ptp'], '--motion: a SPEL+ program moves as its'),
-        (['--controller=spel', '--plan'], '--plan is for rc620'),
-        (['--controller=rc1'], 'no rc1.yaml'),
-        (['--robot=c8_c901s'], 'add --plan, which plans one for the c8_c901s'),
-        (['--robot=gx9'], 'no gx9.yaml'),
-        (['--plan', '--trajectory=a.yaml'], '--plan makes a trajectory of its own'),
-    ],
+    one_in(
+        3,
+        [
+            (['--controller=spel', '--motion=ptp'], '--motion: a SPEL+ program moves as its'),
+            (['--controller=spel', '--plan'], '--plan is for rc620'),
+            (['--controller=rc1'], 'no rc1.yaml'),
+            (['--robot=c8_c901s'], 'add --plan, which plans one for the c8_c901s'),
+            (['--robot=gx9'], 'no gx9.yaml'),
+            (['--plan', '--trajectory=a.yaml'], '--plan makes a trajectory of its own'),
+        ],
+        several=True,
+    ),
 )
 def test_demo_refuses_arguments_that_do_not_go_together(arguments: list[str], words: str) -> None:
     run = demo(*arguments)

@@ -254,7 +254,7 @@ def test_a_service_that_leaves_the_loop_is_answered(robot: Robot) -> None:
     assert goal.result()[0] == 'aborted'
 
 
-@pytest.mark.parametrize('name', quick(['callback', 'executor'], ['callback']))
+@pytest.mark.parametrize('name', quick(['callback', 'executor'], []))
 def test_a_failure_stops_all_robots_of_the_process(tmp_path: Path, name: str) -> None:
     left = Robot(tmp_path / 'left', namespace='left')
     right = Robot(tmp_path / 'right', left.domain, namespace='right')
@@ -385,6 +385,7 @@ def test_what_anybody_may_send_disturbs_nothing(serving: Robot) -> None:
     serving.assert_stopped()
 
 
+@pytest.mark.slow
 def test_a_trace_that_fails_ends_alone(serving: Robot) -> None:
     name = Parameter('trace_file', value='a.pcap').to_parameter_msg()
     [result] = set_parameters(serving, name)

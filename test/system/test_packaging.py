@@ -112,6 +112,7 @@ def check_executables(lib: Path, workspace: Path | None) -> None:
         process.stdout.close()
 
 
+@pytest.mark.slow
 def test_colcon_build_makes_a_ros_package(colcon_install: Path) -> None:
     share = colcon_install / 'share'
     assert (share / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver').is_file()
@@ -161,6 +162,7 @@ def test_colcon_finds_the_packages_that_the_readme_names() -> None:
     assert listed(ROOT, ROOT / 'interfaces', ROOT / 'variants') == [*names, *variants]
 
 
+@pytest.mark.slow
 def test_colcon_test_runs_pytest(colcon_install: Path) -> None:
     workspace = colcon_install.parents[1]
     colcon(workspace, 'test', '--pytest-args', 'test/inputs/test_rules.py', 'test/test_share.py')

@@ -19,6 +19,9 @@ NEWTON_STEP_US, ROW_US = 130, 0.042
 VERIFICATION_US, PIECE_US = 800, 4
 """The verification of a timing, and of each of its pieces."""
 
+REFINEMENT_STEP_US, REFINEMENT_ROW_US = 350, 0.28
+"""A step of `refinement`, and each of its rows."""
+
 OUTSET_US, ROUND_US = 2_500, 1_500
 """A path with its speed bounds; and what comes before and after the Newton steps."""
 

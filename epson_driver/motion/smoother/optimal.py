@@ -164,6 +164,18 @@ def _eased(
     return None
 
 
+def spline_of(
+    problem: Problem, bounds: SpeedBounds, timing: TimeParametrisation, spacing: float
+) -> SpeedSpline | None:
+    """Return a spline, a little slower than a timing, with nodes that many s apart, or None."""
+    ramps = _ramps(problem, bounds, MAX_RAMP_TIME_S)
+    if ramps is None:
+        return None
+    times = np.linspace(0.0, timing.duration, max(2, round(2.0 * timing.duration / spacing)))
+    us, vs, _, _ = timing.sample(times)
+    return _spline(problem, us, vs, times, *ramps, spacing)
+
+
 def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
     """Return the ramps from the start (none if it moves) and to the end."""
     way = problem.end - problem.start[0]
@@ -216,14 +228,20 @@ def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ra
 
 
 def _spline(
-    problem: Problem, us: Array, vs: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp
+    problem: Problem,
+    us: Array,
+    vs: Array,
+    times: Array,
+    start_ramp: Ramp,
+    end_ramp: Ramp,
+    spacing: float = NODE_SPACING_S,
 ) -> SpeedSpline | None:
     """Return a spline with nodes in equal times of a timing given by samples, a little slower."""
     begin, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
     times = _slow_ends(us, times, start_ramp, end_ramp)
     first, last = np.interp([begin, end], us, times)
-    count = int(np.clip((last - first) / NODE_SPACING_S, MIN_NODES, MAX_NODES))
+    count = int(np.clip((last - first) / spacing, MIN_NODES, MAX_NODES))
     nodes = np.interp(np.linspace(first, last, count + 1), times, us)
     nodes = 0.98 * nodes + 0.02 * np.linspace(begin, end, count + 1)
     nodes[0], nodes[-1] = begin, end

@@ -14,7 +14,7 @@ import numpy as np
 
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.point_to_point import go
-from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
+from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move, sparse
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
@@ -117,13 +117,21 @@ def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort)
     if request.failures % 2 == 0:  # else that has just failed, and the rest has all of the effort
         moving = request.state[1] > 0.0
         fresh = effort.part(FRESH_SHARE if moving else FRESH_SHARE_AT_REST)
-        path, problem, bounds = within_horizon(request, first, limits, fresh)
+        onward, older = first, request.older
+        if sparse.improves(request) and older is not None and len(older.u) > LEAST_OLDER:
+            # what was improved before is a better path to begin with than a new spline
+            onward = _path(request, older[:-1], limits)
+        path, problem, bounds = within_horizon(request, onward, limits, fresh)
+        near = sparse.nearer(request, path, limits)
+        if near is not request:
+            path, problem, bounds = within_horizon(near, onward, limits, fresh)
         timing = None
         if not _leaves_range(path, request.state[0], limits):
             timing = optimal.propose(problem, bounds)
-        if timing is not None:
-            return Plan(request.start, path.knots, timing, OPTIMAL)
         effort.back(fresh)
+        if timing is not None:
+            path, timing = sparse.faster(request, problem, bounds, timing, effort)
+            return Plan(request.start, path.knots, timing, OPTIMAL)
     branches = TIMED_BRANCHES if request.timed.any() else BRANCHES
     for number, (dropped, share, timed) in enumerate(branches):
         found = _branch(request, dropped, share, timed, limits, effort)

@@ -28,6 +28,8 @@ class Request:
     whole: whether the trajectory ends at the last of the points.
     reached: how many of the kept knots and points that plan goes to.
     failures: for how many requests in a row, just before, no plan was found.
+    refine: whether the path between waypoints may be what takes the least time. tolerance: how far
+    beside the points it may pass then, rad (or m) in every joint; the last is met exactly.
     """
 
     start: float | None
@@ -45,6 +47,8 @@ class Request:
     whole: bool = False
     reached: int = 0
     failures: int = 0
+    refine: bool = False
+    tolerance: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

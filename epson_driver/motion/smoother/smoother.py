@@ -14,6 +14,9 @@ from epson_driver.motion.smoother.replanning import Planner, Replanning
 from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.waypoints import Mode, Waypoints
 
+MAX_PATH_TOLERANCE = 0.5
+"""The most that a path may pass beside a waypoint, rad (or m) in every joint."""
+
 log = logging.getLogger(__name__)
 
 
@@ -28,11 +31,16 @@ class Smoother:
     Whatever happens to the stream, the arm comes to rest at the last point known, never beyond.
     Should what `step` is about to give out break a limit, the arm brakes from what it gave out
     last, all points are forgotten, an error is logged, and `violations` counts it: that is a
-    defect of this package. `violation` says what the last one was. A planner that raises has found
+    defect of this package. In TIME_OPTIMAL mode the path between waypoints that are far apart is
+    what takes the least time, unless `refine` is False: then it is the spline that it is in
+    TIME_PRESERVING mode. It may pass `path_tolerance` rad (or m) beside each waypoint, in every
+    joint, but for the first and the last; in both modes, where no point has a duration.
+    `violation` says what the last one was. A planner that raises has found
     no plan: the plan so far, which ends at rest, goes on, an error is logged, `planner_errors`
     counts it, and `planner_error` is the last one. `observer` is told of every change of what is
     executed.
-    Raises ValueError for a start that is not n finite numbers within the limits.
+    Raises ValueError for a start that is not n finite numbers within the limits, or a tolerance
+    outside 0 … MAX_PATH_TOLERANCE.
     """
 
     def __init__(
@@ -44,8 +52,15 @@ class Smoother:
         latency: float = 0.0,
         planner: Planner | None = plan,
         observer: Observer | None = None,
+        refine: bool = True,
+        path_tolerance: float = 0.0,
     ) -> None:
-        self._waypoints = Waypoints(limits, position, mode)
+        if not 0.0 <= path_tolerance <= MAX_PATH_TOLERANCE:  # NaN too
+            raise ValueError(
+                f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}'
+            )
+        refine = refine and (mode is Mode.TIME_OPTIMAL or path_tolerance > 0.0)
+        self._waypoints = Waypoints(limits, position, mode, refine, path_tolerance)
         self._execution = Execution(self._waypoints, observer)
         self._replanning = Replanning(self._waypoints, self._execution, planner, latency)
         self._guard = OutputGuard(self.motion)

@@ -74,6 +74,7 @@ class Streaming:
         uses: str = FieldsUsed.BOTH,
         speed: float = 1.0,
         accel: float = 1.0,
+        path_tolerance: float = 0.0,
     ) -> None:
         if acknowledge not in ACKNOWLEDGE:
             raise ValueError(f'acknowledge = {acknowledge!r}: must be one of {ACKNOWLEDGE}')
@@ -92,6 +93,7 @@ class Streaming:
         self._failed = failed
         self._look_ahead = look_ahead
         self._look_ahead_points = look_ahead_points
+        self._path_tolerance = path_tolerance
         self.begun = 0
         self._taken = 0
         self._now = 0.0
@@ -111,6 +113,7 @@ class Streaming:
             position,
             latency=self._latency.value,
             planner=None,
+            path_tolerance=self._path_tolerance,
         )
         self._forget_request()
         self._goal: Array | None = None

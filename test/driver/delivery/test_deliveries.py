@@ -21,6 +21,7 @@ from support.driver_harness import (
     simulated,
 )
 from support.event_loop import now, run, until
+from support.examples import one_in
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
@@ -129,7 +130,7 @@ PLANS = {'line': line, 'there and back': there_and_back, 'dense': dense}
 # ---- the same plans on every controller
 
 
-@pytest.mark.parametrize('name', PROFILES)
+@pytest.mark.parametrize('name', one_in(2, PROFILES))
 def test_the_same_three_plans_succeed_on_every_controller(name):
     async def check():
         async with cell_of(name) as (harness, controller, _):

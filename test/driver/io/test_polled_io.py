@@ -175,7 +175,11 @@ def test_a_cut_link_is_told_and_the_values_come_back():
 @pytest.mark.invariant(9)
 def test_a_port_that_never_answers_ends_each_request_in_its_time(profile):
     async def scenario():
-        quiet = await asyncio.start_server(lambda _reader, _writer: None, '127.0.0.1', 0)
+        async def hear(reader, writer):
+            await reader.read()
+            writer.close()
+
+        quiet = await asyncio.start_server(hear, '127.0.0.1', 0)
         port = quiet.sockets[0].getsockname()[1]
         async with quiet, io_at(profile, (port, port), timeout=0.5) as io:
             await asyncio.sleep(0.2)
