@@ -17,17 +17,8 @@ CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
 """How much faster than commanded the motion may be to make up for lost time; at most, where it
 would reach the trajectory's end too late so; and how closely that ratio is looked for."""
 
-LATE_END_SHARE = 0.05
+LATE_END_SHARE = 0.02
 """What is too late, of the time that is left for the way there."""
-
-MAX_RATIO_ON_THE_WAY = 1.5
-"""The same where the trajectory goes on: what is not known yet may need a lower speed soon."""
-
-KNOWN_IN_STOPPING_TIMES = 1.5
-"""How much of the commanded time must be known to make up for a delay as fast as that."""
-
-LATE_WAY_IN_STOPPING_TIMES = 0.5
-"""What is too late where the motion goes on, besides: what the plan's rest at the end costs."""
 
 GUESS_EXCESS_SHARE = 0.4
 """About how much longer than a plan the guess for it takes, in A/J."""
@@ -60,13 +51,8 @@ def within_horizon(
             bounds = SpeedBounds(problem)
         guess = filtered.filtered(problem, bounds)
         factor = _catch_up(request, path, limits, guess)
-        final = request.whole and not cut
-        most = MAX_CATCH_UP_RATIO
-        if not final:  # and no less is known then, in time, than at the usual ratio
-            known = _known(request, path) / (KNOWN_IN_STOPPING_TIMES * stopping_time(limits))
-            most = min(MAX_RATIO_ON_THE_WAY, CATCH_UP_RATIO * known)
-        if most > CATCH_UP_RATIO and _late_end(request, path, limits, guess, final):
-            factor = np.maximum(factor, _higher_ratio(request, path, limits, effort, most, final))
+        if request.whole and not cut and _late_end(request, path, limits, guess):
+            factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
         problem = problem_of(request, path, limits, factor, effort)
         bounds = SpeedBounds(problem)
     elif cut:
@@ -76,42 +62,29 @@ def within_horizon(
 
 
 def _late_end(
-    request: Request,
-    path: Path,
-    limits: JointLimits,
-    guess: TimeParametrisation | None,
-    final: bool,
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
 ) -> bool:
-    """Return whether a plan like a guess reaches the end of the path too late.
-
-    final: whether the motion ends there. Else it goes on, and loses nothing by a rest.
-    """
+    """Return whether a plan like a guess reaches the end of the path too late."""
     if guess is None:
-        return final
-    clock = request.clock[: len(path.knots.u)]
-    now, end = np.interp([request.state[0], path.end], path.knots.u, clock)
+        return True
+    now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     left = float(end - now) / (request.scale or 1.0)
     faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
-    rest = 0.0 if final else LATE_WAY_IN_STOPPING_TIMES * stopping_time(limits)
-    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left + rest
+    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
 
 
-def _higher_ratio(
-    request: Request, path: Path, limits: JointLimits, effort: Effort, most: float, final: bool
-) -> float:
-    """Return the factor on the commanded speed that is needed to be in time; `most` at most."""
-    low, high = CATCH_UP_RATIO, most
-    for turn in range(1 + CATCH_UP_BISECTIONS):
+def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
+    """Return the factor on the commanded speed that is needed to be in time at the end."""
+    low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
+    for _ in range(CATCH_UP_BISECTIONS):
         effort.spend(OUTSET_US / 2.0)
-        ratio = high if turn == 0 else float(np.sqrt(low * high))
+        ratio = float(np.sqrt(low * high))
         problem = problem_of(request, path, limits, ratio, effort)
         guess = filtered.filtered(problem, SpeedBounds(problem))
-        if not _late_end(request, path, limits, guess, final):
-            high = ratio
-        elif turn == 0:
-            break  # nothing slower is enough either
-        else:
+        if _late_end(request, path, limits, guess):
             low = ratio
+        else:
+            high = ratio
     return high
 
 
@@ -137,17 +110,12 @@ def _catch_up(
         late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
         late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
         late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
-    known = _known(request, path) / stopping_time(limits)
+    spare = float(request.clock[-1]) - float(
+        np.interp(request.state[0], knots, request.clock[: len(knots)])
+    )
     # with less known than a stop takes, the time that was lost would be lost again in a stop
-    share = np.clip((known - 1.0) / (KNOWN_IN_STOPPING_TIMES - 1.0), 0.0, 1.0)
+    share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
     return 1.0 + np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, share) * (CATCH_UP_RATIO - 1.0)
-
-
-def _known(request: Request, path: Path) -> float:
-    """Return how much commanded time is known ahead, s."""
-    knots = path.knots.u
-    now = float(np.interp(request.state[0], knots, request.clock[: len(knots)]))
-    return float(request.clock[-1]) - now
 
 
 def stopping_time(limits: JointLimits) -> float:

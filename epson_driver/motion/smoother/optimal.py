@@ -49,13 +49,6 @@ rounds there are more of them then."""
 MAX_ROUNDS = 4
 """Each round begins with the timing of the one before and uses less where it exceeded a limit."""
 
-MAX_EASED_RATIO, MAX_EASINGS, EASING_WIDTH = 1.08, 2, 4
-"""A limit exceeded by no more than this is made up for by going slower there, without another
-round; how often that is tried; and over how many coefficients to each side it fades out."""
-
-EASING_RESERVE_SHARE = 2e-3
-"""How much slower than it would take, relative."""
-
 MAX_GENTLER_RAMPS, GENTLER_RAMP_RATIO = 20, 0.7
 """How often a ramp that exceeds a limit is made gentler, and by how much each time."""
 
@@ -103,9 +96,6 @@ def propose(
         result = problem.usage(timing)
         if result.allowed:
             return timing
-        eased = _eased(problem, spline, result)
-        if eased is not None:
-            return eased
         if result.inside or len(_excess(result)[0]) > 0:
             excess.append(_excess(result))
         else:
@@ -114,53 +104,6 @@ def propose(
             places, ratio = excess.pop()
             places = places[ratio > NODES_TOO_FAR_APART_RATIO]
             spline = _finer(problem, spline, timing, places)
-        elif result.positions[_ratio(result) > 1.0].max(initial=0.0) > spline.nodes[-3]:
-            spline = _gentler_end(problem, spline)
-    return None
-
-
-def _gentler_end(problem: Problem, spline: SpeedSpline) -> SpeedSpline | None:
-    """Return a spline with a gentler ramp to its end, on which its last coefficients depend."""
-    ramp = Ramp(GENTLER_RAMP_RATIO**2 * spline.end_ramp.jerk, spline.end_ramp.time)
-    nodes = np.append(spline.nodes[:-1], problem.end - ramp.length)
-    speeds = np.sqrt(np.maximum(spline.coefficients, 0.0))
-    return _of_speeds(problem, nodes, speeds, spline.start_ramp, ramp)
-
-
-def _eased(
-    problem: Problem, spline: SpeedSpline, result: LimitUsage
-) -> TimeParametrisation | None:
-    """Return the verified timing of a spline that is slower where it hardly exceeds a limit.
-
-    Whatever is allowed is so, too, at a lower speed: with less of x, x′ and x″ alike there is less
-    of everything, but where that fades out. At the ends the spline stays.
-    """
-    for _ in range(MAX_EASINGS):
-        us, ratio = _excess(result)
-        if not len(us) or ratio.max() > MAX_EASED_RATIO or problem.effort.used_up:
-            return None
-        # x is in the velocity by its root, in the acceleration as it is, in the jerk as x^(3/2)
-        much = np.maximum(
-            np.maximum(result.velocity**2, result.acceleration), result.jerk ** (2.0 / 3.0)
-        )[np.isin(result.positions, us)]
-        nodes = spline.nodes
-        interval = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(nodes) - 2)
-        less = np.zeros(len(spline.coefficients))
-        for beside in range(3):  # the coefficients of an interval
-            np.maximum.at(less, interval + beside, (1.0 + EASING_RESERVE_SHARE) * much - 1.0)
-        windows = np.lib.stride_tricks.sliding_window_view
-        width = EASING_WIDTH
-        most = windows(np.pad(less, width), 2 * width + 1).max(axis=1)
-        most[:2] = most[-2:] = 0.0
-        less = windows(np.pad(most, width), 2 * width + 1).mean(axis=1)
-        less[:2] = less[-2:] = 0.0
-        spline = dataclasses.replace(spline, coefficients=spline.coefficients / (1.0 + less))
-        timing = spline.timing(problem.start, problem.end)
-        if timing is None:
-            return None
-        result = problem.usage(timing)
-        if result.allowed:
-            return timing
     return None
 
 
@@ -205,17 +148,12 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
 
 def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ramp:
     """Return a ramp, gentler if it would exceed a limit where the path bends at its end."""
-    limits, knots = problem.limits, problem.path.knots.u
+    limits = problem.limits
+    times = ramp.time * _ALONG_RAMP
     jerk = ramp.jerk
     for _ in range(MAX_GENTLER_RAMPS):
-        ways = jerk * (ramp.time * _ALONG_RAMP) ** 3 / 6.0
-        # jerk jumps at the knots of the path: both sides of those on the ramp
-        passed = inward * (knots - end)
-        passed = passed[(passed > _BESIDE) & (passed < ways[-1])]
-        ways = np.concatenate((ways, passed - _BESIDE, passed + _BESIDE))
-        times = np.cbrt(6.0 * ways / jerk)
         v, a = jerk * times[:, None] ** 2 / 2.0, inward * jerk * times[:, None]
-        _, first, second, third = problem.path.sample(end + inward * ways)
+        _, first, second, third = problem.path.sample(end + inward * jerk * times**3 / 6.0)
         accelerations = np.abs(first * a + second * v**2) / limits.acceleration
         jerks = np.abs(first * jerk + 3.0 * second * v * a + third * v**3) / limits.jerk
         if (
@@ -392,15 +330,9 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
 
 def _excess(result: LimitUsage) -> Excess:
     """Return where a timing exceeds the limits, and by how much."""
-    ratio = _ratio(result)
+    ratio = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
     where = ratio > 1.0
     return result.positions[where], ratio[where]
-
-
-def _ratio(result: LimitUsage) -> Array:
-    """Return how many times the limit is used that is used most, shape (m,)."""
-    ratio: Array = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
-    return ratio
 
 
 def _share(excess: list[Excess], nodes: Array) -> Array:

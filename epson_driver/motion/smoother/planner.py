@@ -8,12 +8,10 @@ simulated controller plans in a process of its own.
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 
 import numpy as np
 
 from epson_driver.motion.limits import JointLimits
-from epson_driver.motion.point_to_point import go
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move, sparse
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, OUTSET_US, Effort
@@ -23,22 +21,20 @@ from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-STRAIGHT_SHARE, URGENT_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.7, 0.8
-FRESH_SHARE, FRESH_SHARE_AT_REST = 0.55, 0.55
+STRAIGHT_SHARE, URGENT_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.9, 0.8
+FRESH_SHARE, FRESH_SHARE_AT_REST = 0.7, 0.55
 """Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
 for each branch of the plan so far; for each part of the path. And for a plan as if there were none
 so far."""
 
 SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
-"""Parts of the knots in sight to plan for where there is no plan for all of them; after which
-branch."""
+"""Parts of the path to plan for where there is no plan for all of it; after which branch."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
-BRANCHES = ((0, 0.55, True), (1, 0.15, True), (0, 0.4, True), (0, 0.15, True), (0, 0.75, True))
+BRANCHES = ((1, 0.15, True), (0, 0.4, True), (0, 0.15, True), (0, 0.75, True))
 TIMED_BRANCHES = (
-    (0, 0.55, True),
     (1, 0.15, True),
     (0, 0.15, True),
     (0, 0.15, False),
@@ -87,29 +83,9 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     if found is None and request.urgent:
         urgent.back(effort)  # what is left of it, or was used too much
         found = _any(request, first, limits, urgent)
-        if (
-            found is not None
-            and straight is not None
-            and _slower_than_stops(request, found, limits)
-        ):
-            found = None
     if found is None and straight is not None:
         found = _straight(request, limits, straight)
     return found
-
-
-def _slower_than_stops(request: Request, plan_: Plan, limits: JointLimits) -> bool:
-    """Return whether a plan from rest takes longer than to stop at each point, and than commanded.
-
-    A sharp bend slows one move along all of the path down to its own pace.
-    """
-    path, timing = Path(plan_.knots), plan_.timing
-    passed = path.knots.u < timing.end
-    ways = np.vstack([path.knots.position[passed], path.at(timing.end)[0]])
-    stops = sum(go(limits, start, target).duration for start, target in pairwise(ways))
-    clock = np.interp([path.knots.u[0], timing.end], path.knots.u, request.clock[: len(passed)])
-    commanded = float(clock[1] - clock[0]) if request.timed.any() else 0.0
-    return timing.duration > max(stops, commanded) / request.scale
 
 
 def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
@@ -257,12 +233,8 @@ def _same(one: Knots, other: Knots) -> bool:
 def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan to a knot before the end of the path, which may bend badly there."""
     begin = request.state[0]
-    if effort.used_up:
-        return None
-    path, _, _ = within_horizon(request, path, limits, effort)
-    behind = path.segment(begin) + 1
     for share in SHORTER_SHARES:
-        count = behind + round(share * (len(path.knots.u) - behind))
+        count = int(path.knots.u.searchsorted(begin + share * (path.end - begin), side='right'))
         if count <= max(request.reached, 2) or count == len(path.knots.u) or effort.used_up:
             continue
         part = Path(path.knots[:count])
