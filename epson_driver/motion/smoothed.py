@@ -96,17 +96,19 @@ def thinned(
     spacing: float,
     deviation: float = np.inf,
     mode: Mode = Mode.TIME_PRESERVING,
+    *,
+    refine: bool = True,
 ) -> Trajectory:
     """Return few points whose straight joint-space ways keep near a trajectory's smooth motion.
 
     They are `spacing` to twice that apart, s: of the trajectory's own points those that are far
     enough apart, when the motion passes them, and others where there are too few. Where a way
     would be farther than `deviation` (rad, m, any joint) from the motion they are nearer to each
-    other; the last two may be too. Raises as `smoothed`.
+    other; the last two may be too. refine: as in `Smoother`. Raises as `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
-    motion = smoothed(trajectory, limits, mode)
+    motion = smoothed(trajectory, limits, mode, refine=refine)
     times, positions = _own_points(trajectory, motion)
     kept = [0]
     for index, time in enumerate(times.tolist()):

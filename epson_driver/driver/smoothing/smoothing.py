@@ -51,8 +51,9 @@ def smoothed_trajectory(
 ) -> Trajectory:
     """Return what to send for a checked trajectory of an arm that rests at `start`, (n,), rad.
 
-    It begins at the first point, or at `start` if that point has a time. Raises ValueError that
-    says why there is no such motion.
+    It begins at the first point, or at `start` if that point has a time. Between the points it is
+    the spline through them: who planned them has checked no path that bends more. Raises
+    ValueError that says why there is no such motion.
     """
     if trajectory.times[0] > 0.0:
         trajectory = Trajectory(
@@ -64,9 +65,16 @@ def smoothed_trajectory(
         return retimed(trajectory, limits) if smoothing.time_optimal else trajectory
     mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
     if smoothing.thin:
-        motion = thinned(trajectory, limits, smoothing.resample_period, smoothing.deviation, mode)
+        motion = thinned(
+            trajectory,
+            limits,
+            smoothing.resample_period,
+            smoothing.deviation,
+            mode,
+            refine=False,
+        )
     else:
-        motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period)
+        motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period, refine=False)
     wrong = list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS))
     if wrong:
         raise ValueError('; '.join(wrong))

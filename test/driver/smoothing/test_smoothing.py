@@ -14,6 +14,8 @@ from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
 from epson_driver.motion import Trajectory, problems
 from epson_driver.motion.passages import passed
+from epson_driver.motion.smoothed import smoothed
+from epson_driver.motion.smoother import Mode
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 
@@ -64,6 +66,18 @@ def test_time_optimal_needs_no_times_and_is_the_same_with_them():
     assert np.array_equal(motion.positions, same.positions)
     assert motion.duration <= resampled(0.004).duration
     assert motion.duration < resampled(0.004, plan=replace(PLAN, times=2.0 * PLAN.times)).duration
+
+
+@pytest.mark.parametrize('thin', [False, True])
+def test_a_goal_is_never_sent_along_the_faster_path_that_no_planner_has_checked(thin):
+    """Between its points a plan is followed on the spline through them."""
+    plan = untimed(POSITIONS_ONLY, LIMITS)
+    sent = smoothed_trajectory(plan, START, LIMITS, Smoothing(0.004, time_optimal=True, thin=thin))
+    spline, free = (
+        smoothed(plan, LIMITS, Mode.TIME_OPTIMAL, refine=refine) for refine in (False, True)
+    )
+    assert sent.duration == pytest.approx(spline.duration, abs=0.005)
+    assert free.duration < spline.duration - 0.02
 
 
 def test_retiming_keeps_the_points_of_the_plan():
