@@ -124,7 +124,7 @@ def test_no_plan_costs_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPat
     assert 0.0 < max(spent) <= 1.25 * MAX_EFFORT_AT_REST_US
 
 
-@pytest.mark.parametrize('pace', [1.2, 1.3, 1.5])
+@pytest.mark.parametrize('pace', [1.2, 1.22, 1.3, 1.5])
 @pytest.mark.parametrize(
     'stations', [(0.0, 0.5), (0.0, 0.1, 0.9), (0.0, 0.3, 0.6, 0.9), (0.0, 0.05, 0.1)]
 )

@@ -17,7 +17,7 @@ CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
 """How much faster than commanded the motion may be to make up for lost time; at most, where it
 would reach the trajectory's end too late so; and how closely that ratio is looked for."""
 
-LATE_END_SHARE = 0.05
+LATE_END_SHARE = 0.02
 """What is too late, of the time that is left for the way there."""
 
 GUESS_EXCESS_SHARE = 0.4
