@@ -10,6 +10,7 @@ pytest.importorskip('rclpy')
 from benchmark.servo import DURATION_S, KINDS, SHORT, THOROUGH, best_lag
 from benchmark.servo_results import Dropout, Lag, Results, Trace, read, report, write
 from benchmark.servo_streams import STREAMS, WAVES, Arm
+from benchmark.servo_user import Recording
 from epson_driver.node.setpoint_messages import from_trajectory
 from epson_driver.profiles import load_controller_profile
 
@@ -37,6 +38,31 @@ def test_a_wave_begins_where_the_arm_stands_and_its_velocity_is_that_of_its_way(
     np.testing.assert_allclose(
         slopes[smooth & ~jumps], velocities[:-1][smooth & ~jumps], atol=0.02
     )
+
+
+@pytest.mark.parametrize('name', WAVES)
+def test_a_wave_ends_where_it_began_so_that_no_number_of_runs_reaches_the_end_of_the_range(name):
+    assert WAVES[name](DURATION_S)[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_was_recorded_is_of_one_moment_though_joint_states_go_on_coming():
+    class Listening:
+        """Gets another joint state whenever somebody looks."""
+
+        def __init__(self):
+            self._states = []
+
+        @property
+        def states(self):
+            self._states.append((10.0 + len(self._states), [0.5, 0.0], [-0.2, 0.1]))
+            return self._states
+
+    user = Listening()
+    assert len(user.states) == 1
+    taken = Recording(user, 10.0, [0.3, 0.0]).taken()
+    assert len(taken.times) == len(taken.ways) == len(taken.positions) == 2
+    np.testing.assert_allclose(taken.ways, 0.2)
+    np.testing.assert_allclose(taken.fastest, [0.2, 0.1])
 
 
 def test_a_window_is_what_the_driver_takes():
