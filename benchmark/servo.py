@@ -132,21 +132,32 @@ def dropped(user: User, kind: str, at: float) -> Dropout:
     recording = user.stream('positions', wave, at, 50.0)
     rested = user.rest()
     taken = recording.taken()
-    times, ways = taken.times, taken.ways
-    last, velocity = wave(at)
-    ahead = float(np.max((ways[times >= 0.0] - last) * np.sign(velocity)))
     limits = MODEL.limits
     inside = bool(
         np.all((taken.positions >= limits.position_min) & (taken.positions <= limits.position_max))
     )
+    past, beyond = where_it_rests(taken.ways, wave, at)
     return Dropout(
         kind,
         at,
         max(rested - recording.begin - at, 0.0),
-        max(ahead, 0.0) if velocity else 0.0,
+        past,
+        beyond,
         float(np.max(taken.fastest / limits.velocity)),
         inside,
     )
+
+
+def where_it_rests(ways: Array, wave: Wave, at: float) -> tuple[float, float]:
+    """Return how far past the last setpoint an arm rests, and how far beyond all that was sent.
+
+    ways: of the arm from the stream's begin until it rested, rad, shape (k,). Past is in the
+    direction in which the setpoints went, rad; negative: before the last one.
+    """
+    sent = np.array([wave(t)[0] for t in np.linspace(0.0, at, 1001)])
+    last, velocity = wave(at)
+    past = float((ways[-1] - last) * (np.sign(velocity) or 1.0))
+    return past, float(max(ways.max() - sent.max(), sent.min() - ways.min(), 0.0))
 
 
 def run_kind(name: str, runs: Iterable[Run], dropouts: Iterable[float], results: Results) -> None:
