@@ -82,7 +82,7 @@ def test_where_an_arm_rests_is_measured_at_its_end_and_in_the_direction_of_the_s
     ways = np.array([0.0, 0.2, 0.403, last - 0.01])
     past, beyond = where_it_rests(ways, sine, 1.3)
     assert past == pytest.approx(0.01)
-    assert beyond == pytest.approx(0.003)
+    assert beyond == pytest.approx(0.003, abs=1e-6)
     past, beyond = where_it_rests(np.array([0.0, 0.2, last + 0.01]), sine, 1.3)
     assert past == pytest.approx(-0.01)
     assert beyond == 0.0
