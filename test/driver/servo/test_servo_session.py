@@ -543,6 +543,35 @@ def test_inv9_a_setpoint_that_is_not_answered_stops_and_disables():
     run(check())
 
 
+@pytest.mark.parametrize(('period', 'points'), [(0.02, (18, 22)), (0.1, (4, 6))])
+def test_points_are_as_far_apart_as_the_controller_needs(period, points):
+    async def check():
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+            harness.driver.servo.settings = ServoSettings(period=period)
+            await harness.ready()
+            await harness.commands.enable()
+            await send(harness, ramp(), 0.4)
+            assert points[0] <= len(scripted.received) <= points[1]
+
+    run(check())
+
+
+@pytest.mark.invariant(3)
+def test_inv3_an_arm_that_gets_few_points_brakes_as_soon_as_its_stream_is_silent():
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            harness.driver.servo.settings = ServoSettings(period=0.2)
+            await send(harness, jog(), 1.0)
+            sent = harness.at[0]
+            await over(harness)
+            # silence, until the next point, what the controller knew, and the way of a stop
+            assert harness.at[0] - sent < SPEED * (0.1 + 0.2 + 0.3 + 0.1)
+            assert harness.at[0] - sent > 0.0
+            assert harness.gate is None
+
+    run(check())
+
+
 @pytest.mark.invariant(4)
 def test_inv4_nothing_follows_a_stop_on_the_wire():
     async def check():
