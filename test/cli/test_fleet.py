@@ -21,7 +21,7 @@ from support.interrupts import obey_interrupts
 
 from epson_driver.cli import discovery_server, fleet, process_figures, processes
 from epson_driver.cli.fleet import Row, is_up, table
-from epson_driver.cli.fleet_watch import Seen
+from epson_driver.cli.fleet_watch import Seen, Watch
 from epson_driver.cli.interrupt import interrupts_held
 from epson_driver.cli.process_figures import NOTHING, Use
 from epson_driver.cli.processes import RunError
@@ -317,3 +317,29 @@ def test_a_fleet_that_cannot_start_says_why(
         for number, handler in zip(fleet.SIGNALS, before, strict=True):
             signal.signal(number, handler)
     assert 'fleet failed: no ROS domain is free' in capsys.readouterr().out
+
+
+def test_a_robot_that_is_forgotten_is_not_connected_and_answers_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, value in processes.ros_environment(processes.free_ros_domain()).items():
+        monkeypatch.setenv(name, value)
+    watch = Watch(['robot_1', 'robot_2'])
+    try:
+        for name in ('robot_1', 'robot_2'):
+            watch._links[name] = 'connected'
+            watch._calls[name] = (0.0, None)
+        watch.forget('robot_1')
+        assert watch.connected() == ['robot_2']
+        for name in ('robot_1', 'robot_2'):
+            watch._on_answer(name, None)
+        assert list(watch._answers) == ['robot_2']
+    finally:
+        watch.close()
+
+
+@pytest.mark.skipif(not process_figures.available(), reason='Linux only')
+def test_a_process_that_has_ended_uses_nothing() -> None:
+    ended = subprocess.Popen(['/bin/true'])
+    ended.wait()
+    assert process_figures.use(ended.pid) == NOTHING
