@@ -1,12 +1,7 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Each request of ROS has its answer, whatever fails, also when the driver has ended.
+"""Each goal ends once, and each setpoint is taken or refused, whatever fails meanwhile."""
 
-Without ROS: what the executor would do with a coroutine is done here by hand.
-"""
-
-import asyncio
-from contextvars import copy_context
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,8 +9,7 @@ import pytest
 from control_msgs.action import GripperCommand
 from control_msgs.msg import JointJog
 from rclpy.action import CancelResponse
-from rclpy.action.server import GoalStatus
-from std_srvs.srv import Trigger
+from support.request_harness import Made, RosHandle, done
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.arm_commands import CommandError
@@ -25,75 +19,11 @@ from epson_driver.node import goal_action, goal_server, gripper_server
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.gripper_server import GripperServer
-from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
+from epson_driver.node.loop_bridge import DriverEndedError
 from epson_driver.node.servo_interface import ServoInterface
 from epson_driver.robots import load_robot_model
 
 LIMITS = load_robot_model('c3_a601s').limits
-
-
-class Log:
-    """A node's logger."""
-
-    def __init__(self):
-        self.lines = []
-
-    def __getattr__(self, severity):
-        return lambda text: self.lines.append((severity, text))
-
-
-class Node:
-    """What the interfaces make of a node: services and subscriptions by their names."""
-
-    def __init__(self):
-        self.log = Log()
-        self.services = []
-        self.served = {}
-        self.taken = {}
-        self.executor = SimpleNamespace(wake=lambda: None)
-
-    def get_logger(self):
-        return self.log
-
-    def get_clock(self):
-        return None
-
-    def create_service(self, _kind, name, answer, **_):
-        self.served[name] = answer
-
-    def create_subscription(self, _kind, topic, callback, *_, **__):
-        self.taken[topic] = callback
-
-    def create_publisher(self, *_):
-        return None
-
-
-def done(coroutine):
-    """Return what a coroutine returns that waits for nothing."""
-    with pytest.raises(StopIteration) as end:
-        coroutine.send(None)
-    return end.value.value
-
-
-class Made:
-    """A bridge in a loop that runs only when it is told to."""
-
-    def __init__(self):
-        self.node = Node()
-        self.loop = asyncio.new_event_loop()
-        self.faults = []
-
-        async def make():
-            return LoopBridge(self.node, copy_context(), self.faults.append)
-
-        self.bridge = self.loop.run_until_complete(make())
-
-    def turn(self):
-        self.loop.run_until_complete(asyncio.sleep(0))
-
-    def end(self):
-        self.loop.close()
-        self.bridge.end()
 
 
 @pytest.fixture
@@ -103,106 +33,7 @@ def made():
     found.loop.close()
 
 
-# --- the bridge -------------------------------------------------------------------------------
-
-
-@pytest.mark.invariant(9)
-def test_a_service_that_fails_answers_so_and_stops_the_arm(made):
-    async def serve(_request, _response):
-        raise ZeroDivisionError('made for this test')
-
-    made.bridge.create_service(Trigger, '~/enable', serve, None)
-    answer = done(made.node.served['~/enable'](Trigger.Request(), Trigger.Response()))
-    why = '~/enable failed: ZeroDivisionError: made for this test'
-    assert not answer.success
-    assert answer.message == f'{why}; the arm is stopped and disabled; the log has more'
-    made.turn()
-    assert made.faults == [why]
-    ((severity, text),) = made.node.log.lines
-    assert severity == 'error'
-    assert 'Traceback' in text
-
-
-@pytest.mark.invariant(9)
-def test_a_driver_that_has_ended_is_named_in_every_answer(made):
-    async def late(_request, _response):
-        return await made.bridge.in_loop(lambda: asyncio.sleep(0))
-
-    async def failing(_request, _response):
-        raise ZeroDivisionError
-
-    made.bridge.create_service(Trigger, 'late', late, None)
-    made.bridge.create_service(Trigger, 'failing', failing, None)
-    made.end()
-    answers = {
-        name: done(serve(Trigger.Request(), Trigger.Response()))
-        for name, serve in made.node.served.items()
-    }
-    assert not any(each.success for each in answers.values())
-    assert answers['late'].message == 'the driver has ended'
-    assert answers['failing'].message.endswith('; the driver has ended')
-    with pytest.raises(DriverEndedError):
-        made.bridge.to_loop(print)
-    with pytest.raises(DriverEndedError):
-        made.bridge.create_future()
-
-
-@pytest.mark.invariant(9)
-def test_a_request_that_is_dropped_with_its_executor_is_no_failure(made):
-    async def serve(_request, _response):
-        return await made.bridge.wait_for(made.bridge.create_future())
-
-    made.bridge.create_service(Trigger, '~/stop', serve, None)
-    waiting = made.node.served['~/stop'](Trigger.Request(), Trigger.Response())
-    waiting.send(None)
-    waiting.close()
-    made.turn()
-    assert made.faults == []
-
-
-@pytest.mark.invariant(5)
-def test_what_waits_is_answered_once_and_at_the_latest_at_the_end(made):
-    first, second = made.bridge.create_future(), made.bridge.create_future()
-    made.bridge.resolve(first, 'an answer')
-    made.bridge.resolve(first, 'another')
-    assert first.result() == 'an answer'
-    made.end()
-    assert isinstance(second.result(), DriverEndedError)
-    with pytest.raises(DriverEndedError):
-        done(made.bridge.wait_for(second))
-
-
 # --- goals ------------------------------------------------------------------------------------
-
-
-class RosHandle:
-    """A goal of ROS. `cancels`: after how many looks it is seen to be canceled."""
-
-    def __init__(self, cancels=None, request=None):
-        self._looks = 0
-        self._cancels = cancels
-        self.goal_id = SimpleNamespace(uuid=bytes(16))
-        self.request = request
-        self.ended = []
-
-    @property
-    def is_cancel_requested(self):
-        self._looks += 1
-        return self._cancels is not None and self._looks > self._cancels
-
-    @property
-    def status(self):
-        canceling = self._cancels is not None
-        return GoalStatus.STATUS_CANCELING if canceling else GoalStatus.STATUS_EXECUTING
-
-    def succeed(self):
-        self.ended.append('succeeded')
-
-    def canceled(self):
-        self.ended.append('canceled')
-
-    def abort(self):
-        self.ended.append('aborted')
 
 
 class Queue:
