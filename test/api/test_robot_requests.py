@@ -64,6 +64,10 @@ def test_each_request_has_the_driver_s_own_answer(cell):
         assert 'enabled' in robot.enable()
         robot.move_waypoints([[0.02, 0, 0, 0, -0.5, 0], [0.04, 0, 0, 0, -0.5, 0]])
         assert robot.joints[:2] == pytest.approx([0.04, 0.0], abs=1e-3)
+        here = robot.joints
+        times, there = [0.0, 0.2], [here, here + 0.005]
+        assert robot.move_trajectory(times, there).duration == pytest.approx(0.2)
+        assert robot.joints == pytest.approx(there[-1], abs=1e-3)
         assert robot.ros_pose[:3] == pytest.approx(robot.tool_pose[:3, 3])
         assert np.linalg.norm(robot.ros_pose[3:]) == pytest.approx(1.0)
         robot.set_speed_scaling(0.5)

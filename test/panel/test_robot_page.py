@@ -178,3 +178,12 @@ def test_outputs_that_are_gone_have_no_buttons(made: Page) -> None:
     while 'Switch output' in made.client.labels:
         assert time.monotonic() < until
         time.sleep(0.01)
+
+
+def test_trajectories_for_another_number_of_joints_are_not_offered(made: Page) -> None:
+    made.page.trajectories['way'] = WAY  # type: ignore[index]
+    made.controls.refresh()
+    assert made.controls._chosen.options == ('way',)
+    made.robot.state.joint_names = NAMES[:4]
+    made.controls.refresh()
+    assert made.controls._chosen.options == ('none',)
