@@ -13,7 +13,6 @@ import threading
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.panel.access import is_loopback
 from epson_driver.panel.request_error import RequestError
 from epson_driver.panel.robot_state import Simulation
@@ -64,7 +63,7 @@ class SimPendant:
 
     def _start(self) -> None:
         self._task = self._loop.create_task(self._run())
-        self._task.add_done_callback(report_task_error)
+        self._task.add_done_callback(_report)
 
     async def _run(self) -> None:
         while not self.real:
@@ -164,6 +163,12 @@ class PendantThread:
         self._on_error(
             'a pendant failed', context.get('exception') or RuntimeError(context['message'])
         )
+
+
+def _report(task: 'asyncio.Task[None]') -> None:
+    """Report what a pendant's task raised; asyncio would when the task is thrown away."""
+    if not task.cancelled() and (error := task.exception()) is not None:
+        task.get_loop().call_exception_handler({'message': 'a pendant failed', 'exception': error})
 
 
 async def _in_time(answer: Awaitable[str]) -> str:

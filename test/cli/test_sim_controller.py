@@ -244,10 +244,12 @@ def test_a_robot_with_too_many_joints_is_refused_with_the_limit(tmp_path):
 
 
 def test_a_fault_and_a_look_ahead_from_the_start(start):
-    _, ports = start('--look-ahead', '0.4', '--fault', 'cut:port=state,after=3600')
+    process, ports = start('--look-ahead', '0.4', '--fault', 'cut:port=state,after=3600')
     (faults,) = remote(ports['remote'], '$Sim,fault,list')
     assert faults.startswith('#Sim,cut')
     assert 'port=state' in faults
+    process.terminate()
+    assert process.wait(60) == 0
 
 
 @pytest.mark.parametrize(
