@@ -111,7 +111,7 @@ def test_a_connection_that_fails_leaves_no_thread_and_can_be_tried_again():
     lost = Robot(motion_port=port, state_port=port, io_port=0)
     with pytest.raises(RobotError, match='refused'):
         lost.connect(0.3)
-    assert threading.active_count() == before
+    assert threading.active_count() <= before
     with pytest.raises(RobotError, match=r'call connect\(\)'):
         lost.enable()
     with pytest.raises(RobotError, match='refused'):
@@ -168,17 +168,9 @@ def test_a_loop_does_not_wait_for_itself():
 
 def test_a_time_out_cancels_what_was_waited_for():
     thread = LoopThread('test')
-    ended = []
-
-    async def forever():
-        try:
-            await asyncio.sleep(3600.0)
-        finally:
-            ended.append(True)
-
     with pytest.raises(TimeoutError, match=r'not ended within 0\.01 s'):
-        thread.run(forever, 0.01)
-    assert ended == [True]
+        thread.run(lambda: asyncio.sleep(3600.0), 0.01)
+    assert thread.call(lambda: len(asyncio.all_tasks())) == 1  # that which looks
     thread.close()
 
 
@@ -201,14 +193,13 @@ def instead(tmp_path, monkeypatch):
         path.write_text(f'#!/bin/sh\n{script}\n')
         path.chmod(0o755)
         monkeypatch.setattr(simulation.sys, 'executable', str(path))
-        controller = SimulatedController(['--robot', 'mars'])
-        return controller, monkeypatch
+        return SimulatedController(['--robot', 'mars'])
 
     return run
 
 
 def test_a_controller_that_does_not_start_names_the_command_that_shows_why(instead):
-    controller, _ = instead('echo no such robot; exit 2')
+    controller = instead('echo no such robot; exit 2')
 
     async def scenario():
         with pytest.raises(AnyRobotError, match=r'epson_driver sim_controller --robot mars$'):
@@ -220,8 +211,9 @@ def test_a_controller_that_does_not_start_names_the_command_that_shows_why(inste
 
 
 @pytest.mark.invariant(9)
-def test_a_controller_that_neither_listens_nor_ends_is_killed(instead, monkeypatch):
-    controller, _ = instead('trap "" TERM\nexec sleep 1000')
+def test_a_controller_that_neither_listens_nor_ends_is_killed(instead, monkeypatch, tmp_path):
+    deaf = tmp_path / 'deaf'
+    controller = instead(f'trap "" TERM\ntouch {deaf}\nexec sleep 1000')
     monkeypatch.setattr(simulation, 'START_TIMEOUT_S', 0.2)
     monkeypatch.setattr(simulation, 'END_TIMEOUT_S', 0.05)
 
@@ -229,6 +221,8 @@ def test_a_controller_that_neither_listens_nor_ends_is_killed(instead, monkeypat
         with pytest.raises(AnyRobotError, match=r'did not listen within 0\.2 s'):
             await controller.start()
         process = controller._process
+        while not deaf.exists():
+            await asyncio.sleep(0.01)
         await controller.close()
         assert process.returncode == -9
 
