@@ -221,7 +221,7 @@ def test_a_controller_that_neither_listens_nor_ends_is_killed(instead, monkeypat
         with pytest.raises(AnyRobotError, match=r'did not listen within 0\.2 s'):
             await controller.start()
         process = controller._process
-        while not deaf.exists():
+        while not deaf.exists():  # noqa: ASYNC110 - another process makes it
             await asyncio.sleep(0.01)
         await controller.close()
         assert process.returncode == -9
