@@ -82,6 +82,7 @@ def test_each_request_has_the_driver_s_own_answer(cell):
         assert robot.status.connected
 
 
+@pytest.mark.slow
 def test_the_gripper_opens_closes_and_says_its_state(cell):
     with cell.robot(settings=Settings(gripper=WIRING)) as robot:
         cell.call(lambda: TwoJaws(cell.controller, WIRING))
@@ -110,12 +111,12 @@ def test_a_connection_that_fails_leaves_no_thread_and_can_be_tried_again():
     port = vacant_port()
     lost = Robot(motion_port=port, state_port=port, io_port=0)
     with pytest.raises(RobotError, match='refused'):
-        lost.connect(0.3)
+        lost.connect(0.1)
     assert threading.active_count() <= before
     with pytest.raises(RobotError, match=r'call connect\(\)'):
         lost.enable()
     with pytest.raises(RobotError, match='refused'):
-        lost.connect(0.3)
+        lost.connect(0.1)
 
 
 @pytest.mark.invariant(9)

@@ -243,6 +243,7 @@ def test_a_robot_with_too_many_joints_is_refused_with_the_limit(tmp_path):
     assert 'Traceback' not in result.stderr
 
 
+@pytest.mark.slow
 def test_a_fault_and_a_look_ahead_from_the_start(start):
     process, ports = start('--look-ahead', '0.4', '--fault', 'cut:port=state,after=3600')
     (faults,) = remote(ports['remote'], '$Sim,fault,list')

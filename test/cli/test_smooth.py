@@ -165,6 +165,7 @@ def test_plans_of_one_point():
         assert measure(motion, None, LIMITS).stops == 0
 
 
+@pytest.mark.slow
 def test_stops_that_the_plan_asks_for_are_told_apart(run, tmp_path):
     """There, and after a rest back again."""
     points = [

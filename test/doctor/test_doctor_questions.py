@@ -40,7 +40,7 @@ VACANT = 1
 """A port of this machine at which nobody listens."""
 
 
-def sends(*messages, period=0.05, times=None):
+def sends(*messages, period=0.2, times=None):
     """Return a state port that sends the messages in one piece, again and again."""
     data = b''.join(encode(topic(message), LITTLE_ENDIAN) for message in messages)
 
@@ -308,7 +308,7 @@ def test_no_point_is_sent_to_motors_that_were_switched_on_meanwhile():
             for message in (JOINTS, dataclasses.replace(OFF, drives_powered=motors['on'])):
                 writer.write(encode(topic(message), LITTLE_ENDIAN))
             await writer.drain()
-            await asyncio.sleep(0.05)
+            await asyncio.sleep(0.2)
 
     def take(message):
         asked.append(message.sequence)

@@ -105,6 +105,7 @@ def lonely(tmp_path, monkeypatch):
     found.witness.close()
 
 
+@pytest.mark.slow
 def test_a_cell_that_has_said_nothing_has_no_positions_and_cannot_be_enabled(lonely):
     assert not lonely.witness.wait_for_state(0.1)
     with pytest.raises(RunError, match='has not said yet where the joints are'):

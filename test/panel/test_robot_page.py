@@ -138,6 +138,7 @@ def test_a_model_that_is_not_known_any_more_is_not_drawn(made: Page) -> None:
     assert made.page._joints.content == ''
 
 
+@pytest.mark.slow
 def test_a_window_that_is_not_armed_shows_the_speed_of_the_driver(made: Page) -> None:
     made.robot.state.speed = 0.4
     made.controls.refresh()
@@ -168,6 +169,7 @@ def test_what_is_not_there_is_not_switched_and_not_executed(made: Page) -> None:
     assert made.robot.written == [(8, 1), (9, 0)]
 
 
+@pytest.mark.slow
 def test_outputs_that_are_gone_have_no_buttons(made: Page) -> None:
     made.robot.state.io = (IoRange(OUTPUT, 8, (0, 1)),)
     made.controls.refresh()
@@ -180,6 +182,7 @@ def test_outputs_that_are_gone_have_no_buttons(made: Page) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_trajectories_for_another_number_of_joints_are_not_offered(made: Page) -> None:
     made.page.trajectories['way'] = WAY  # type: ignore[index]
     made.controls.refresh()

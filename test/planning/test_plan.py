@@ -111,8 +111,8 @@ def test_an_arm_that_would_collide_where_it_begins_is_said_so():
     ('blocked', 'said'),
     [
         ('to the part', 'no way to the part'),
-        ('to its place', 'no way from the part to its place'),
-        ('home', 'no way home'),
+        pytest.param('to its place', 'no way from the part to its place', marks=pytest.mark.slow),
+        pytest.param('home', 'no way home', marks=pytest.mark.slow),
     ],
 )
 def test_a_way_that_is_not_found_is_named_and_every_way_down_is_tried(monkeypatch, blocked, said):
@@ -131,7 +131,9 @@ def test_a_way_that_is_not_found_is_named_and_every_way_down_is_tried(monkeypatc
     assert asked.count('home') == (down if blocked == 'home' else 0)
 
 
-@pytest.mark.parametrize('found', ['nothing', 'what comes too near'])
+@pytest.mark.parametrize(
+    'found', ['nothing', pytest.param('what comes too near', marks=pytest.mark.slow)]
+)
 def test_a_search_is_given_up_after_so_many(monkeypatch, found):
     told = []
     if found == 'nothing':
