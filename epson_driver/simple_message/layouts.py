@@ -50,8 +50,6 @@ from epson_driver.simple_message.motoman_io import (
 
 MAX_TRAJECTORY_POINTS = 200
 
-_HEADER_WORDS = (PREFIX_SIZE + HEADER_SIZE) // 4
-
 
 class Layout(Protocol):
     """How one message type's body is written and read."""
@@ -202,11 +200,14 @@ class FixedLayout:
         if form is None:
             raise self._count_error(message)
         number = dialect.number
-        flat = [form.lengths[number], self.msg_type, comm_type, reply_code, *values]
-        for index in self._several:
-            flat[_HEADER_WORDS + index : _HEADER_WORDS + index + 1] = values[index]
+        header = (form.lengths[number], self.msg_type, comm_type, reply_code)
+        if self._several:
+            flat = list(values)
+            for index in self._several:
+                flat[index : index + 1] = values[index]
+            values = tuple(flat)
         try:
-            return form.pack[number](*flat)
+            return form.pack[number](*(header + values))
         except (struct.error, OverflowError, TypeError) as cause:
             raise self._error(message, dialect) from cause
 
