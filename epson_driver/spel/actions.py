@@ -218,7 +218,11 @@ def raise_error(task: Task, first: float, second: float | None = None) -> None:
         number = within('Error', nearest(first), 1, 9999)
         raise SpelError(number, task.world.error_text(number))
     number = within('Error', nearest(second), 1, 9999)
-    _other(task, nearest(first)).fail(SpelError(number, task.world.error_text(number)))
+    error = SpelError(number, task.world.error_text(number))
+    other = _other(task, nearest(first))
+    if other is task:
+        raise error
+    other.fail(error)
 
 
 def set_trap(
