@@ -89,7 +89,7 @@ def test_a_tcp_port_that_another_program_has_is_error_2900_and_may_be_tried_agai
     network = ProgramNetwork({})
     network.listen = listen
     settings = NetSettings('', 4321)
-    with pytest.raises(SpelError, match='OpenNet #205: .*Address already in use') as refused:
+    with pytest.raises(SpelError, match=r'OpenNet #205: .*Address already in use') as refused:
         network.open_net(205, settings, True)
     assert refused.value.number == 2900
     assert network.rejection('4321') == 'the program has not opened the 4321 port'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a SPEL+ program asks of the robot: values of functions, refusals that name what is wrong."""
+"""What a SPEL+ program asks of the robot: values, and refusals that name what is wrong."""
 
 import logging
 
