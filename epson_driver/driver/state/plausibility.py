@@ -61,7 +61,9 @@ class JointBounds:
             return None
         joint, low, value, high = next(
             (joint, low, value, high)
-            for joint, (low, value, high) in enumerate(zip(self._low, positions, self._high))
+            for joint, (low, value, high) in enumerate(
+                zip(self._low, positions, self._high, strict=True)
+            )
             if not low <= value <= high
         )
         return (
