@@ -92,9 +92,11 @@ class ControllerServers:
 
     async def run(self) -> None:
         """Let the controller's time pass, for ever."""
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self.pacer.run())
-            if self._planner is not None:
+        if self._planner is None:
+            await self.pacer.run()
+        else:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self.pacer.run())
                 group.create_task(
                     self._planner.run(self._controller.planner_failed, self.pacer.present)
                 )
