@@ -38,11 +38,21 @@ WINDOW_S = 10.0
 SETTLING_S = 5.0
 """Until all have heard of each other, after one has heard of all, s."""
 
-PATIENCE_S = 240.0
+PATIENCE_S = 60.0
+"""Robots that have not been heard of for so long count as not found, s."""
 DOMAIN = '1'
 OFFICE, NEWCOMER, SERVER, ALL_ROBOTS = 'office', 'newcomer', 'server', 'robots'
 OBSERVER = (sys.executable, str(Path(__file__).with_name('fleet_observer.py')))
 RESULTS = Path(__file__).parent / 'results'
+
+
+class NotSaidError(TimeoutError):
+    """Nothing of some robots, `left`, for PATIENCE_S; `last` is when it was said last."""
+
+    def __init__(self, what: str, left: frozenset[str], last: float) -> None:
+        super().__init__(f'{what}: not said of {", ".join(sorted(left))} in {PATIENCE_S:g} s')
+        self.left = left
+        self.last = last
 
 
 class Sight:
@@ -69,7 +79,7 @@ class Sight:
     def wait_for(self, what: str, *names: str) -> float:
         """Wait until it has said this of these robots, or of all, since then; return when, s.
 
-        Raises TimeoutError that names those of which it did not.
+        Raises NotSaidError if it does not say it of some of them.
         """
         left = set(names or self._names)
         until = time.monotonic() + PATIENCE_S
@@ -78,7 +88,7 @@ class Sight:
             try:
                 words = self._lines.get(timeout=max(until - time.monotonic(), 0.0))
             except Empty:
-                raise TimeoutError(f'{what}: not said of {", ".join(sorted(left))}') from None
+                raise NotSaidError(what, frozenset(left), last) from None
             if words[0] == 'created':
                 self.created = float(words[1])
                 continue
@@ -87,6 +97,14 @@ class Sight:
                 left.discard(words[1])
                 last = float(words[2])
         return last
+
+    def wait_for_most(self, what: str) -> tuple[float, int]:
+        """Return when it said this last, s, and of how many robots it never did."""
+        try:
+            return self.wait_for(what), 0
+        except NotSaidError as error:
+            print(f'{error}; going on', file=sys.stderr, flush=True)
+            return error.last, len(error.left)
 
     def close(self) -> None:
         """End it."""
@@ -148,7 +166,9 @@ def measure(robots: int, *, together: bool, server: bool, seconds: float) -> Cas
         for host, group in groups.items():
             log = folder / f'{host}.log'
             drivers.append(driver(network, host, group, log, variables))
-        seen = observer.wait_for('seen') - began
+        seen, unseen = observer.wait_for_most('seen')
+        for each in drivers:
+            each.check_alive()
         started = sum(cpu_time(each.process_id) for each in drivers)
         time.sleep(SETTLING_S)
         start = network.traffic().since(before)
@@ -156,7 +176,7 @@ def measure(robots: int, *, together: bool, server: bool, seconds: float) -> Cas
         before, asked = network.traffic(), time.monotonic()
         newcomer = Sight(network.run(NEWCOMER), names, variables)
         stack.callback(newcomer.close)
-        found = newcomer.wait_for('seen') - newcomer.created
+        found, newcomer_unseen = newcomer.wait_for_most('seen')
         time.sleep(SETTLING_S)
         joined = network.traffic().since(before)
         lasted = time.monotonic() - asked
@@ -164,8 +184,10 @@ def measure(robots: int, *, together: bool, server: bool, seconds: float) -> Cas
             robots=robots,
             together=together,
             server=server,
-            seen_s=seen,
-            newcomer_s=found,
+            seen_s=seen - began,
+            unseen=unseen,
+            newcomer_s=found - newcomer.created,
+            newcomer_unseen=newcomer_unseen,
             start_packets=start.packets,
             start_bytes=start.bytes,
             newcomer_packets=max(joined.packets - steady.packets / seconds * lasted, 0.0),

@@ -51,6 +51,9 @@ class Case:
     """CPU time of all drivers until they were heard."""
     idle_cores: float
     """What all drivers take of the cores later."""
+    unseen: int = 0
+    newcomer_unseen: int = 0
+    """Robots that the observers never heard of, though their drivers ran."""
 
     @property
     def kind(self) -> tuple[bool, bool]:
@@ -161,8 +164,8 @@ def _measured(cases: Sequence[Case]) -> str:
             str(case.robots),
             SHAPES[case.together],
             DISCOVERIES[case.server],
-            f'{case.seen_s:.1f}',
-            f'{case.newcomer_s:.2f}',
+            f'{case.seen_s:.1f}' + _never(case.unseen),
+            f'{case.newcomer_s:.2f}' + _never(case.newcomer_unseen),
             str(case.start_packets),
             f'{case.start_bytes / 1e6:.2f}',
             f'{case.newcomer_packets:.0f}',
@@ -173,6 +176,10 @@ def _measured(cases: Sequence[Case]) -> str:
         for case in cases
     ]
     return _table(header, rows)
+
+
+def _never(unseen: int) -> str:
+    return f', {unseen} never' if unseen else ''
 
 
 def _compared(cases: Sequence[Case]) -> str:

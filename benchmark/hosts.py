@@ -50,6 +50,8 @@ class Network:
             self._ip(self._switch, 'link set switch up')
             for name in names:
                 self._add(name)
+            for name in names:
+                self._introduce(name)
         except (OSError, NoNamespacesError) as error:
             self.close()
             raise NoNamespacesError(f'no network namespaces here: {error}') from error
@@ -111,12 +113,26 @@ class Network:
         self._ip(self._switch, f'link set port{port} up')
         for command in (
             'link set lo up',
+            f'link set eth0 address {_hardware_address(port)}',
             'link set eth0 addrgenmode none',  # no IPv6, which would ask for routers
             f'addr add {NETWORK}.{port}/24 dev eth0',
             'link set eth0 up',
             'route add 224.0.0.0/4 dev eth0',
         ):
             self._ip(holder, command)
+
+    def _introduce(self, name: str) -> None:
+        """Tell a host the hardware addresses of the others.
+
+        All hosts share the kernel's table of neighbours, which 32 of them would overflow
+        (gc_thresh3 = 1024 entries); permanent ones do not count.
+        """
+        lines = [
+            f'neigh add {NETWORK}.{port} lladdr {_hardware_address(port)} dev eth0 nud permanent'
+            for other, port in self._ports.items()
+            if other != name
+        ]
+        self._ip(self._hosts[name], '-batch -', '\n'.join(lines))
 
     def _hold(self, *words: str) -> int:
         """Start a process that keeps a namespace, and return its id once it has it."""
@@ -137,11 +153,15 @@ class Network:
         return holder.pid
 
     @staticmethod
-    def _ip(holder: int, command: str) -> None:
+    def _ip(holder: int, command: str, text: str = '') -> None:
         words = [*_inside(holder, mount=False), 'ip', *command.split()]
-        run = subprocess.run(words, capture_output=True, text=True, check=False)
+        run = subprocess.run(words, input=text, capture_output=True, text=True, check=False)
         if run.returncode:
             raise NoNamespacesError(f'ip {command}: {run.stderr.strip()}')
+
+
+def _hardware_address(port: int) -> str:
+    return f'02:00:00:00:{port >> 8:02x}:{port & 255:02x}'
 
 
 def _inside(holder: int, *, mount: bool = True) -> tuple[str, ...]:

@@ -5,6 +5,10 @@
 The echo is a process with asyncio streams that answers each JOINT_TRAJ_PT with the same reply. All
 ways take turns, some hundred points each.
 
+All processes share one core, so that a round trip is what both ends compute, and what the system
+does to switch between them. On two cores it is mostly how long the other one takes to wake, on a
+virtual machine up to ten times the rest: it depends on where the scheduler has put the two.
+
 * bare: `writer.write`, `readexactly`, struct
 * link: `Link.post`, and the next one when the reply comes
 * goal: what a trajectory does: points that are made, timed and scaled, sent through the delivery,
@@ -14,6 +18,7 @@ ways take turns, some hundred points each.
 
 import asyncio
 import multiprocessing
+import os
 import statistics
 import struct
 import time
@@ -94,6 +99,18 @@ def echo() -> Iterator[int]:
         ours.close()
         process.join(1.0)
         process.kill()
+
+
+@contextmanager
+def one_core() -> Iterator[int]:
+    """Keep this thread, and the processes that it starts, on one core; yield its number."""
+    allowed = os.sched_getaffinity(0)
+    core = max(allowed)
+    os.sched_setaffinity(0, {core})
+    try:
+        yield core
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 async def connected(port: int, name: str) -> tuple[Link, 'asyncio.Task[None]']:
@@ -194,7 +211,7 @@ async def _compare(port: int, motion_port: int, points: int, rounds: int) -> Rou
 
 def measure(*, quick: bool) -> RoundTrips:
     """Return the round trips."""
-    with TemporaryDirectory() as name, echo() as port:
+    with TemporaryDirectory() as name, one_core(), echo() as port:
         controller = processes.sim_controller(Path(name) / 'controller.log')
         with processes.ended_at_exit(controller):
             motion_port = controller.ports().motion

@@ -3,7 +3,7 @@
 """How far the arm is behind a stream of setpoints: through ROS, the driver and a controller.
 
 `python -m benchmark.servo` runs each kind of stream on each kind of controller, a process each, in
-nine minutes, and writes results/servo.json, results/servo.md and the picture of docs/servo.md.
+eleven minutes, and writes results/servo.json, results/servo.md and the picture of docs/servo.md.
 `--quick` runs a part in a minute and writes to build/bench-servo. Streams have 4 ms of jitter, and
 2 % of the messages are lost. The machine should have nothing else to do.
 """
@@ -29,7 +29,9 @@ ROOT = Path(__file__).parents[1]
 MODEL = load_robot_model('c3_a601s')
 START = (0.0, 0.1, 0.2, 0.0, -0.5, 0.0)
 
-DURATION_S = 5.0
+DURATION_S = 6.0
+"""All waves are back where they began then: otherwise the arm drifts to the end of its range."""
+
 SETTLED_S = 1.2
 """What is measured begins so long after the stream, s."""
 
@@ -110,12 +112,12 @@ def measured(user: User, kind: str, run: Run) -> tuple[Lag, Trace | None]:
     """Run a stream, and return how the arm followed."""
     name, stream, rate = run
     wave = WAVES[name]
-    recording = user.stream(stream, wave, DURATION_S, rate)
-    times, ways = recording.times, recording.ways
+    taken = user.stream(stream, wave, DURATION_S, rate).taken()
+    times, ways = taken.times, taken.ways
     if not len(ways) or float(np.abs(ways).max()) < FOLLOWED_RAD:
         raise TimeoutError(f'the arm did not follow {name}, {stream}, {rate:g} Hz')
     lag, rms = best_lag(times, ways, wave, DURATION_S)
-    fastest = float(np.max(recording.fastest / MODEL.limits.velocity))
+    fastest = float(np.max(taken.fastest / MODEL.limits.velocity))
     trace = None
     if run == TRACED:
         grid = np.linspace(0.0, DURATION_S, 251)
@@ -129,20 +131,33 @@ def dropped(user: User, kind: str, at: float) -> Dropout:
     wave = WAVES['sine']
     recording = user.stream('positions', wave, at, 50.0)
     rested = user.rest()
-    times, ways = recording.times, recording.ways
-    last, velocity = wave(at)
-    ahead = float(np.max((ways[times >= 0.0] - last) * np.sign(velocity)))
+    taken = recording.taken()
     limits = MODEL.limits
-    here = np.array([positions for _, positions, _ in user.states])
-    inside = bool(np.all((here >= limits.position_min) & (here <= limits.position_max)))
+    inside = bool(
+        np.all((taken.positions >= limits.position_min) & (taken.positions <= limits.position_max))
+    )
+    past, beyond = where_it_rests(taken.ways, wave, at)
     return Dropout(
         kind,
         at,
         max(rested - recording.begin - at, 0.0),
-        max(ahead, 0.0) if velocity else 0.0,
-        float(np.max(recording.fastest / limits.velocity)),
+        past,
+        beyond,
+        float(np.max(taken.fastest / limits.velocity)),
         inside,
     )
+
+
+def where_it_rests(ways: Array, wave: Wave, at: float) -> tuple[float, float]:
+    """Return how far past the last setpoint an arm rests, and how far beyond all that was sent.
+
+    ways: of the arm from the stream's begin until it rested, rad, shape (k,). Past is in the
+    direction in which the setpoints went, rad; negative: before the last one.
+    """
+    sent = np.array([wave(t)[0] for t in np.linspace(0.0, at, 1001)])
+    last, velocity = wave(at)
+    past = float((ways[-1] - last) * (np.sign(velocity) or 1.0))
+    return past, float(max(ways.max() - sent.max(), sent.min() - ways.min(), 0.0))
 
 
 def run_kind(name: str, runs: Iterable[Run], dropouts: Iterable[float], results: Results) -> None:

@@ -34,12 +34,13 @@ class Lag:
 
 @dataclass(frozen=True)
 class Dropout:
-    """How the arm came to rest when a stream fell silent: times in s, past in rad."""
+    """How the arm came to rest when a stream fell silent: times in s, past and beyond in rad."""
 
     controller: str
     at: float
     rest: float
     past: float
+    beyond: float
     speed: float
     inside: bool
 
@@ -75,7 +76,8 @@ def dropout_line(dropout: Dropout) -> str:
     """Return a row of the table of dropouts."""
     return (
         f'| {dropout.controller} | {dropout.at:g} | {dropout.rest * 1e3:.0f} | '
-        f'{dropout.past * 1e3:.0f} | {dropout.speed:.2f} | {"yes" if dropout.inside else "NO"} |'
+        f'{dropout.past * 1e3:.0f} | {dropout.beyond * 1e3:.0f} | {dropout.speed:.2f} | '
+        f'{"yes" if dropout.inside else "NO"} |'
     )
 
 
@@ -94,8 +96,8 @@ def report(results: Results) -> str:
         '',
         DROPOUTS,
         '',
-        '| controller | silent at, s | rest, ms | past, mrad | speed | inside the range |',
-        '|---|---|---|---|---|---|',
+        '| controller | silent at, s | rest, ms | past, mrad | beyond, mrad | speed | in range |',
+        '|---|---|---|---|---|---|---|',
         *map(dropout_line, results.dropouts),
     ]
     return '\n'.join(rows) + '\n'

@@ -5,6 +5,7 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -120,18 +121,31 @@ class Recording:
         self.begin = begin
         self._first = first[0]
 
-    @property
-    def times(self) -> Array:
-        """When joint states came, s since the begin, shape (k,)."""
-        return np.array([sent for sent, _, _ in self._user.states]) - self.begin
+    def taken(self) -> 'Taken':
+        """Return what has come so far: joint states go on coming meanwhile."""
+        states = list(self._user.states)
+        return Taken(
+            np.array([sent for sent, _, _ in states]) - self.begin,
+            np.array([positions for _, positions, _ in states]),
+            self._first,
+            np.abs([velocities for _, _, velocities in states]).max(axis=0),
+        )
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Joint states of a recording, shape (k,) or (k, n), and what follows from them.
+
+    times: s since the stream's begin. positions: rad. first: where joint 1 was then, rad.
+    fastest: the largest velocity of each joint, rad/s, shape (n,).
+    """
+
+    times: Array
+    positions: Array
+    first: float
+    fastest: Array
 
     @property
     def ways(self) -> Array:
         """How far joint 1 was from where it began, rad, shape (k,)."""
-        return np.array([positions[0] for _, positions, _ in self._user.states]) - self._first
-
-    @property
-    def fastest(self) -> Array:
-        """The largest velocity of each joint, rad/s, shape (n,)."""
-        fastest: Array = np.abs([each for _, _, each in self._user.states]).max(axis=0)
-        return fastest
+        return self.positions[:, 0] - self.first

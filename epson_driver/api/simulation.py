@@ -49,8 +49,7 @@ class SimulatedController:
             env=os.environ | {'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,
         )
-        if process.stdout is None:
-            raise RobotError('the simulated controller has no standard output')
+        assert process.stdout is not None  # noqa: S101 - for the type checker
         try:
             async with asyncio.timeout(START_TIMEOUT_S):
                 line = (await process.stdout.readline()).decode(errors='replace')

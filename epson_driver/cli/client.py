@@ -213,7 +213,3 @@ def _tell_ends(running: Sequence['asyncio.Task[None]'], failures: Failures) -> N
         elif task.done():
             error = task.exception()
             failures.tell('a driver ended', error or RuntimeError('nobody asked for it'))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

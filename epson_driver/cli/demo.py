@@ -12,7 +12,6 @@ browser.
 import argparse
 import signal
 import socket
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -473,7 +472,3 @@ def _rows(model: RobotModel, trajectory: Trajectory, run: Run) -> tuple[tuple[st
             f'median {median:.2f} ms, longest {round_trips[-1] * 1e3:.2f} ms ({PINGS} pings)',
         ),
     )
-
-
-if __name__ == '__main__':
-    sys.exit(main())

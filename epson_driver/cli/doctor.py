@@ -220,7 +220,3 @@ def _profile(text: str) -> Path:
     if path.suffix != '.yaml':
         raise argparse.ArgumentTypeError(f'{printable(text)}: must end in .yaml')
     return path
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -6,7 +6,6 @@ import argparse
 import shlex
 import shutil
 import signal
-import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -184,7 +183,3 @@ def _parser() -> argparse.ArgumentParser:
         '--keep', type=Path, metavar='FOLDER', help='keep logs and traces in a new folder'
     )
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -34,11 +34,11 @@ UNIT = 'rad/s (m/s of a joint that slides)'
 
 def main() -> int:
     """Jog until x, Escape or Ctrl-C. Returns 1 if there is no terminal or no driver."""
-    args = _arguments(remove_ros_args(sys.argv)[1:])
-    if not sys.stdin.isatty():
-        print('epson_driver jog: needs a terminal for its keys', file=sys.stderr)
-        return 1
     try:
+        args = _arguments(remove_ros_args(sys.argv)[1:])
+        if not sys.stdin.isatty():
+            print('epson_driver jog: needs a terminal for its keys', file=sys.stderr)
+            return 1
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node('jog')
     except (RuntimeError, ValueError) as error:

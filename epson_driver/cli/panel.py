@@ -32,7 +32,11 @@ TOKEN_BYTES = 24
 def main() -> int:
     """Serve the page until SIGINT or SIGTERM. Return 0 then, 1 if it cannot be served."""
     parser = _parser()
-    options = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    try:
+        options = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    except (RuntimeError, ValueError) as error:  # from rcl
+        print(f'epson_driver panel: {printable(error)}', file=sys.stderr)
+        return 1
     if missing():
         print(f'epson_driver panel: {INSTALL}', file=sys.stderr)
         return 1
@@ -112,7 +116,3 @@ def _parser() -> argparse.ArgumentParser:
         help='allow to move robots that are not simulated',
     )
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -173,8 +173,7 @@ class Process:
 
     def _told(self, first: str) -> list[str]:
         """Return the words after the first one of the line that it prints when it is ready."""
-        if self._popen.stdout is None:
-            raise ValueError(f'{self.name} does not listen')
+        assert self._popen.stdout is not None  # noqa: S101 - only those of TELLING are asked
         line = self._popen.stdout.readline().decode()
         if not line.startswith(f'{first} '):
             self._popen.wait()

@@ -7,6 +7,8 @@ import asyncio
 import contextlib
 import functools
 import signal
+import socket
+import struct
 import sys
 from pathlib import Path
 
@@ -20,6 +22,9 @@ from epson_driver.trace.script import ROLES, Kind, Script, ScriptError, make_scr
 
 WAITING_NOTICE_S = 2.0
 """After how long a message says what the player is waiting for, s."""
+
+RESET_AT_CLOSE = struct.pack('ii', 1, 0)
+"""Of SO_LINGER: without it the system closes a connection in order, which a client sees."""
 
 
 def main() -> int:
@@ -132,6 +137,8 @@ class _Playback:
             return
         transport = self._transports.pop(order.connection)
         if order.kind is Kind.RESET:
+            sock: socket.socket = transport.get_extra_info('socket')
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET_AT_CLOSE)
             transport.abort()
         else:
             transport.close()
@@ -147,8 +154,7 @@ class _Connection(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Start playing, or close the connection if the recording has none for it."""
-        if not isinstance(transport, asyncio.Transport):
-            raise TypeError(transport)
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - for the type checker
         self._number = self._playback.connect(self._port, transport)
         if self._number is None:
             transport.close()
@@ -209,7 +215,3 @@ def _parser() -> argparse.ArgumentParser:
         '--controller', metavar='ADDRESS', help='which controller to play, if the file has several'
     )
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

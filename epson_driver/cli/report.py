@@ -5,7 +5,6 @@
 import argparse
 import json
 import os
-import sys
 import tempfile
 from pathlib import Path
 
@@ -147,7 +146,3 @@ def _parser() -> argparse.ArgumentParser:
         '--namespace', metavar='NAME', help="the robot's namespace, if a bag has several"
     )
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

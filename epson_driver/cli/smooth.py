@@ -266,7 +266,3 @@ def _parser() -> argparse.ArgumentParser:
         help='points per second (%(default)g)',
     )
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -140,9 +140,11 @@ def _tell_messages(state: Conversation, listened: float, findings: Findings) -> 
     others = len(heard.packets) - len(joints)
     dialect = heard.packets[0][1].dialect
     findings.ok('byte order', f'{dialect.byte_order.name.lower()}-endian, {dialect.real.name}')
-    if len(joints) < 2:
-        text = f'{len(joints)} in {listened:.1f} s'
-        findings.wrong('joint states', text, 'the state task must send JOINT_POSITION')
+    if len(joints) < 2 or joints[0] == joints[-1]:
+        at_once = ', all at once' if len(joints) > 1 else ''
+        text = f'{len(joints)} in {listened:.1f} s{at_once}'
+        remedy = 'the state task must send JOINT_POSITION again and again'
+        findings.wrong('joint states', text, remedy)
         return
     gap = float(np.diff(joints).max())
     text = f'{(len(joints) - 1) / (joints[-1] - joints[0]):.1f} Hz, longest gap {gap * 1e3:.0f} ms'

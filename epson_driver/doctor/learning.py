@@ -52,6 +52,7 @@ NOT_FOUND: Mapping[str, str] = {
     'program.motors': 'not asked (see --remote-port and --ask), or not answered',
     'program.smoothing': _CHOICE,
     'program.resample_period': _CHOICE,
+    'program.setpoint_period': _CHOICE,
     'program.thin_deviation': _CHOICE,
     'program.download.': _MOTION,
     'state.period': 'too few messages came',

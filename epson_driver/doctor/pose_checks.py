@@ -32,6 +32,8 @@ Ask = Callable[[str], Awaitable[str]]
 
 NEXT_STATE_TIMEOUT_S = 2.0
 
+NO_JOINTS = 'no joint states came that are numbers'
+
 
 async def check_joints(
     state: Conversation, model: RobotModel, ask: Ask, findings: Findings
@@ -49,7 +51,7 @@ async def check_joints(
         if answer.strip().lower().startswith('s'):
             findings.skipped(about, 'not jogged')
         elif before is None or after is None:
-            findings.wrong(about, 'no joint states came', 'look at the state port')
+            findings.wrong(about, NO_JOINTS, 'look at the state port')
         else:
             _judge_jog(index, name, after - before, findings)
 
@@ -93,7 +95,7 @@ async def check_tool(state: Conversation, model: RobotModel, ask: Ask, findings:
         return
     joints = await _standing(state, len(model.joint_names))
     if joints is None:
-        findings.wrong('tool0', 'no joint states came', 'look at the state port')
+        findings.wrong('tool0', NO_JOINTS, 'look at the state port')
         return
     position, angles = Kinematics(model).epson_point(joints)
     off = np.abs(np.array(numbers[:3]) / 1000.0 - position)
@@ -115,9 +117,11 @@ def _wrapped(angles: Array) -> Array:
 
 
 async def _standing(state: Conversation, joints: int) -> Array | None:
-    """Return where the joints are now; None if no state comes."""
+    """Return where the joints are now; None if no state comes, or none that is in numbers."""
     if await state.next_packet(NEXT_STATE_TIMEOUT_S) is None:
         return None
     await asyncio.sleep(0.2)  # a joint state, not a STATUS, has come by now
     found = latest_joints(state.heard)
-    return None if found is None else np.array(found[:joints])
+    if found is None or not np.all(np.isfinite(found[:joints])):
+        return None
+    return np.array(found[:joints])

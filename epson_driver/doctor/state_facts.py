@@ -36,11 +36,12 @@ MIN_PIECES = 20
 
 
 def state_facts(heard: Heard) -> Facts:
-    """Return what is certain from what was heard; keys about which nothing is are left out."""
+    """Return what is certain from what was heard; keys about which nothing is are left out.
+
+    At least one message must have been heard.
+    """
     facts: Facts = {}
     packets = heard.packets
-    if not packets:
-        return facts
     order = packets[0][1].dialect.byte_order
     facts['byte_order'] = 'little' if order is ByteOrder.LITTLE else 'big'
     if heard.pieces >= MIN_PIECES:
@@ -103,10 +104,13 @@ def _rhythm(packets: Sequence[tuple[float, Packet]]) -> Facts:
     between = [
         b - a for (a, first), (b, second) in itertools.pairwise(kinds) if first and second
     ] or spans
+    period = _mean(spans)
+    if period <= 0.0:
+        return {}  # what was held up, and came all at once, has no rhythm
     together = statistics.median(after) < TOGETHER_SHARE * statistics.median(between)
     slots = share if together else share + 1
     return {
-        'state.period': _mean(spans) / slots,
+        'state.period': period / slots,
         'state.joint_positions_per_status': share,
         'state.status_with_joints': together,
     }

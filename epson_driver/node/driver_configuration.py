@@ -92,4 +92,5 @@ def servo_settings(parameters: Mapping[str, Any]) -> ServoSettings:
         timeout=parameters['servo.timeout'],
         start_tolerance=parameters['servo.start_tolerance'],
         reply_timeout=parameters['reply_timeout'],
+        period=parameters['servo.period'],
     )

@@ -297,6 +297,15 @@ TABLE = (
         now=True,
     ),
     Row(
+        'servo.period',
+        0.02,
+        'Time between two points at least that a stream of setpoints becomes. A controller that '
+        'takes long for each point follows better if there are fewer [s].',
+        0.02,
+        0.2,
+        now=True,
+    ),
+    Row(
         'trace_folder',
         '~/.ros/epson_driver',
         'Folder for `trace_file`, made when it is needed. Empty: there are no traces.',
@@ -405,6 +414,7 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
         'smoothing': profile.program.smoothing,
         'resample_period': profile.program.resample_period,
         'thin_deviation': profile.program.thin_deviation,
+        'servo.period': profile.program.setpoint_period,
     }
 
 

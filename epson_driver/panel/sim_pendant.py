@@ -63,6 +63,7 @@ class SimPendant:
 
     def _start(self) -> None:
         self._task = self._loop.create_task(self._run())
+        self._task.add_done_callback(_report)
 
     async def _run(self) -> None:
         while not self.real:
@@ -76,19 +77,23 @@ class SimPendant:
             self.latest = None
             self._refuse_waiting()
             await asyncio.sleep(RETRY_PERIOD_S)
+            self._refuse_waiting()  # what was pressed just before `latest` went
 
     async def _serve(self, ask: Ask) -> None:
         """Ask for the condition again and again, and give the commands in between."""
         while True:
             await self._poll(ask)
             try:
-                command, say = await asyncio.wait_for(self._commands.get(), POLL_PERIOD_S)
+                async with asyncio.timeout(POLL_PERIOD_S):
+                    command, say = await self._commands.get()
             except TimeoutError:
                 continue
             try:
                 await _in_time(ask(command))
             except RemoteError as error:
                 say(await self._reason(ask, error), False)
+            except ValueError as error:  # nothing was sent
+                say(str(error), False)
             except BaseException:
                 say(f'{command}: the controller did not answer', False)
                 raise
@@ -140,6 +145,8 @@ class PendantThread:
         """End the thread."""
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(1.0)
+        if not self._thread.is_alive():
+            self._loop.close()
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -158,5 +165,12 @@ class PendantThread:
         )
 
 
+def _report(task: 'asyncio.Task[None]') -> None:
+    """Report what a pendant's task raised; asyncio would when the task is thrown away."""
+    if not task.cancelled() and (error := task.exception()) is not None:
+        task.get_loop().call_exception_handler({'message': 'a pendant failed', 'exception': error})
+
+
 async def _in_time(answer: Awaitable[str]) -> str:
-    return await asyncio.wait_for(answer, ANSWER_TIMEOUT_S)
+    async with asyncio.timeout(ANSWER_TIMEOUT_S):  # `wait_for` may swallow a cancellation
+        return await answer

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The collision model: the arm with its gripper, what stands around it, and the part it carries.
 
-Geometry from urdf/NAME.urdf, distances from pinocchio and coal. Pairs of links that never touch
-come from the SRDF if there is one; without it, links with at most one between them and what
-touches at the zero pose are left out. Meshes count as their convex hulls.
+Geometry from urdf/NAME.urdf, distances from pinocchio and coal; the pairs of links that never
+touch are those of the SRDF. Meshes count as their convex hulls.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,7 +20,7 @@ from epson_driver.planning.links import convex_links
 from epson_driver.planning.shapes import Box, Shape
 from epson_driver.planning.workspace import workspace
 from epson_driver.robots import RobotModel
-from epson_driver.share import share_file, share_folder
+from epson_driver.share import share_file
 
 OBSTACLE_MARGIN_M = 0.010
 """What a plan keeps away from obstacles, m."""
@@ -72,26 +71,11 @@ class Scene:
         self.supports = frozenset(supports)
         self.urdf = share_file('urdf', f'{model.name}.urdf')
         self.model, self._arm, _ = convex_links(self.urdf)
-        srdf = share_folder('config', 'moveit', model.name) / f'{model.name}.srdf'
+        srdf = share_file('config', 'moveit', model.name, f'{model.name}.srdf')
         self._arm.addAllCollisionPairs()
-        if srdf.is_file():
-            pin.removeCollisionPairs(self.model, self._arm, str(srdf), False)
-        else:
-            self._leave_out_what_touches()
+        pin.removeCollisionPairs(self.model, self._arm, str(srdf), False)
         self._tool = self.model.getFrameId('tool0')
         self._hand = pin.SE3(self.workspace.hand.frame)
-
-    def _leave_out_what_touches(self) -> None:
-        parents = [link.parentJoint for link in self._arm.geometryObjects]
-        data = pin.GeometryData(self._arm)
-        pin.computeCollisions(
-            self.model, self.model.createData(), self._arm, data, pin.neutral(self.model), False
-        )
-        touching = [result.isCollision() for result in data.collisionResults]
-        pairs = [(pair.first, pair.second) for pair in self._arm.collisionPairs]
-        for (first, second), touches in zip(pairs, touching, strict=True):
-            if touches or abs(parents[first] - parents[second]) <= 2:
-                self._arm.removeCollisionPair(pin.CollisionPair(first, second))
 
     def hand_pose(self, joints: Array) -> Array:
         """Return the pose of the gripper in base_link, shape (4, 4): its z points to the part."""

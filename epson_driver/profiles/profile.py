@@ -135,6 +135,8 @@ class ProgramProfile:
       by Motoman's commands.
     * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): what a driver sends of a plan
       unless it is told otherwise, as its parameters of these names.
+    * `setpoint_period`: time between two points that a driver makes of a stream, s, as its
+      parameter `servo.period`.
     """
 
     kind: Literal['points', 'motoman']
@@ -159,6 +161,7 @@ class ProgramProfile:
     smoothing: Literal['none', 'resample', 'thin']
     resample_period: float
     thin_deviation: float
+    setpoint_period: float
     download: DownloadProfile
 
 

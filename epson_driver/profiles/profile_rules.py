@@ -108,6 +108,7 @@ RULES: dict[str, Rule] = {
     'program.smoothing': choice('none', 'resample', 'thin'),
     'program.resample_period': number(0.004, 1.0),
     'program.thin_deviation': number(0.0001, 1.0),
+    'program.setpoint_period': number(0.02, 0.2),
     'program.download.buffer': count(1, 100_000),
     'program.download.overflow': choice('refuse', 'drop'),
     'program.download.dead_time': number(0.0, 10.0),

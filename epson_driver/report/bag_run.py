@@ -3,7 +3,7 @@
 """Reads a run from a bag: of `ros2 bag record` (MCAP or SQLite), or one that bag_file.py wrote."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from rosbags.interfaces import Connection
 
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.inputs import printable
+from epson_driver.motion import Array
 from epson_driver.report.bag_types import typestore
 from epson_driver.report.condition_events import condition_events
 from epson_driver.report.run import (
@@ -196,7 +197,12 @@ class _Bag:
                 for p in message.points
             ]
         )
-        positions = array([[p.positions[k] for k in order] for p in message.points], len(order))
+        rows = [p.positions for p in message.points]
+        if wrong := _why_no_plan(times, rows, len(message.joint_names)):
+            text = f'a trajectory that nobody can execute ({connection.topic}): {wrong}'
+            self._events.append(Event(time, 'warning', text, 'look at who published it'))
+            return
+        positions = array([[row[k] for k in order] for row in rows], len(order))
         self._plans.append(Plan(time, times - times[0], positions))
         if not self._ours:
             text = f'a trajectory of {len(times)} points ({connection.topic})'
@@ -206,6 +212,8 @@ class _Bag:
         order = self._order(message.joint_names)
         reference = message.reference
         if order is None or len(reference.positions) != len(message.joint_names):
+            return
+        if not np.isfinite(reference.positions).all():
             return
         since = reference.time_from_start
         self._followed.append(
@@ -291,6 +299,19 @@ class _Bag:
             notes=notes,
             ended=end,
         )
+
+
+def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
+    """Return why points are no plan: the driver rejects them, too. Empty if they are one."""
+    for number, row in enumerate(rows):
+        if len(row) != joints:
+            return f'point {number} has {len(row)} positions for {joints} joints'
+        if not np.isfinite(row).all():
+            return f'point {number} has positions that are not numbers'
+    falls = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(falls):
+        return f'the time of point {int(falls[0]) + 1} is not after that of the point before'
+    return ''
 
 
 def _followed_plans(

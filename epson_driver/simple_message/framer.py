@@ -72,7 +72,7 @@ class Framer:
         if self._bad_length is not None:
             return
         if self._start == len(self._buffer):  # as a rule: what comes are whole frames
-            self._buffer = bytes(data)
+            self._buffer = data if type(data) is bytes else bytes(data)
         elif self._start or not isinstance(self._buffer, bytearray):
             self._buffer = bytearray(memoryview(self._buffer)[self._start :])
             self._buffer += data

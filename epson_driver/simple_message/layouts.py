@@ -10,10 +10,10 @@ REPLY_ROWS.
 """
 
 import struct
-from collections.abc import Iterable
-from dataclasses import fields
+from collections.abc import Callable, Iterable
+from dataclasses import fields, make_dataclass
 from itertools import product
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import Any, Protocol
 
 from epson_driver.simple_message.constants import MessageType
@@ -70,7 +70,7 @@ class Layout(Protocol):
 class BodyReader:
     """Reads bodies of one class, form and dialect where they lie in a buffer."""
 
-    __slots__ = ('_message_class', '_setters', '_unpack_from', 'dialect')
+    __slots__ = ('_fields_of', '_make', '_message_class', '_unpack_from', 'dialect')
 
     def __init__(
         self,
@@ -82,22 +82,41 @@ class BodyReader:
         self.dialect = dialect
         self._message_class = message_class
         self._unpack_from = body.unpack_from
-        # The slots themselves: __init__ of a frozen class takes twice as long.
-        slots = [getattr(message_class, field.name) for field in fields(message_class)]  # type: ignore[arg-type]
-        self._setters = tuple(
-            (slot.__set__, place) for slot, place in zip(slots, places, strict=True)
-        )
+        self._make = _writable(message_class)
+        self._fields_of = _fields_of(tuple(places))
 
     def read(self, buffer: bytes | bytearray, start: int = 0) -> Message:
         """Return the message whose body begins at `start`; all of it must be there."""
         values = self._unpack_from(buffer, start)
-        message = _NEW(self._message_class)
-        for write, place in self._setters:
-            write(message, values[place])
+        if self._fields_of is not None:
+            values = self._fields_of(values)
+        message = self._make(*values)
+        message.__class__ = self._message_class
         return message
 
 
-_NEW = object.__new__
+def _writable(message_class: type[Message]) -> Callable[..., Message]:
+    """Return what makes messages that can be written until they are given their own class.
+
+    A frozen class goes round its own `__setattr__` for each field: its `__init__` takes four
+    times as long as one that assigns. This is a subclass that adds nothing, but is not frozen.
+    """
+    names = [field.name for field in fields(message_class)]  # type: ignore[arg-type]
+    own = {'__slots__': (), '__init__': vars(make_dataclass('Plain', names))['__init__']}
+    for name in ('__setattr__', '__delattr__'):
+        own[name] = getattr(object, name)
+    return type(message_class.__name__, (message_class,), own)
+
+
+def _fields_of(
+    places: tuple[int | slice, ...],
+) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
+    """Return what makes the fields of a body's values; None if these are the fields."""
+    if all(isinstance(place, int) for place in places):
+        return None
+    if len(places) == 1:
+        return lambda values: (values,)
+    return itemgetter(*places)
 
 
 class _Form:
@@ -180,14 +199,15 @@ class FixedLayout:
         )
         if form is None:
             raise self._count_error(message)
-        flat = list(values)
-        for index in self._several:
-            flat[index : index + 1] = values[index]
         number = dialect.number
+        header = (form.lengths[number], self.msg_type, comm_type, reply_code)
+        if self._several:
+            flat = list(values)
+            for index in self._several:
+                flat[index : index + 1] = values[index]
+            values = tuple(flat)
         try:
-            return form.pack[number](
-                form.lengths[number], self.msg_type, comm_type, reply_code, *flat
-            )
+            return form.pack[number](*(header + values))
         except (struct.error, OverflowError, TypeError) as cause:
             raise self._error(message, dialect) from cause
 

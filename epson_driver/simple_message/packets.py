@@ -62,18 +62,13 @@ def encode(packet: Packet, dialect: Dialect) -> bytes:
     Raises FieldError where a value does not fit the wire.
     """
     message = packet.message
+    layout = LAYOUT_OF_CLASS.get(type(message))
+    if isinstance(layout, FixedLayout):
+        return layout.frame(message, packet.comm_type, packet.reply_code, dialect)
     if isinstance(message, Opaque):
-        if not -(2**31) <= message.msg_type < 2**31:
-            raise FieldError('msg_type', message.msg_type, 'must be an int32')
-        body = message.body
-        if HEADER_SIZE + len(body) > MAX_LENGTH:
-            rule = f'a frame holds at most {MAX_LENGTH - HEADER_SIZE} bytes of body'
-            raise FieldError('body', f'{len(body)} bytes', rule)
+        body = _opaque_body(message)
     else:
-        layout = LAYOUT_OF_CLASS[type(message)]
-        if isinstance(layout, FixedLayout):
-            return layout.frame(message, packet.comm_type, packet.reply_code, dialect)
-        body = layout.encode(message, dialect)
+        body = LAYOUT_OF_CLASS[type(message)].encode(message, dialect)
     prefix = struct.pack(
         dialect.byte_order.value + '4i',
         HEADER_SIZE + len(body),
@@ -82,6 +77,16 @@ def encode(packet: Packet, dialect: Dialect) -> bytes:
         packet.reply_code,
     )
     return prefix + body
+
+
+def _opaque_body(message: Opaque) -> bytes:
+    """Return its bytes. Raises FieldError for a type or a length that no frame can have."""
+    if not -(2**31) <= message.msg_type < 2**31:
+        raise FieldError('msg_type', message.msg_type, 'must be an int32')
+    if HEADER_SIZE + len(message.body) > MAX_LENGTH:
+        rule = f'a frame holds at most {MAX_LENGTH - HEADER_SIZE} bytes of body'
+        raise FieldError('body', f'{len(message.body)} bytes', rule)
+    return message.body
 
 
 def check_header(frame: Frame) -> tuple[CommType, ReplyCode]:
@@ -125,13 +130,8 @@ def decode(frame: Frame) -> Packet:
     return Packet(message, comm_type, reply_code, Dialect(frame.byte_order, real))
 
 
-class _Header(NamedTuple):
-    """What a header says that was found right once. size: of its frame, with the prefix."""
-
-    size: int
-    comm_type: CommType
-    reply_code: ReplyCode
-    body: BodyReader
+_Header = tuple[int, CommType, ReplyCode, BodyReader]
+"""What a header says that was found right once; first the size of its frame, with the prefix."""
 
 
 class PacketFramer(Framer):
@@ -143,7 +143,7 @@ class PacketFramer(Framer):
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:
         super().__init__(byte_order, max_length)
-        self._headers: dict[bytes, _Header] = {}
+        self._headers: dict[tuple[bytes], _Header] = {}
         """By their bytes: some for each layout, and none that were wrong."""
 
     def next_packet(self) -> Packet | None:
@@ -153,16 +153,18 @@ class PacketFramer(Framer):
         raises: then the next call returns the one after it.
         """
         buffer, start = self._buffer, self._start
-        if len(buffer) - start < self._needed:
+        received = len(buffer) - start
+        if received < self._needed:
             return None
-        body = start + _WHOLE_HEADER
-        header = self._headers.get(bytes(buffer[start:body]))
-        if header is None or len(buffer) - start < header[0]:
+        if received < _WHOLE_HEADER:
+            return self._unknown()
+        header = self._headers.get(_HEADER_BYTES(buffer, start))
+        if header is None or received < header[0]:
             return self._unknown()
         size, comm_type, reply_code, reader = header
         self._start = start + size
         self._needed = PREFIX_SIZE
-        message = reader.read(buffer, body)
+        message = reader.read(buffer, start + _WHOLE_HEADER)
         return _NEW(Packet, (message, comm_type, reply_code, reader.dialect))
 
     def _unknown(self) -> Packet | None:
@@ -175,7 +177,7 @@ class PacketFramer(Framer):
         if isinstance(layout, FixedLayout):
             length = HEADER_SIZE + len(frame.body)
             words = struct.pack(f'{frame.byte_order.value}4i', length, *frame[:3])
-            self._headers[words] = _Header(
+            self._headers[(words,)] = (
                 PREFIX_SIZE + length,
                 packet.comm_type,
                 packet.reply_code,
@@ -186,3 +188,5 @@ class PacketFramer(Framer):
 
 _NEW = tuple.__new__
 _WHOLE_HEADER = PREFIX_SIZE + HEADER_SIZE
+_HEADER_BYTES = struct.Struct(f'{_WHOLE_HEADER}s').unpack_from
+"""Faster than a slice, and `bytes` of it, in case it is one of a bytearray."""

@@ -186,7 +186,9 @@ def start_main(task: Task, which: int | str | None) -> None:
     task.may('startmain')
     if not isinstance(which, str):
         raise bad('StartMain', 'needs the name of a main function')
-    task.world.add(1, task.world.function(which), (), TaskType.NORMAL)
+    main = task.world.function(which)
+    task.world.host.command('startmain', (), ())
+    task.world.add(1, main, (), TaskType.NORMAL)
 
 
 def pause_all(task: Task) -> None:
@@ -207,9 +209,9 @@ def resume_paused(world: World) -> None:
 
 
 def continue_all(task: Task) -> None:
-    """Cont."""
-    resume_paused(task.world)
-    task.world.host.paused(False)
+    """Cont: at once, or when the host allows it."""
+    if task.world.host.paused(False):
+        resume_paused(task.world)
 
 
 def raise_error(task: Task, first: float, second: float | None = None) -> None:
@@ -218,7 +220,11 @@ def raise_error(task: Task, first: float, second: float | None = None) -> None:
         number = within('Error', nearest(first), 1, 9999)
         raise SpelError(number, task.world.error_text(number))
     number = within('Error', nearest(second), 1, 9999)
-    _other(task, nearest(first)).fail(SpelError(number, task.world.error_text(number)))
+    error = SpelError(number, task.world.error_text(number))
+    other = _other(task, nearest(first))
+    if other is task:
+        raise error
+    other.fail(error)
 
 
 def set_trap(

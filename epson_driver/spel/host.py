@@ -144,7 +144,8 @@ class Robot(Protocol):
     ) -> Completion | None:
         """Execute a statement by its name in lower case ('motor', 'power', 'speed', 'reset', …).
 
-        'quit all' is one too: Speed, Accel and others are as after a start, the power is low.
+        'quit all' is one too: Speed, Accel and others are as after a start, the power is low. So
+        is 'startmain', before main is started: it may be refused.
         `words` are those that stood in it, in lower case ('on', 'high'). None: done at once.
         Raises SpelError.
         """
@@ -170,5 +171,9 @@ class Host(Terminal, Network, Bits, Robot, Protocol):
     def task_failed(self, error: TaskError) -> None:
         """Be told that a task ended by an error that it did not handle."""
 
-    def paused(self, on: bool) -> None:
-        """Be told that a program asked for Pause, or for Cont (False)."""
+    def paused(self, on: bool) -> bool:
+        """Be told that a program asked for Pause, or for Cont (False).
+
+        Return whether the tasks go on at once after Cont; if not, the host has them go on itself
+        (`Machine.resume`) as soon as it allows that, or never.
+        """

@@ -519,7 +519,9 @@ def _leaves(statement: Statement) -> bool:
     if isinstance(statement, Do) and statement.before is None and statement.after is None:
         return not any(isinstance(n, Exit) and n.what == 'do' for n in walk(statement.body))
     if isinstance(statement, TaskCommand):
-        return statement.name.lower() == 'quit' and statement.task is None
+        return (
+            statement.name.lower() == 'quit' and statement.task is None and not statement.function
+        )
     return isinstance(statement, Jump) and statement.kind == 'goto'
 
 

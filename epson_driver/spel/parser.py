@@ -256,8 +256,6 @@ class Parser(Statements):
         return statement
 
     def _inline(self, tokens: list[Token]) -> list[Statement]:
-        if not tokens:
-            return []
         if tokens[0].lower in _ENDS:
             raise SyntaxProblem(tokens[0].position, f'{tokens[0].text} cannot stand in this line')
         return self._statement(tokens)

@@ -276,6 +276,18 @@ def test_an_estop_ends_the_motion_and_only_enable_lets_the_arm_move_again():
     run(scenario())
 
 
+def test_a_controller_that_is_paused_says_so_and_what_helps():
+    async def scenario():
+        async with robot_cell() as (robot, controller):
+            await begun(robot)
+            controller.apply(Event.PAUSE)
+            await until(lambda: robot.status.paused)
+            assert robot.status.text == 'the controller is paused'
+            assert robot.status.remedy == 'continue at the controller'
+
+    run(scenario())
+
+
 def test_an_error_of_the_controller_is_told_with_its_meaning_and_remedy():
     async def scenario():
         errors = []
@@ -339,6 +351,8 @@ def test_a_callback_can_be_taken_away():
     async def scenario():
         told = []
         async with robot_cell() as (robot, controller):
+            with pytest.raises(TypeError, match='3 cannot be called'):
+                robot.on_estop(3)
             remove = robot.on_estop(told.append)
             remove()
             remove()

@@ -32,6 +32,12 @@ def test_a_target_that_cannot_be_is_refused_with_joint_value_and_limit(target, e
         moves.targets('target', [target], LIMITS)
 
 
+@pytest.mark.parametrize('values', [[0.0] * 5, [[0.0] * 6], 0.0])
+def test_numbers_that_are_not_one_for_each_joint_are_refused_with_their_shape(values):
+    with pytest.raises(ValueError, match=r'^start has shape \(.*\): must be \(6,\)'):
+        moves.joint_rows('start', values, LIMITS, rows=False)
+
+
 def test_degrees_are_recognised_where_they_can_be():
     with pytest.raises(ValueError, match='these look like degrees'):
         moves.targets('target', [[10.0, 20.0, -10.0, 0.0, 45.0, 0.0]], LIMITS)

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from support.api_harness import program
+from support.longer_arm import arm_file
 
 from epson_driver import Robot, Settings
 from epson_driver.api.errors import in_python
@@ -62,6 +63,14 @@ def test_the_configuration_is_that_of_the_node_s_default_parameters(name, model)
 def test_an_argument_that_cannot_be_is_refused_by_its_name(arguments, expected):
     with pytest.raises(ValueError, match=expected):
         Robot(**arguments)
+
+
+def test_joints_have_the_names_that_were_asked_for_and_there_are_at_most_ten(tmp_path):
+    names = tuple('abcdef')
+    setup = make_setup('127.0.0.1', 'rc620', 'c3_a601s', Ports(), Settings(joint_names=names))
+    assert setup.model.joint_names == setup.configuration.limits.names == names
+    with pytest.raises(ValueError, match='c3_with_11_joints has 11 joints: at most 10'):
+        Robot(model=str(arm_file(tmp_path, 11)))
 
 
 @pytest.mark.parametrize(

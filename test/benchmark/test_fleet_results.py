@@ -52,6 +52,12 @@ def test_the_report_has_ratios_and_says_what_is_a_model() -> None:
     assert max(map(len, text.splitlines())) <= 120
 
 
+def test_robots_that_were_never_heard_of_are_stated() -> None:
+    text = report(Results([replace(CASE, unseen=1, newcomer_unseen=2)], []), 'a machine')
+    assert '|4|a process each|simple discovery|3.0, 1 never|0.50, 2 never|1600|' in text
+    assert 'never' not in report(RESULTS, 'a machine')
+
+
 def test_the_files_are_written(tmp_path: Path) -> None:
     write(tmp_path, RESULTS)
     stored = json.loads((tmp_path / 'fleet.json').read_text(encoding='utf-8'))

@@ -3,6 +3,7 @@
 """What `make bench` makes of what it measured beside the programs that do the least."""
 
 import json
+import os
 import struct
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from benchmark.codec import PACKETS, codec
 from benchmark.goal_length import measure_one, slow_wave
 from benchmark.performance import bars
 from benchmark.performance_report import BEGIN, END, Bar, docs_page, medians, report
+from benchmark.point_round_trip import one_core
 from benchmark.state_sender import STATUS, STEP_RAD, frame
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import JointPosition, PacketFramer, Status
@@ -48,6 +50,14 @@ def test_the_sender_numbers_its_messages_exactly():
         assert message.joints[0] == number * STEP_RAD
         assert round(message.joints[5] / STEP_RAD) == number
         assert isinstance(framer.next_packet().message, Status)
+
+
+def test_round_trips_are_measured_on_one_core():
+    """Between two, the time that one takes to wake the other would be most of it."""
+    allowed = os.sched_getaffinity(0)
+    with one_core() as core:
+        assert os.sched_getaffinity(0) == {core} <= allowed
+    assert os.sched_getaffinity(0) == allowed
 
 
 @pytest.mark.parametrize('name', PACKETS)

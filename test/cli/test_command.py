@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The `epson_driver` command itself."""
 
+import errno
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 import pytest
 from support.examples import one_in
 
+from epson_driver.cli import __main__ as main
+from epson_driver.cli.arguments import if_in_use
 from epson_driver.cli.executables import EXECUTABLES
 
 
@@ -96,3 +99,27 @@ def test_the_simulated_controller_needs_no_ros() -> None:
     run = command('sim_controller', '--help', before='sys.modules["rclpy"] = None')
     assert run.returncode == 0
     assert '--start' in run.stdout
+
+
+def test_what_comes_with_an_extra_is_named_with_it() -> None:
+    assert main._missing('matplotlib') == (
+        "the Python module matplotlib is missing: pip install 'epson_driver[report]'"
+    )
+
+
+@pytest.mark.parametrize('name', ['epson_driver.cli.robot', 'epson_driver', None])
+def test_a_module_of_our_own_that_is_missing_is_a_fault_and_no_advice(
+    monkeypatch: pytest.MonkeyPatch, name: str | None
+) -> None:
+    def missing(_name: str) -> None:
+        raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+
+    monkeypatch.setattr(main, 'import_module', missing)
+    monkeypatch.setattr(sys, 'argv', ['epson_driver', 'robots'])
+    with pytest.raises(ModuleNotFoundError):
+        main._run()
+
+
+def test_only_a_port_that_is_taken_has_the_advice_for_it() -> None:
+    assert if_in_use(None) == if_in_use(OSError(errno.EACCES, 'x')) == ''
+    assert '--motion-port' in if_in_use(OSError(errno.EADDRINUSE, 'x'))

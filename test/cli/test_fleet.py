@@ -12,15 +12,16 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from rich.console import Console
 from support.interrupts import obey_interrupts
 
-from epson_driver.cli import discovery_server, process_figures, processes
+from epson_driver.cli import discovery_server, fleet, process_figures, processes
 from epson_driver.cli.fleet import Row, is_up, table
-from epson_driver.cli.fleet_watch import Seen
+from epson_driver.cli.fleet_watch import Seen, Watch
 from epson_driver.cli.interrupt import interrupts_held
 from epson_driver.cli.process_figures import NOTHING, Use
 from epson_driver.cli.processes import RunError
@@ -217,3 +218,128 @@ def test_ctrl_c_while_a_fleet_starts_leaves_nothing_running() -> None:
         fleet.communicate(timeout=PATIENCE_S)
         assert fleet.returncode == 130
     assert left_running() == []
+
+
+# --- without a fleet --------------------------------------------------------------------------
+
+
+class Running:
+    """A process, with its exit code if it has ended."""
+
+    def __init__(self, code: int | None = None) -> None:
+        self.returncode = code
+        self.process_id = os.getpid()
+
+    def check_alive(self) -> None:
+        pass
+
+
+def two_robots(**more: Any) -> Any:
+    names = ('robot_1', 'robot_2')
+    one = {name: Running() for name in names}
+    two = {name: Running() for name in names}
+    usual = {'names': names, 'drivers': one, 'controllers': two, 'server': None}
+    return SimpleNamespace(**usual | {'together': False, 'environment': {}} | more)
+
+
+class Heard:
+    """A watch that hears one robot of two."""
+
+    def __init__(self) -> None:
+        self.forgotten: list[str] = []
+
+    def connected(self) -> list[str]:
+        return ['robot_2']
+
+    def spin(self, _seconds: float) -> None:
+        pass
+
+    def forget(self, name: str) -> None:
+        self.forgotten.append(name)
+
+    def hear(self, _seconds: float) -> dict[str, Seen]:
+        return dict.fromkeys(('robot_1', 'robot_2'), WELL)
+
+
+def quiet() -> Console:
+    return Console(width=140, file=io.StringIO(), force_terminal=True)
+
+
+def test_who_is_not_heard_in_time_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fleet, 'START_TIMEOUT_S', -1.0)
+    watch: Any = Heard()
+    with pytest.raises(RunError, match=r'^robot_1: not heard within -1 s$'):
+        fleet._wait(two_robots(), watch, quiet())
+
+
+def test_what_a_driver_that_has_ended_said_last_is_forgotten(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process_figures, 'available', lambda: False)  # as on another system
+    robots = two_robots()
+    robots.drivers['robot_1'] = Running(3)
+    watch: Any = Heard()
+    rows, others = fleet._window(robots, watch)
+    assert watch.forgotten == ['robot_1']
+    assert [row.ended for row in rows] == [3, None]
+    assert [is_up(row) for row in rows] == [False, True]
+    assert {row.driver for row in rows} == {NOTHING}
+    assert others == {'this table': NOTHING}
+
+
+def test_a_terminal_shows_every_window_and_the_last_one_decides(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    up, down = (Row('robot_1', code, WELL, USED, USED) for code in (None, 1))
+    windows = iter([([down], {}), ([down], {}), ([up], {})])
+    clock = iter([0.0, 1.0, 2.0, 9.0])
+    monkeypatch.setattr(fleet, '_window', lambda *_: next(windows))
+    monkeypatch.setattr(fleet.time, 'monotonic', lambda: next(clock, 9.0))
+    console = quiet()
+    assert fleet._show(two_robots(), Heard(), 5.0, console) == 0  # type: ignore[arg-type]
+    assert next(windows, None) is None
+    assert isinstance(console.file, io.StringIO)
+    assert 'ended with 1' in console.file.getvalue()
+
+
+def test_a_fleet_that_cannot_start_says_why(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise RunError('no ROS domain is free')
+
+    before = [signal.getsignal(number) for number in fleet.SIGNALS]
+    monkeypatch.setattr(fleet, 'running_fleet', fails)
+    monkeypatch.setattr(sys, 'argv', ['epson_driver fleet'])
+    try:
+        assert fleet.main() == 1
+    finally:
+        for number, handler in zip(fleet.SIGNALS, before, strict=True):
+            signal.signal(number, handler)
+    assert 'fleet failed: no ROS domain is free' in capsys.readouterr().out
+
+
+def test_a_robot_that_is_forgotten_is_not_connected_and_answers_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, value in processes.ros_environment(processes.free_ros_domain()).items():
+        monkeypatch.setenv(name, value)
+    watch = Watch(['robot_1', 'robot_2'])
+    try:
+        for name in ('robot_1', 'robot_2'):
+            watch._links[name] = 'connected'
+            watch._calls[name] = (0.0, None)
+        watch.forget('robot_1')
+        assert watch.connected() == ['robot_2']
+        for name in ('robot_1', 'robot_2'):
+            watch._on_answer(name, None)
+        assert list(watch._answers) == ['robot_2']
+    finally:
+        watch.close()
+
+
+@pytest.mark.skipif(not process_figures.available(), reason='Linux only')
+def test_a_process_that_has_ended_uses_nothing() -> None:
+    ended = subprocess.Popen(['/bin/true'])
+    ended.wait()
+    assert process_figures.use(ended.pid) == NOTHING

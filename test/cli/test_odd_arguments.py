@@ -101,3 +101,22 @@ def test_inv7_whatever_an_argument_is_it_is_refused_in_a_sentence(
         assert 'error: ' in sentence or 'demo failed: ' in sentence
         assert len(sentence) < 3000
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('name', ['client', 'jog', 'panel'])
+@pytest.mark.parametrize('words', [('-r', 'no remapping'), ('-p', 'x'), ('-p', ':=3')])
+def test_inv7_whatever_a_ros_argument_is_it_is_refused_in_a_sentence(
+    name: str,
+    words: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if name == 'panel':
+        pytest.importorskip('viser')
+    monkeypatch.setattr(sys, 'argv', [name, '--ros-args', *words])
+    assert import_module(f'epson_driver.cli.{name}').main() == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f'epson_driver {name}: ')
+    assert 'Failed to parse ROS arguments' in said
+    assert words[1] in said

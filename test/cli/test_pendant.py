@@ -600,3 +600,26 @@ def test_a_reader_that_has_read_enough_is_no_error(port):
         ended = subprocess.run(command, stdout=closed, stderr=subprocess.PIPE, check=False)
     assert ended.stderr == b''
     assert ended.returncode == 141
+
+
+def test_a_controller_that_does_not_answer_is_told_with_the_time(said):
+    with socket.create_server(('127.0.0.1', 0)) as server:  # it accepts nobody
+        port = server.getsockname()[1]
+        code, text = said(port, '--timeout', '0.2', 'status')
+    assert (code, text) == (1, f'no answer from 127.0.0.1:{port} in 0.2 s\n')
+
+
+def test_a_controller_that_hangs_up_when_it_has_obeyed_has_obeyed(said):
+    with Answers({'SetMotorsOff,1': '#SetMotorsOff,0'}, hangs_up=['Sim,identity']) as real:
+        code, text = said(real.port, 'motors', 'off')
+        socket.create_connection(('127.0.0.1', real.port)).close()  # it serves the next one
+    assert code == 0
+    assert text.startswith('motors off')
+
+
+def test_a_refusal_with_another_number_is_told_in_the_words_of_the_manual(said):
+    with Answers({'SetMotorsOn,1': '!SetMotorsOn,13'}) as real:
+        code, text = said(real.port, 'motors', 'on')
+    assert code == 1
+    assert text.startswith('refused: SetMotorsOn,1: ')
+    assert '(error 13)' in text

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections import deque
 
 import pytest
@@ -15,6 +16,7 @@ from epson_driver.cli import processes
 from epson_driver.cli.processes import (
     SAFE_DOMAINS,
     Ports,
+    Process,
     RunError,
     ended_at_exit,
     free_ros_domain,
@@ -164,3 +166,37 @@ def test_kill_is_a_crash(tmp_path):
         process.ports()
         process.kill()
         assert process.returncode == -signal.SIGKILL
+
+
+@pytest.fixture
+def shell(tmp_path):
+    """Return a function that starts a shell script as an executable of this package."""
+    made = []
+
+    def start(script):
+        run = ['/bin/sh', '-c', script]
+        made.append(Process('client', [], tmp_path / 'log.txt', dict(os.environ), run))
+        return made[-1]
+
+    yield start
+    for process in made:
+        if process.returncode is None:
+            process.kill()
+
+
+def test_one_that_does_not_end_is_killed(shell, monkeypatch):
+    monkeypatch.setattr(processes, 'END_TIMEOUT_S', 0.1)
+    process = shell('trap "" INT; echo ready >&2; exec sleep 1000')
+    until = time.monotonic() + 60.0
+    while process.log_text() != 'ready\n':
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    assert process.end() == -signal.SIGKILL
+    assert process.returncode == -signal.SIGKILL
+
+
+def test_one_that_has_ended_is_told_with_its_log(shell):
+    process = shell('echo it broke >&2; exit 3')
+    process.wait()
+    with pytest.raises(RunError, match='client ended with 3:\nit broke'):
+        process.check_alive()

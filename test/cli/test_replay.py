@@ -11,11 +11,15 @@ import sys
 
 import pytest
 from support.event_loop import run, until
+from support.recorded_run import Recorder, nanoseconds
 
+from epson_driver.cli import replay
 from epson_driver.link import Link
 from epson_driver.simple_message import CommType, JointTrajPt, Ping, Status
 from epson_driver.trace import Trace, open_trace
+from epson_driver.trace.player import Player
 from epson_driver.trace.recording import read_recording
+from epson_driver.trace.script import make_script
 
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'replay']
 PATIENCE = 60.0
@@ -196,3 +200,89 @@ def test_wireshark_finds_no_fault(fault, recorded):
 
     assert matching(fault) == ''
     assert len(matching('tcp.checksum.status == 1').splitlines()) > STATES
+
+
+# --- in this process ----------------------------------------------------------------------------
+
+
+class Listening:
+    """What `replay` prints, and the ports in it."""
+
+    def __init__(self, monkeypatch):
+        self.lines = []
+        monkeypatch.setattr('builtins.print', lambda *words, **_: self.lines.append(words))
+
+    @property
+    def ports(self):
+        return dict(word.split('=') for word in self.lines[0][1:])
+
+
+def played(recorder, tmp_path, monkeypatch, client):
+    """Play a trace to a client, in virtual time; return what was printed, and the score."""
+    script = make_script(read_recording(recorder.write(tmp_path / 'run.pcap')))
+    player = Player(script, 1.0, replay._tell)
+    said = Listening(monkeypatch)
+
+    async def scenario():
+        playing = asyncio.create_task(
+            replay._run(player, script, '127.0.0.1', dict.fromkeys(script.ports, 0))
+        )
+        await until(lambda: said.lines)
+        await client(said.ports)
+        await playing
+
+    run(scenario())
+    return [words[0] for words in said.lines[1:]], player.finish()
+
+
+@pytest.mark.parametrize('ending', ['closed', 'broken off'])
+def test_a_connection_that_the_controller_ended_ends_in_the_same_way(
+    ending, tmp_path, monkeypatch
+):
+    """One that was broken off was closed in order: the driver said another sentence then."""
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    recorder.says(0.1, 11002, Status())
+    if ending == 'closed':
+        recorder.lose(0.2, 11002)
+    else:
+        recorder._conversations[11002].reset(nanoseconds(0.2), from_client=False)
+    seen = []
+
+    async def client(ports):
+        reader, writer = await asyncio.open_connection('127.0.0.1', int(ports['state']))
+        try:
+            seen.append(len(await reader.read()))
+        except ConnectionResetError:
+            seen.append('reset')
+        writer.close()
+
+    _, score = played(recorder, tmp_path, monkeypatch, client)
+    assert seen == (['reset'] if ending == 'broken off' else [44])
+    assert (score.sent, score.missing) == (1, 0)
+
+
+def test_a_client_more_than_recorded_is_let_go_and_what_is_missing_is_said_once(
+    tmp_path, monkeypatch
+):
+    recorder = Recorder()
+    for port in (11002, 11000):
+        recorder.connect(0.0, port)
+    recorder.says(0.1, 11002, Status())
+    recorder.lose(0.2, 11002)
+    recorder.lose(0.2, 11000)
+
+    async def client(ports):
+        one = await asyncio.open_connection('127.0.0.1', int(ports['state']))
+        more = await asyncio.open_connection('127.0.0.1', int(ports['state']))
+        assert await more[0].read() == b''
+        await asyncio.sleep(30.0)
+        other = await asyncio.open_connection('127.0.0.1', int(ports['motion']))
+        await one[0].read()
+        await other[0].read()
+        for _, writer in (one, more, other):
+            writer.close()
+
+    said, _ = played(recorder, tmp_path, monkeypatch, client)
+    (waiting,) = [line for line in said if 'waiting for' in line]
+    assert 'motion' in waiting

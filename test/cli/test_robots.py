@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.longer_arm import arm_model
 
+from epson_driver.cli import robots
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.share import share_file
 
@@ -149,3 +151,11 @@ def test_a_terminal_gets_tables_with_colours_unless_plain() -> None:
     assert '\x1b[32mhigh' in text
     plain = on_a_terminal('c3_a601s', '--plain')
     assert plain.replace('\r\n', '\n') == run('c3_a601s').stdout
+
+
+def test_an_arm_without_lengths_to_compute_with_says_why(tmp_path: Path) -> None:
+    ((name, why),) = robots._lengths(arm_model(tmp_path, 7))
+    assert (name, 'c3_with_7_joints' in why) == ('none', True)
+    known = dict(robots._lengths(load_robot_model('c3_a601s')))
+    assert 'none' not in known
+    assert all(float(value) is not None for value in known.values())

@@ -5,13 +5,17 @@
 import threading
 
 import numpy as np
+import pytest
 import rclpy
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionServer
 from rclpy.executors import MultiThreadedExecutor
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
-from epson_driver.cli.processes import free_ros_domain
+from epson_driver.cli import ros_user
+from epson_driver.cli.processes import RunError, free_ros_domain, ros_environment
 from epson_driver.cli.ros_user import RosUser
 from epson_driver.motion import Trajectory
 
@@ -74,3 +78,35 @@ def test_the_recording_shows_how_the_arm_stands_after_the_goal(monkeypatch):
         driver.server.destroy()
         driver.node.destroy_node()
         context.try_shutdown()
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """Return a user of a driver that is not there."""
+    for name, value in ros_environment(free_ros_domain()).items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(ros_user, 'READY_TIMEOUT_S', 0.05)
+    found = RosUser(NAMES, lambda: None)
+    yield found
+    found.close()
+
+
+def test_without_a_driver_each_request_says_what_is_missing(alone):
+    with pytest.raises(RunError, match=r'no ~/enable service within 0\.05 s'):
+        alone.enable()
+    with pytest.raises(RunError, match=r'no ~/write_io service within 0\.05 s'):
+        alone.write_output(3, 1)
+    with pytest.raises(RunError, match='no joint states came while the goal ran'):
+        alone.recording()
+    with pytest.raises(RunError, match=r'no answer within 0\.1 s'):
+        alone._complete(Future(), 0.1)
+
+
+def test_what_the_driver_refuses_is_said_in_its_words(alone, monkeypatch):
+    monkeypatch.setattr(alone, '_wait', lambda *_: None)
+    refused = Trigger.Response(success=False, message='the E-stop is pressed')
+    monkeypatch.setattr(alone, '_complete', lambda *_: refused)
+    with pytest.raises(RunError, match=r'^~/enable: the E-stop is pressed$'):
+        alone.enable()
+    with pytest.raises(RunError, match=r'^~/write_io: the E-stop is pressed$'):
+        alone.write_output(3, 1)

@@ -14,6 +14,8 @@ import pytest
 from support.longer_arm import arm_file
 from support.sim_process import COMMAND, FREE, connect, receive
 
+from epson_driver.cli import sim_controller
+
 
 def run(*arguments):
     return subprocess.run(
@@ -239,3 +241,29 @@ def test_a_robot_with_too_many_joints_is_refused_with_the_limit(tmp_path):
     assert result.returncode == 2
     assert '11 joints: a message carries at most 10' in result.stderr
     assert 'Traceback' not in result.stderr
+
+
+@pytest.mark.slow
+def test_a_fault_and_a_look_ahead_from_the_start(start):
+    process, ports = start('--look-ahead', '0.4', '--fault', 'cut:port=state,after=3600')
+    (faults,) = remote(ports['remote'], '$Sim,fault,list')
+    assert faults.startswith('#Sim,cut')
+    assert 'port=state' in faults
+    process.terminate()
+    assert process.wait(60) == 0
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['--define', 'A=1'], '--define: there is no SPEL+ program'),
+        (['--program-port', '2001'], "'2001', PORT=PORT: '': must be a port from 0"),
+        (['--program-port', 'x=0'], "'x=0', PORT=PORT: x: must be a port from 1"),
+        (['--program-port', '2001=70000'], "'2001=70000', PORT=PORT: 70000: must be a port"),
+    ],
+)
+def test_what_a_spel_program_would_take_is_refused_in_a_sentence(monkeypatch, capsys, words, said):
+    monkeypatch.setattr(sys, 'argv', ['sim_controller', *words])
+    with pytest.raises(SystemExit, match='2'):
+        sim_controller.main()
+    assert said in capsys.readouterr().err

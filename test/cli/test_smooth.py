@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from epson_driver.cli import smooth
+from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.smooth_report import column, point_to_point, spline
 from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import Trajectory, problems
@@ -163,3 +164,44 @@ def test_plans_of_one_point():
     for motion, at in (point_to_point(one, LIMITS), spline(one)):
         assert at.tolist() == [0.0]
         assert measure(motion, None, LIMITS).stops == 0
+
+
+@pytest.mark.slow
+def test_stops_that_the_plan_asks_for_are_told_apart(run, tmp_path):
+    """There, and after a rest back again."""
+    points = [
+        f'- positions: [{value}, 0, 0, 0, 0, 0]\n'
+        f'  velocities: [0, 0, 0, 0, 0, 0]\n  time_from_start: {seconds}\n'
+        for value, seconds in ((0.0, 0.0), (0.5, 2.0), (0.5, 3.0), (0.0, 5.0))
+    ]
+    path = tmp_path / 'and_back.yaml'
+    path.write_text(f'joint_names: {list(LIMITS.names)}\npoints:\n{"".join(points)}')
+    code, text, _ = run(path)
+    assert code == 0
+    assert '0, and 1 that the plan asks for' in ' '.join(text.split())
+
+
+def test_without_matplotlib_a_picture_that_was_asked_for_is_refused(run, monkeypatch, tmp_path):
+    monkeypatch.setattr(smooth, 'find_spec', lambda _: None)
+    code, _, error = run(FILE, '--picture', 'x.png')
+    assert code == 2
+    assert "--picture: none, as matplotlib is missing: pip install 'epson_driver[report]'" in error
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ('error', 'code', 'said'),
+    [
+        (ValueError('point 3 cannot be passed'), 2, f'error: {FILE}: point 3 cannot be passed'),
+        (KeyboardInterrupt(), INTERRUPTED, ''),
+    ],
+)
+def test_a_plan_that_is_not_smoothed_leaves_no_file(run, monkeypatch, tmp_path, error, code, said):
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr(smooth, 'smoothed', fails)
+    found, _, told = run(FILE)
+    assert found == code
+    assert said in told
+    assert not list(tmp_path.iterdir())

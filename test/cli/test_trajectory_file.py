@@ -181,3 +181,10 @@ def test_a_time_may_be_a_number_of_seconds(tmp_path):
 def test_an_empty_file_is_told_its_form(tmp_path, text):
     with pytest.raises(InputError, match=r'is empty: must have joint_names: .*time_from_start'):
         read_trajectory(written(tmp_path, text))
+
+
+@pytest.mark.parametrize('points', ['3', '{a: 1}', 'none'])
+def test_points_that_are_no_list_are_shown(tmp_path, points):
+    path = written(tmp_path, f'joint_names: [a]\npoints: {points}\n')
+    assert refusal(path).startswith(f'{path}: points = ')
+    assert refusal(path).endswith(': must be a list')

@@ -14,7 +14,9 @@ from support.sim_process import started
 
 from epson_driver.cli import doctor as command
 from epson_driver.cli import processes
+from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.cli.moveit_joints import joints_of
+from epson_driver.doctor import environment
 from epson_driver.doctor.environment import check_environment
 from epson_driver.doctor.findings import Finding, Findings, Level, as_text
 from epson_driver.robots import load_robot_model
@@ -78,6 +80,96 @@ def test_another_package_of_the_same_name_is_found_out(tmp_path):
     found = checked(PYTHONPATH=str(tmp_path))
     finding = found[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
     assert 'lacks e_stopped' in finding.found
+
+
+def test_what_this_machine_lacks_is_named_with_what_helps(tmp_path):
+    for name in ('rclpy', 'epson_msgs'):
+        (tmp_path / name).mkdir()
+        text = f'raise ImportError("{name} was made for this test")\n'
+        (tmp_path / name / '__init__.py').write_text(text)
+    found = checked(PYTHONPATH=str(tmp_path), ROS_DISTRO='jazzy', AMENT_PREFIX_PATH='/opt/here')
+    assert found[Level.OK, 'ROS'].found == 'jazzy (/opt/here)'
+    for about in ('rclpy', 'epson_msgs/msg/IoPoint'):
+        name = about.partition('/')[0]
+        assert found[Level.WRONG, about].found == f'ImportError: {name} was made for this test'
+        assert 'colcon build' in found[Level.WRONG, about].remedy
+
+
+def test_a_python_that_is_too_old_and_an_import_that_hangs_are_wrong(monkeypatch):
+    monkeypatch.setattr(environment, 'MIN_PYTHON', (99, 0))
+    monkeypatch.setattr(environment, 'ASK_TIMEOUT_S', 1e-3)
+    found = checked(ROS_DOMAIN_ID='42')
+    assert 'is too old' in found[Level.WRONG, 'Python'].found
+    assert found[Level.WRONG, 'ROS'].found == 'importing rclpy took more than 0.001 s'
+    assert (Level.OK, 'domain') in found  # the rest is looked at all the same
+
+
+@pytest.fixture
+def called(monkeypatch, capsys):
+    """Return a function that runs the command without a look at this machine."""
+    monkeypatch.setattr(command, 'check_environment', lambda findings: None)
+
+    def call(*words, moveit='null', error=None):
+        def asked(*_args, **_options):
+            if error is not None:
+                raise error
+            return subprocess.CompletedProcess([], 0, f'{moveit}\n', '')
+
+        monkeypatch.setattr(command.subprocess, 'run', asked)
+        monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', *words])
+        code = command.main()
+        return code, capsys.readouterr().out
+
+    return call
+
+
+NAMES = list(load_robot_model('c3_a601s').joint_names)
+
+
+@pytest.mark.parametrize(
+    ('joints', 'code', 'said'),
+    [
+        (None, 0, 'skipped MoveIt: no move_group runs in this domain'),
+        ([*NAMES, 'gripper'], 0, f'ok      MoveIt: knows {", ".join(NAMES)}'),
+        (NAMES[1:], 1, f'wrong   MoveIt: its robot lacks joint_1 (it has {", ".join(NAMES[1:])})'),
+        ([], 1, '(it has none)'),
+    ],
+)
+def test_the_joints_of_moveit_are_held_against_those_of_the_model(called, joints, code, said):
+    found, output = called(moveit=f'a line of the middleware\n{json.dumps(joints)}')
+    assert found == code
+    assert said in output
+
+
+@pytest.mark.parametrize(
+    'error',
+    [subprocess.TimeoutExpired('moveit_joints', 60.0), subprocess.CalledProcessError(1, 'x')],
+)
+def test_a_moveit_that_cannot_be_looked_for_is_skipped(called, error):
+    code, output = called(error=error)
+    assert (code, 'ROS does not start' in output) == (0, True)
+
+
+def test_a_text_that_cannot_be_saved_is_said_in_one_sentence(called, capsys, tmp_path):
+    with pytest.raises(SystemExit, match='2'):
+        called('--save', str(tmp_path / 'no' / 'x.txt'))
+    assert 'No such file or directory' in capsys.readouterr().err
+
+
+def test_a_person_who_ends_the_questions_interrupts_it(called, monkeypatch):
+    asked = []
+
+    def ends(sentence):
+        asked.append(sentence)
+        raise EOFError
+
+    async def jogged(_question, _findings, ask):
+        await ask('Jog J1')
+
+    monkeypatch.setattr('builtins.input', ends)
+    monkeypatch.setattr(command, 'check_controller', jogged)
+    assert called('127.0.0.1', '--jog')[0] == INTERRUPTED
+    assert asked == ['Jog J1']
 
 
 def test_a_controller_is_examined_and_the_text_is_saved(tmp_path):
@@ -230,12 +322,16 @@ def test_ros2_doctor_counts_what_is_wrong(monkeypatch):
     ):
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setenv('ROS_DOMAIN_ID', 'five')
+    monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE', raising=False)
     monkeypatch.delitem(sys.modules, 'epson_driver.cli.ros2_doctor', raising=False)
     from epson_driver.cli.ros2_doctor import EpsonDriverCheck
 
     check = EpsonDriverCheck()
     assert check.category() == 'epson_driver'
-    assert check.check().errors == 1 + any('rclpy' in each for each in said)
+    result = check.check()
+    assert result.errors == 1 + any('rclpy' in each for each in said)
+    assert result.errors + result.warnings == len(said)
+    assert any('everybody on this network can move the robot' in each for each in said)
     assert any('ROS_DOMAIN_ID' in each for each in said)
     text = (Path(__file__).parents[2] / 'setup.py').read_text(encoding='utf-8')
     assert 'cli.ros2_doctor:EpsonDriverCheck' in text

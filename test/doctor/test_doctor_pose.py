@@ -28,8 +28,11 @@ class Arm:
         self._typed = typed
         self._jogged = 0
 
-    async def send(self, _reader, writer):
+    async def send(self, reader, writer):
         try:
+            while self.joints is None:  # until the doctor leaves
+                if not await reader.read(1):
+                    raise ConnectionError
             while True:
                 message = JointPosition(0, joint_data(self.joints.tolist()))
                 writer.write(encode(topic(message), LITTLE_ENDIAN))
@@ -45,7 +48,8 @@ class Arm:
         move = self._moves.get(joint, (joint, 0.02))
         if move is None:
             return 's'
-        self.joints[move[0]] += move[1]
+        if self.joints is not None:
+            self.joints[move[0]] += move[1]
         return ''
 
 
@@ -74,6 +78,7 @@ def test_joints_that_follow_are_ok():
         ({2: (2, -0.02)}, 3, 'its sign is turned', 'joint_signs: -1 for joint_3'),
         ({1: (4, 0.02)}, 2, 'joint_2 did not move, number 5 did', 'joint_names'),
         ({0: (0, 0.001)}, 1, 'no joint moved', 'jog further'),
+        ({3: ([3, 5], 0.02)}, 4, 'number 6 moved, too', 'one joint'),
     ],
 )
 def test_what_is_wrong_with_a_joint_is_named(moves, joint, said, remedy):
@@ -111,3 +116,15 @@ def test_tool0_is_compared_with_the_pendant(typed, level, said):
     found = checked(Arm(typed=typed), check_tool)['tool0']
     assert found.level is level
     assert said in found.found
+
+
+@pytest.mark.invariant(8)
+@pytest.mark.parametrize('joints', [None, np.full(6, np.nan)], ids=['none', 'no numbers'])
+def test_an_arm_of_which_nobody_knows_where_it_is_is_not_ok(joints):
+    """Joints that are no numbers differ from nothing: each was said to be as it should be."""
+    arm = Arm(typed=shown())
+    arm.joints = joints
+    found = [*checked(arm, check_joints).values(), *checked(arm, check_tool).values()]
+    assert len(found) == 7
+    assert {each.level for each in found} == {Level.WRONG}
+    assert {each.found for each in found} == {'no joint states came that are numbers'}

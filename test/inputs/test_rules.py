@@ -19,6 +19,7 @@ from epson_driver.inputs import (
     shown,
 )
 from epson_driver.link.link import Link
+from epson_driver.simple_message import JointPosition
 
 
 @pytest.mark.parametrize(
@@ -113,3 +114,18 @@ def test_values_are_shown_short() -> None:
     assert shown({'b': 1, 'a': [1.5, 'x']}) == "{'b': 1, 'a': [1.5, 'x']}"
     assert shown(10**5000) == 'a number of 5001 digits'
     assert printable('a\n\ud800ä\0') == 'a\\n\\ud800ä\\x00'
+
+
+def test_what_is_nested_too_deeply_is_shown_shortened() -> None:
+    nested: dict[str, Any] = {'a': 1}
+    for _ in range(20):
+        nested = {'a': nested}
+    assert shown(nested).count('{') < 15
+    assert '{...}' in shown(nested)
+    assert shown({'a': {}}) == "{'a': {}}"
+
+
+def test_a_link_that_is_not_connected_sends_nothing_and_says_so() -> None:
+    link = Link('state', '127.0.0.1', 11002, on_packet=print, on_state=print)
+    with pytest.raises(ConnectionError, match='state link is disconnected'):
+        link.tell(JointPosition(0, (0.0,) * 10))

@@ -40,3 +40,8 @@ def test_multiples_of_the_limits():
     assert figures.velocity == pytest.approx(2.0 / 8.0, rel=1e-3)
     assert figures.acceleration == pytest.approx(4.0 / 50.0, rel=1e-2)
     assert figures.duration == pytest.approx(4.0)
+
+
+def test_a_plan_that_stays_where_it_is_has_no_rests_between():
+    command = Trajectory(NAMES, np.array([0.0, 1.0, 2.0]), np.full((3, 2), 0.3))
+    assert commanded_rests(command, LIMITS) == 0

@@ -177,6 +177,7 @@ EFFECTS = {
     'start_tolerance': (0.4, lambda made: made.driver.goal_queue.start_tolerance),
     'servo.scale': (0.5, lambda made: made.driver.servo.settings.share),
     'servo.timeout': (0.3, lambda made: made.driver.servo.settings.timeout),
+    'servo.period': (0.1, lambda made: made.driver.servo.settings.period),
     'servo.start_tolerance': (0.2, lambda made: made.driver.servo.settings.start_tolerance),
     'constraints.stopped_velocity_tolerance': (
         0.5,

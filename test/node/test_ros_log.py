@@ -75,3 +75,12 @@ def test_tasks_and_callbacks_of_two_nodes_in_one_loop(made):
     assert loggers[0].lines == [('info', '0'), ('info', 'child of 0')]
     assert loggers[1].lines == [('info', '1'), ('info', 'child of 1'), ('info', 'called')]
     assert nobody.lines == [('info', 'nobody')]
+
+
+def test_a_record_that_cannot_be_written_goes_to_stderr_with_the_reason(made, capsys):
+    log, nobody = made
+    nobody.warning = None  # as after the context was shut down
+    log.warning('the link is lost')
+    said = capsys.readouterr().err
+    assert 'TypeError' in said
+    assert 'the link is lost' in said

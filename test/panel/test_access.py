@@ -114,3 +114,20 @@ def test_loopback_is_this_machine_alone(host: str) -> None:
 @pytest.mark.parametrize('host', ['0.0.0.0', '::', '192.168.0.2', 'somewhere'])
 def test_everything_else_is_reached_by_others(host: str) -> None:
     assert not is_loopback(host)
+
+
+def test_at_port_80_a_browser_leaves_the_port_out() -> None:
+    plain = Access(80, own_names(HERE))
+    assert rejection(plain, host=HERE, origin=f'http://{HERE}') is None
+    assert rejection(plain, host=f'{HERE}:80') is None
+    assert rejection(plain, host='evil.example') is not None
+    assert rejection(LOCAL, host=HERE) is not None
+
+
+@pytest.mark.invariant(7)
+def test_a_cookie_that_is_none_lets_nobody_in_and_hides_no_token() -> None:
+    secret = Access(PORT, own_names(HERE), 'secret')
+    odd = 'a@b=1'
+    assert rejection(secret, cookie=odd) is not None
+    assert rejection(secret, '/?token=secret', cookie=odd) is None
+    assert rejection(secret, cookie=f'{secret.cookie}=secret') is None

@@ -224,3 +224,10 @@ def test_ages_are_shown() -> None:
     text = page_html.lamps_html([], advice(state(), NOW), [('joints', 0.04), ('x', None)], 0)
     assert 'joints 0.0 s' in text
     assert 'x none yet' in text
+
+
+def test_a_simulated_controller_that_is_paused_says_what_helps() -> None:
+    found = state(simulation=Simulation({'door': 'closed', 'tasks': 'paused'}))
+    told = advice(found, NOW)
+    assert (told.colour, told.reason) == (WARN, 'the controller is paused')
+    assert 'Continue' in told.remedy

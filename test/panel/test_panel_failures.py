@@ -14,7 +14,9 @@ from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 
 from epson_driver.cli import processes
-from epson_driver.panel.panel import Panel
+from epson_driver.panel import panel as panel_module
+from epson_driver.panel.panel import Panel, address
+from epson_driver.panel.web_server import WebServer
 
 ROBOT = '/nobody'
 
@@ -114,3 +116,51 @@ def test_a_stop_that_nobody_can_carry_out_is_said_and_no_failure(running: Runnin
         client.click('Arm')
         client.wait_for_notification('the driver does not report')
         running.window().close()
+
+
+@pytest.mark.invariant(9)
+def test_a_page_that_nobody_serves_any_more_ends_the_panel(
+    running: Running, caplog: pytest.LogCaptureFixture
+) -> None:
+    running.window().close()
+    running.panel.web.stop()
+    assert running.end() == 1
+    assert 'nothing serves the page any more' in caplog.text
+
+
+@pytest.mark.invariant(9)
+def test_a_goal_whose_end_was_not_seen_is_told_at_the_end(
+    running: Running, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(running.panel.ros, 'cancel_goals', lambda: False)
+    running.panel.stop()
+    running.end()
+    assert 'was canceled, but its end was not seen' in caplog.text
+
+
+def test_without_ros_the_port_is_closed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[WebServer] = []
+
+    def server(*arguments: Any) -> WebServer:
+        made.append(WebServer(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(panel_module, 'WebServer', server)
+    monkeypatch.setattr(panel_module, 'RosSide', fails)
+    with pytest.raises(ZeroDivisionError):
+        Panel('127.0.0.1', 0, None, [], [ROBOT], {}, allow_motion=False)
+    with pytest.raises(OSError, match='refused'):
+        PanelClient(made[0].port)
+
+
+@pytest.mark.parametrize(
+    ('host', 'token', 'shown'),
+    [
+        ('127.0.0.1', None, 'http://127.0.0.1:80/'),
+        ('0.0.0.0', None, 'http://127.0.0.1:80/'),
+        ('::', 'abc', 'http://[::1]:80/?token=abc'),
+        ('fe80::1', None, 'http://[fe80::1]:80/'),
+    ],
+)
+def test_the_address_is_one_that_a_browser_opens(host: str, token: str | None, shown: str) -> None:
+    assert address(host, 80, token) == shown

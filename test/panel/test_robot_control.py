@@ -11,9 +11,11 @@ import pytest
 
 from epson_driver.motion import Trajectory
 from epson_driver.panel.arming import NotArmedError
+from epson_driver.panel.request_error import RequestError
 from epson_driver.panel.robot_control import RobotControl
 from epson_driver.panel.robot_state import MAX_AGES_S, RobotState, Simulation
-from epson_driver.panel.sim_pendant import PendantThread
+from epson_driver.panel.ros_robot import ERROR, INFO, WARN, NoDriverError
+from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread
 
 PARAMETERS = {'robot_model': 'c3_a601s', 'robot_ip': '192.0.2.1', 'remote_port': 0}
 NOW = 100.0
@@ -28,11 +30,23 @@ class Robot:
         self.parameters: dict[str, Any] = dict(PARAMETERS)
         self.logged: list[str] = []
 
+        self.asked: list[Any] = []
+        self.served = True
+        """Whether somebody answers requests."""
+
     def log(self, text: str, _level: int) -> None:
         self.logged.append(text)
 
     def cancel_goals(self) -> list[Any]:
         return []
+
+    def trigger(self, name: str, _say: Any) -> None:
+        self.asked.append(name)
+
+    def set_speed(self, factor: float, say: Any) -> None:
+        if not self.served:
+            raise NoDriverError('nobody serves ~/set_speed_scaling')
+        self.asked.append((factor, say))
 
 
 @pytest.fixture
@@ -153,3 +167,82 @@ def test_a_robot_that_nobody_says_is_simulated_is_moved_only_if_the_panel_may(
     robot.state.times['simulation'] -= MAX_AGES_S['simulation'] + 0.01
     careful.arming.watch()
     assert careful.arming.holder is None
+
+
+SHORT = Trajectory(('a', 'b'), np.array([0.0, 1.0]), np.zeros((2, 2)))
+
+
+@pytest.mark.invariant(3)
+def test_stop_and_disable_need_no_armed_browser(robot: Robot, control: RobotControl) -> None:
+    control.stop()
+    control.disable()
+    assert robot.asked == ['stop', 'disable']
+
+
+@pytest.mark.invariant(1)
+def test_nothing_that_lets_the_arm_move_is_pressed_by_a_browser_that_is_not_armed(
+    control: RobotControl,
+) -> None:
+    with pytest.raises(NotArmedError):
+        control.press(1, 'Motors', 'on')
+    with pytest.raises(NotArmedError):
+        control.go_to_start(1, 'short', SHORT)
+
+
+def test_where_no_simulated_controller_is_known_nothing_is_pressed(control: RobotControl) -> None:
+    control.arming.arm(1)
+    for what, how in (('Motors', 'on'), ('E-stop', 'press')):
+        with pytest.raises(NotSimulatedError, match='no simulated controller is known'):
+            control.press(1, what, how)
+
+
+def test_a_trajectory_for_other_joints_is_refused_with_both_numbers(
+    robot: Robot, control: RobotControl
+) -> None:
+    control.arming.arm(1)
+    with pytest.raises(RequestError, match='the robot model is not known'):
+        control.go_to_start(1, 'short', SHORT)
+    control.look()
+    robot.state.joint_names = tuple(f'joint_{number}' for number in range(1, 7))
+    for ask in (control.execute, control.go_to_start):
+        with pytest.raises(RequestError, match='for 2 joints, the robot has 6'):
+            ask(1, 'short', SHORT)
+    assert control.away_from_start(SHORT) == ''
+    assert control.plan is None
+
+
+def test_of_many_wishes_for_a_speed_the_last_one_is_asked_for(
+    robot: Robot, control: RobotControl
+) -> None:
+    control.arming.arm(1)
+    for factor in (0.9, 0.5, 0.2):
+        control.set_speed(1, factor)
+    ((factor, answered),) = robot.asked
+    assert factor == 0.9
+    answered('~/set_speed_scaling: refused', WARN)
+    assert [factor for factor, _ in robot.asked] == [0.9, 0.2]
+    robot.asked[-1][1]('done', INFO)
+    assert len(robot.asked) == 2
+    assert robot.logged == ['~/set_speed_scaling: refused']
+
+
+def test_a_speed_that_nobody_takes_is_said_and_the_next_one_is_asked_for(
+    robot: Robot, control: RobotControl
+) -> None:
+    """Otherwise the slider would be dead: one request would count as under way for ever."""
+    control.arming.arm(1)
+    robot.served = False
+    with pytest.raises(NoDriverError):
+        control.set_speed(1, 0.5)
+    robot.served = True
+    control.set_speed(1, 0.6)
+    control.set_speed(1, 0.7)
+    robot.served = False
+    robot.asked[-1][1]('~/set_speed_scaling: no answer in 15 s', ERROR)
+    assert robot.logged == [
+        '~/set_speed_scaling: no answer in 15 s',
+        'nobody serves ~/set_speed_scaling',
+    ]
+    robot.served = True
+    control.set_speed(1, 0.8)
+    assert [factor for factor, _ in robot.asked] == [0.6, 0.8]

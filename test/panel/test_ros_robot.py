@@ -10,17 +10,20 @@ import numpy as np
 import pytest
 import rclpy
 from control_msgs.action import FollowJointTrajectory
-from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.action.client import ClientGoalHandle
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from support.ros_peer import PATIENCE
 
 from epson_driver.cli.processes import free_ros_domain
 from epson_driver.motion import Trajectory
 from epson_driver.node.ros_thread import RosThread
-from epson_driver.panel.ros_robot import RosRobot
+from epson_driver.panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
 
 WAY = Trajectory(('joint_1',), np.array([1.0]), np.array([[0.5]]))
 
@@ -170,3 +173,133 @@ def test_a_stop_does_not_overtake_a_goal(both: Both) -> None:
     both.serving.start()
     assert goal.ended.wait(PATIENCE)
     assert sorted(both.driver.requests) == ['goal', 'stop']
+
+
+@pytest.mark.invariant(5)
+def test_a_goal_that_the_driver_rejects_has_ended(both: Both) -> None:
+    both.driver.server.register_goal_callback(lambda _goal: GoalResponse.REJECT)
+    both.serving.start()
+    started(both)
+    (goal,) = both.robot.goals
+    assert goal.ended.wait(PATIENCE)
+    assert both.said == ['the way: rejected']
+    assert both.robot.goals == []
+
+
+@pytest.mark.invariant(5)
+def test_of_a_driver_that_is_silent_no_goal_is_left_and_that_is_said(both: Both) -> None:
+    started(both)
+    (goal,) = both.robot.goals
+    both.robot.parameters = {'robot_model': 'c3_a601s'}
+    both.robot.state.times['diagnostics'] = 100.0
+    both.robot.look_for_driver(200.0)
+    assert goal.ended.is_set()
+    assert (both.robot.goals, both.robot.parameters) == ([], {})
+    (event,) = both.robot.state.events
+    assert event.text == 'the way: the driver is gone, and what became of it is not known'
+
+
+class Handle:
+    """A goal that the driver has accepted."""
+
+    def __init__(self) -> None:
+        self.canceled = 0
+
+    def cancel_goal_async(self) -> None:
+        self.canceled += 1
+
+
+class AtOnce:
+    """An executor that does what it is given at once."""
+
+    def create_task(self, work: Any) -> None:
+        work()
+
+
+@pytest.mark.invariant(3)
+def test_a_goal_that_is_canceled_before_it_is_accepted_is_canceled_then() -> None:
+    early, late, ended = Handle(), Handle(), Handle()
+    goal = Goal('the way', AtOnce())  # type: ignore[arg-type]
+    goal.cancel()
+    goal.accepted(early)
+    other = Goal('the way', AtOnce())  # type: ignore[arg-type]
+    other.accepted(late)
+    assert late.canceled == 0
+    other.cancel()
+    over = Goal('the way', AtOnce())  # type: ignore[arg-type]
+    over.accepted(ended)
+    over.ended.set()
+    over.cancel()
+    assert (early.canceled, late.canceled, ended.canceled) == (1, 1, 0)
+
+
+@pytest.fixture(scope='module')
+def lonely() -> Iterator[RosRobot]:
+    """Return what the panel has of a driver that is not there."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=free_ros_domain())
+    nodes = [Node(name, context=context) for name in ('panel', 'panel_topics')]
+    yield RosRobot(nodes[0], AtOnce(), nodes[1], '/epson_driver')  # type: ignore[arg-type]
+    for node in nodes:
+        node.destroy_node()
+    context.try_shutdown()
+
+
+def test_a_goal_for_nobody_is_refused_with_the_name_of_the_action(lonely: RosRobot) -> None:
+    with pytest.raises(NoDriverError, match='nobody serves /epson_driver/follow_joint_trajectory'):
+        lonely.execute(WAY, 'the way', lonely.log)
+    assert lonely.goals == []
+
+
+@pytest.mark.invariant(6)
+def test_joint_states_that_are_no_numbers_are_not_shown(lonely: RosRobot) -> None:
+    names = ['joint_1', 'joint_2']
+    lonely._on_joints(JointState(name=names, position=[0.1, 0.2]), 10.0)
+    assert lonely.state.velocities.tolist() == [0.0, 0.0]  # there are none in it
+    lonely._on_joints(JointState(name=names, position=[0.1, float('nan')]), 20.0)
+    lonely._on_joints(JointState(name=names, position=[0.3]), 20.0)
+    assert lonely.state.positions.tolist() == [0.1, 0.2]
+    assert lonely.state.times['joints'] == 10.0
+
+
+class Answer:
+    """A future that is done."""
+
+    def __init__(self, values: list[ParameterValue] | None) -> None:
+        self._values = values
+
+    def result(self) -> GetParameters.Response | None:
+        return None if self._values is None else GetParameters.Response(values=self._values)
+
+
+@pytest.mark.invariant(1)
+def test_what_a_driver_answers_too_late_or_in_part_says_nothing_of_the_robot(
+    lonely: RosRobot,
+) -> None:
+    whole = [ParameterValue(type=4, string_value='c3_a601s') for _ in PARAMETERS]
+    unset = [*whole[:-1], ParameterValue()]
+    for answer in (Answer(None), Answer(whole[1:]), Answer(unset)):
+        lonely._asking = answer
+        lonely._on_parameters(1.0, answer)
+    lonely._on_parameters(1.0, Answer(whole))  # of a question that was given up
+    assert lonely.parameters == {}
+    lonely._asking = asked = Answer(whole)
+    lonely._on_parameters(2.0, asked)
+    assert lonely.parameters == dict.fromkeys(PARAMETERS, 'c3_a601s')
+    assert lonely.state.times['parameters'] == 2.0
+    lonely._asking = None
+
+
+def test_a_driver_that_does_not_answer_is_asked_again(
+    lonely: RosRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may have died in between, and another one come in its place."""
+    monkeypatch.setattr(lonely._get_parameters, 'service_is_ready', lambda: True)
+    lonely.state.times.pop('diagnostics', None)
+    lonely.look_for_driver(10.0)
+    first = lonely._asking
+    lonely.look_for_driver(12.0)
+    assert lonely._asking is first
+    lonely.look_for_driver(13.5)
+    assert lonely._asking is not first
+    lonely._give_up_asking()

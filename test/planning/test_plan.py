@@ -12,11 +12,12 @@ pytest.importorskip('ompl')  # no wheel for Python 3.14
 
 from epson_driver.motion import problems
 from epson_driver.motion.motion_figures import measure
+from epson_driver.planning import plan as plan_module
 from epson_driver.planning.path import dense
 from epson_driver.planning.plan import LIMIT_SHARE, MOTION_MARGIN_M, PlanningError, plan_task
-from epson_driver.planning.shapes import tray
-from epson_driver.planning.task import draw_task, gripping, quarter_turns
-from epson_driver.planning.verdict import apart, judge
+from epson_driver.planning.shapes import Box, tray
+from epson_driver.planning.task import draw_task, gripping, quarter_turns, raised
+from epson_driver.planning.verdict import apart, judge, stops
 from epson_driver.planning.workspace import HOME_RAD
 
 
@@ -97,6 +98,66 @@ def test_a_part_in_a_narrow_shaft_is_out_of_reach():
     shaft = tray('shaft', 0.05, 0.12, 0.01, 0.25, 0.3, 0.1)
     with pytest.raises(PlanningError, match='the part is out of reach'):
         plan_task(task(*shaft), MODEL)
+
+
+def test_an_arm_that_would_collide_where_it_begins_is_said_so():
+    here = scene().hand_pose(np.array(HOME_RAD))[:3, 3]
+    wall = Box('wall', (0.1, 0.1, 0.1), tuple(here))
+    with pytest.raises(PlanningError, match='the arm would collide where it begins'):
+        plan_task(task(wall), MODEL)
+
+
+@pytest.mark.parametrize(
+    ('blocked', 'said'),
+    [
+        ('to the part', 'no way to the part'),
+        pytest.param('to its place', 'no way from the part to its place', marks=pytest.mark.slow),
+        pytest.param('home', 'no way home', marks=pytest.mark.slow),
+    ],
+)
+def test_a_way_that_is_not_found_is_named_and_every_way_down_is_tried(monkeypatch, blocked, said):
+    asked = []
+
+    def motion(_planner, name, _begin, _end, **_):
+        asked.append(name)
+        return None if name == blocked else object()
+
+    monkeypatch.setattr(plan_module._Planner, '_motion', motion)
+    with pytest.raises(PlanningError, match=f'^{said}$'):
+        plan_task(task(), MODEL)
+    there, down = asked.count('to the part'), asked.count('to its place')
+    assert 1 < there <= plan_module.MAX_GOALS
+    assert blocked == 'to the part' or there < down <= there * plan_module.MAX_GOALS
+    assert asked.count('home') == (down if blocked == 'home' else 0)
+
+
+@pytest.mark.parametrize(
+    'found', ['nothing', pytest.param('what comes too near', marks=pytest.mark.slow)]
+)
+def test_a_search_is_given_up_after_so_many(monkeypatch, found):
+    told = []
+    if found == 'nothing':
+        monkeypatch.setattr(plan_module, 'find_path', lambda *_: None)
+    else:
+        monkeypatch.setattr(plan_module._Planner, '_keeps_away', lambda *_: False)
+    planner = plan_module._Planner(task(), MODEL, told.append)
+    home = np.array(HOME_RAD)[None, :]
+    pick = planner._task.pick
+    assert planner._motion('there', home, home + 0.1, standing=pick, reaches=pick) is None
+    assert told == [f'there: search {n}' for n in range(1, plan_module.MAX_SEARCHES + 1)]
+
+
+def test_a_straight_way_down_ends_at_the_pose_or_is_none():
+    planner = plan_module._Planner(task(), MODEL, str)
+    pose = planner._task.pick
+    above = planner._arm.inverse(raised(pose, planner._approach), np.array(HOME_RAD))[0]
+    way = planner._straight(above, pose)
+    assert apart(planner._scene.hand_pose(way[-1]), pose) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert planner._straight(above, gripping(2.0, 0.3, PART[2], 0.0)) is None
+
+
+def test_an_arm_that_does_not_move_makes_no_stop():
+    assert stops(np.arange(100) * 0.01, np.zeros((100, 6))) == 0
 
 
 def test_the_verdict_on_the_motion_as_planned(plan):

@@ -180,6 +180,9 @@ WRONG = [
     ('io.digital_inputs', -1, 'must be a whole number'),
     ('io.lamps', 1, 'is not a key'),
     ('remote.password', 1234, 'must be a text'),
+    ('description', 'x' * 10_001, 'must be a text'),
+    ('spel.config', {'FAST': True}, 'must be a mapping of names to texts or numbers'),
+    ('spel.config', {'FAST': [1]}, 'must be a mapping of names to texts or numbers'),
 ]
 
 

@@ -224,3 +224,15 @@ def test_a_folder_that_exists_is_left_alone(tmp_path, run):
     with pytest.raises(RunError, match='is there already'):
         write_bag(run, figures(run), tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.invariant(7)
+def test_a_definition_that_is_no_text_makes_the_bag_one_that_cannot_be_read(tmp_path):
+    (file,) = other_bag(tmp_path / 'bag', '/joint_states').glob('*.mcap')
+    content = file.read_bytes()
+    assert b'std_msgs/Header header' in content
+    file.write_bytes(
+        content.replace(b'std_msgs/Header header', b'std_msgs/\xff\xff\xff\xff\xff\xff header')
+    )
+    with pytest.raises(RunError, match=re.escape(f'{file}: cannot be read as a bag')):
+        read_bag(file, TEXTS)

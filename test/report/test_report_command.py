@@ -9,6 +9,7 @@ import pytest
 from support.recorded_run import usual_run
 
 from epson_driver.cli import report
+from epson_driver.cli.interrupt import INTERRUPTED
 
 
 @pytest.fixture
@@ -84,3 +85,36 @@ def test_without_the_extra_the_command_that_brings_it_is_named(called, monkeypat
     code, output = called('a.pcap', '--mcap', 'bag')
     assert code == 2
     assert "pip install 'epson_driver[report]'" in output.err
+
+
+def test_a_report_that_cannot_be_put_in_place_leaves_nothing_behind(called, tmp_path):
+    (tmp_path / 'there.html').mkdir()
+    code, output = called('a.pcap', '--output', 'there.html')
+    assert code == 2
+    assert 'there.html' in output.err
+    assert {path.name for path in tmp_path.iterdir()} == {'a.pcap', 'b.pcap', 'there.html'}
+
+
+def test_a_bag_of_another_arm_is_refused_with_both_numbers(called):
+    pytest.importorskip('rosbags')
+    assert called('a.pcap', '--mcap', 'bag')[0] == 0
+    code, output = called('bag', '--robot', 'gx4_c251s')
+    assert code == 2
+    assert 'bag: 6 joints, the robot gx4_c251s has 4: name its model with --robot' in output.err
+
+
+def test_ctrl_c_ends_it_as_an_interrupt(called, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(report, 'read_trace', interrupted)
+    assert called('a.pcap')[0] == INTERRUPTED
+
+
+def test_a_library_that_is_missing_and_no_extra_of_ours_is_not_taken_for_one(called, monkeypatch):
+    def missing(*_):
+        raise ModuleNotFoundError("No module named 'numpy'", name='numpy')
+
+    monkeypatch.setattr(report, 'read_trace', missing)
+    with pytest.raises(ModuleNotFoundError, match='numpy'):
+        called('a.pcap')

@@ -16,6 +16,7 @@ from support.recorded_run import usual_run
 from epson_driver.error_texts import load_error_texts
 from epson_driver.report.derivatives import derivatives
 from epson_driver.report.figures import figures
+from epson_driver.report.packed_arm import packed
 from epson_driver.report.page import MAX_SAMPLES, page
 from epson_driver.report.run import Run
 from epson_driver.report.trace_run import read_trace
@@ -132,3 +133,10 @@ def test_few_joint_states_have_no_derivatives(count):
     velocities, accelerations = derivatives(np.arange(count) * 0.1, np.ones((count, 6)))
     assert velocities.shape == accelerations.shape == (count, 6)
     assert not velocities.any()
+
+
+def test_a_mesh_with_more_vertices_than_16_bits_can_number_is_refused():
+    corners = np.random.default_rng(1).normal(size=(65_536, 3))
+    with pytest.raises(ValueError, match='65536 vertices: at most 65535'):
+        packed(corners, np.zeros((1, 3), dtype=int))
+    assert packed(corners[1:], np.zeros((1, 3), dtype=int))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run read from a trace of which everything is known, and from traces with something wrong."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +20,30 @@ from support.recorded_run import (
 )
 
 from epson_driver.error_texts import load_error_texts
+from epson_driver.report.condition_events import condition_events
 from epson_driver.report.derivatives import derivatives
 from epson_driver.report.figures import STANDSTILL_RAD, figures
 from epson_driver.report.page import page
-from epson_driver.report.run import NO, YES, RunError
+from epson_driver.report.run import NO, UNKNOWN, YES, Condition, Plan, Run, RunError
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
-from epson_driver.simple_message import JointPosition, JointTrajPt, Status, joint_data
+from epson_driver.simple_message import (
+    LITTLE_ENDIAN,
+    CommType,
+    JointFeedback,
+    JointPosition,
+    JointTrajPt,
+    JointTrajPtFull,
+    MotionCtrl,
+    MotionReply,
+    ReplyCode,
+    Status,
+    ValidFields,
+    encode,
+    joint_data,
+    topic,
+)
+from epson_driver.simple_message.motoman import Command, Result
 
 LIMITS = load_robot_model('c3_a601s').limits
 TEXTS = load_error_texts()
@@ -253,3 +271,127 @@ def test_a_trace_without_joint_states_is_refused(tmp_path):
     recorder.says(0.1, 11002, Status())
     with pytest.raises(RunError, match='no joint states'):
         read(recorder, tmp_path)
+
+
+def answered(recorder: Recorder, time: float, message, result: Result) -> None:
+    """Record a request of Motoman's and its answer, 4 ms later."""
+    recorder.asks(time, 11000, message)
+    number = message.command if isinstance(message, MotionCtrl) else 14
+    reply = MotionReply(0, message.sequence, number, result)
+    recorder.says(time + 0.004, 11000, reply, answers=True)
+
+
+def test_points_that_a_busy_controller_was_sent_again_are_one_plan(tmp_path):
+    recorder = usual_run()
+    ways = [
+        (0, Result.BUSY),
+        (0, Result.SUCCESS),
+        (1, Result.BUSY),
+        (1, Result.SUCCESS),
+        (2, Result.SUCCESS),
+    ]
+    for step, (number, result) in enumerate(ways):
+        point = JointTrajPtFull(0, number, 7, 0.5 * number, (0.1 * number,) * 10)
+        answered(recorder, 4.1 + 0.05 * step, point, result)
+    run = read(recorder, tmp_path)
+    plan = run.plans[-1]
+    assert plan.sent == pytest.approx(4.1, abs=1e-6)
+    assert plan.times == pytest.approx([0.0, 0.5, 1.0])
+    assert plan.positions[:, 0] == pytest.approx([0.0, 0.1, 0.2])
+    assert len(run.plans) == 2
+    assert not any('refused' in text for text in texts(run))
+
+
+def test_a_command_of_motoman_is_an_event_and_its_refusal_names_it(tmp_path):
+    recorder = usual_run()
+    answered(recorder, 4.1, MotionCtrl(0, 1, Command.START_SERVOS), Result.SUCCESS)
+    answered(recorder, 4.2, MotionCtrl(0, 2, Command.STOP_MOTION), Result.ALARM)
+    answered(recorder, 4.3, MotionCtrl(0, 3, 200199), Result.INVALID)
+    run = read(recorder, tmp_path)
+    assert 'motors on asked for' in texts(run, 'info')
+    assert 'STOP sent' in texts(run, 'warning')
+    assert texts(run, 'error') == [
+        'the controller refused STOP_MOTION 2',
+        'the controller refused command 200199 3',
+    ]
+
+
+def test_a_reply_that_nobody_asked_for_and_a_message_cut_short_are_events(tmp_path):
+    recorder = usual_run()
+    unasked = struct.pack('<4i', 12, 999, CommType.SERVICE_REPLY, ReplyCode.SUCCESS)
+    recorder.raw(4.1, 11000, unasked)
+    whole = encode(topic(Status()), LITTLE_ENDIAN)
+    recorder.raw(4.2, 11002, struct.pack('<i', len(whole) - 8) + whole[4:-4])
+    run = read(recorder, tmp_path)
+    assert 'a reply that answers nothing (message type 999)' in texts(run, 'warning')
+    (error,) = [event for event in run.events if event.level == 'error']
+    assert error.text.startswith('a message that cannot be read: ')
+    assert error.remedy
+    assert ('message type 999 reply', 'controller') in {(t.name, t.sender) for t in run.traffic}
+
+
+@pytest.mark.invariant(8)
+def test_where_the_controller_tells_its_own_time_states_were_sent_in_that_rhythm(tmp_path):
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    late = np.random.default_rng(5).exponential(0.004, 400)
+    fields = ValidFields.TIME | ValidFields.POSITION
+    arrived = 0.0
+    for slot in range(400):
+        told = 7.0 + 0.01 * slot
+        arrived = max(0.01 + 0.01 * slot + late[slot], arrived + 2e-6)
+        recorder.says(arrived, 11002, JointFeedback(0, fields, told, (0.4 * told,) * 10))
+    run = read(recorder, tmp_path)
+    assert np.diff(run.sent)[100:] == pytest.approx(0.01, abs=2e-4)
+    assert np.diff(run.times)[100:].max() > 0.015
+    assert np.all(run.sent <= run.times + 1e-5)
+
+
+def test_conditions_tell_the_key_switch_and_an_error_without_a_number():
+    def condition(time, in_error, mode):
+        return Condition(time, (YES, NO, in_error, NO, YES), mode)
+
+    seen = list(
+        condition_events(
+            [
+                condition(0.0, NO, UNKNOWN),
+                condition(1.0, YES, 1),
+                condition(2.0, YES, 1),
+                condition(3.0, NO, 2),
+                condition(4.0, NO, UNKNOWN),
+            ],
+            TEXTS,
+        )
+    )
+    assert [(event.time, event.level, event.text) for event in seen] == [
+        (1.0, 'error', 'error without a number'),
+        (1.0, 'warning', 'key switch: manual'),
+        (3.0, 'info', 'no error any more'),
+        (3.0, 'info', 'key switch: automatic'),
+    ]
+    assert all(event.remedy for event in seen if event.level != 'info')
+
+
+def test_a_plan_that_moved_nothing_has_no_dead_time_and_one_that_jumped_no_stops():
+    """Measured velocities of one joint state only: nothing is between two of them."""
+    times = 0.01 * np.arange(40)
+    here, plan = np.zeros((40, 6)), Plan(0.1, np.array([0.0, 1.0]), np.zeros((2, 6)))
+    still = Run('still', 10**18, LIMITS.names, times, here, here, plans=[plan])
+    (motion,) = figures(still).motions
+    assert (motion.points, motion.began, motion.dead_time, motion.stops) == (2, None, None, None)
+    jumped, speeds = here.copy(), here.copy()
+    jumped[20:], speeds[20] = 0.1, 1.0
+    found = figures(Run('jump', 10**18, LIMITS.names, times, jumped, speeds, plans=[plan]))
+    assert found.motions[0].dead_time == pytest.approx(0.1)
+    assert found.stops == ()
+
+
+def test_one_joint_state_is_a_run_that_can_be_drawn(tmp_path):
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    recorder.says(0.1, 11002, JointPosition(0, (0.2,) * 10))
+    run = read(recorder, tmp_path)
+    numbers = figures(run)
+    assert numbers.velocities.tolist() == [[0.0] * 6]
+    assert (numbers.joint_states.count, numbers.joint_states.rate) == (1, None)
+    assert page([(run, numbers)], load_robot_model('c3_a601s'))

@@ -124,6 +124,10 @@ REFUSED = {
         to_joints(READY + np.eye(6)[5], blend_radius=0.01),
         r'a blend of 0.01 m is longer than the way of the tool, which is .* m at most',
     ),
+    'joints there already': (
+        to_joints(READY, blend_radius=0.01),
+        'the joints are there already',
+    ),
     'longer than the way': (
         to_joints(READY + 0.1 * np.eye(6)[0], blend_radius=0.2),
         'a blend of 0.2 m is longer than the way of the tool, which is 0.0',

@@ -415,3 +415,10 @@ def test_a_server_that_is_dead_does_not_run():
         '#Sim,1=motion server,Normal,runs;2=state server,NoEmgAbort,does not run;'
         '3=I/O server,Normal,runs'
     ]
+
+
+def test_a_client_of_a_port_that_controllers_have_not_is_not_served():
+    controller = new_controller(MODEL, PROFILE)
+    with pytest.raises(ValueError, match='teapot is no port'):
+        controller.connect('teapot', Peer())
+    controller.connect('remote', Peer())  # and nothing is kept of it

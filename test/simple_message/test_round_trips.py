@@ -3,7 +3,7 @@
 """What is encoded in any dialect comes back as it was, bit by bit."""
 
 import struct
-from dataclasses import dataclass
+from dataclasses import FrozenInstanceError, dataclass, fields
 
 import pytest
 from hypothesis import given, settings
@@ -80,6 +80,24 @@ def test_a_real_is_rounded_to_the_nearest_float32() -> None:
     assert decode(frames_of(wire)[0]).message.joints[0] == 0.1
 
 
+@pytest.mark.parametrize('dialect', DIALECTS, ids=str)
+@settings(max_examples=examples(20))
+@given(data=st.data())
+def test_a_received_message_is_like_one_that_was_made(
+    dialect: Dialect, data: st.DataObject
+) -> None:
+    """Of its own class, with its repr, and nobody can change it."""
+    sent: Message = data.draw(packets(dialect)).message
+    received = decode(frames_of(encode(topic(sent), dialect))[0]).message
+    assert type(received) is type(sent)
+    assert repr(received) == repr(sent)
+    for field in fields(received):  # type: ignore[arg-type]
+        with pytest.raises(FrozenInstanceError):
+            setattr(received, field.name, 0)
+        with pytest.raises(FrozenInstanceError):
+            delattr(received, field.name)
+
+
 @dataclass(frozen=True, slots=True)
 class EpsonInputs(Message):
     """A vendor's message as a user would add it, in EPSON's range of ids."""
@@ -121,6 +139,22 @@ def test_a_vendor_message_has_the_errors_of_every_message() -> None:
         encode(request(EpsonInputs(1, 0.0, (1, 2, 3))), LITTLE_ENDIAN)
     with pytest.raises(FieldError, match=r'^bits\[1\] = 0.5: must be an int32$'):
         encode(request(EpsonInputs(1, 0.0, (1, 0.5))), LITTLE_ENDIAN)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, slots=True)
+class MoreInputs(EpsonInputs):
+    """A message that has the fields of another one, and more."""
+
+    module: int = 0
+
+
+def test_a_message_with_the_fields_of_another_comes_back() -> None:
+    row = FixedLayout(1501, MoreInputs, 'bank:i gain:r bits:0|2i module:i')
+    message = MoreInputs(1, 0.5, (2, 3), 4)
+    for dialect in DIALECTS:
+        received = row.decode(row.encode(message, dialect), dialect.byte_order)[0]
+        assert received == message
+        assert hash(received) == hash(message)
 
 
 def test_without_its_row_a_vendor_message_is_opaque() -> None:

@@ -5,7 +5,7 @@
 import pytest
 from support.spel_harness import ScriptedHost, printed, run
 
-from epson_driver.spel import ErrorNumber, Memory
+from epson_driver.spel import ErrorNumber, Memory, SpelError
 
 
 def test_eresume_repeats_the_statement_and_next_goes_on_behind_it() -> None:
@@ -103,6 +103,85 @@ def test_handlers_belong_to_a_call() -> None:
     assert run(source).text.splitlines() == ['quiet', 'main 8003']
 
 
+def test_error_with_a_task_is_the_error_of_that_task_where_it_stands() -> None:
+    source = """
+    Function main
+      Xqt 2, other
+      Xqt 3, careful
+      Wait 0.1
+      Error 2, 8005
+      Error 3, 8006
+      Print "main goes on", TaskState(2), TaskState(3)
+    Fend
+    Function other
+      Wait 10
+    Fend
+    Function careful
+      OnErr GoTo failed
+      Wait 10
+    failed:
+      Print "careful", Err, Erl
+    Fend
+    """
+    host = run(source)
+    (failure,) = host.failures
+    assert (failure.number, failure.task, failure.position.line) == (8005, 2, 10)
+    assert host.text.splitlines() == ['main goes on 5 1', 'careful 8006 14']
+
+
+def test_error_with_the_own_task_comes_to_the_own_handler() -> None:
+    """An Error that names the task it is in is not passed over."""
+    source = """
+    Function main
+      OnErr GoTo failed
+      Error MyTask, 8007
+      Print "passed over"
+      Exit Function
+    failed:
+      Print "failed", Err, Erl
+    Fend
+    """
+    assert run(source).text.splitlines() == ['failed 8007 3']
+
+
+def test_an_error_in_the_condition_of_a_wait_is_the_error_of_its_task_at_its_line() -> None:
+    class Unplugged(ScriptedHost):
+        looks = 0
+
+        def read_bits(self, memory: Memory, index: int, width: int) -> int:
+            self.looks += 1
+            if self.looks > 3:
+                raise SpelError(ErrorNumber.ARGUMENT, 'the inputs are unplugged')
+            return 0
+
+    source = """
+    Function main
+      OnErr GoTo failed
+      Wait Sw(1) = On
+      Print "never"
+      Exit Function
+    failed:
+      Print Err, Erl
+    Fend
+    """
+    host = run(source, host=Unplugged())
+    assert host.text.splitlines() == [f'{ErrorNumber.ARGUMENT:d} 3']
+    host = run('Function main\n  Wait Sw(1) = On\nFend\n', host=Unplugged())
+    (failure,) = host.failures
+    assert str(failure).startswith('main.prg:2: error 9993 in main (task 1): ')
+    assert 'the inputs are unplugged' in failure.text
+
+
+def test_quit_all_that_the_host_refuses_has_ended_the_tasks_all_the_same() -> None:
+    class Refusing(ScriptedHost):
+        def command(self, name, arguments, words):
+            raise SpelError(ErrorNumber.ARGUMENT, f'{name} is refused')
+
+    host = run('Function main\n  Quit All\n  Print "never"\nFend\n', host=Refusing())
+    assert host.text == ''
+    assert host.failures == []
+
+
 @pytest.mark.parametrize('kind', [ValueError, IndexError, ZeroDivisionError, OverflowError])
 def test_a_fault_of_the_host_is_not_taken_for_one_of_the_program(kind: type[Exception]) -> None:
     class Broken(ScriptedHost):
@@ -156,6 +235,24 @@ def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
         ('SyncLock 64', ErrorNumber.ARGUMENT, 4, '64 is not in 0..63'),
         ('r = Rnd(1); i = Time(5)', ErrorNumber.ARGUMENT, 4, '5 is not in 0..2'),
         ('GoSub a1\na1:\nGoSub a1', ErrorNumber.CALL_DEPTH, 6, 'GoSub within GoSub'),
+        ('Print BSet(0, 32)', ErrorNumber.ARGUMENT, 4, 'BSet: bit 32 is not in 0..31'),
+        ('Print BTst(0, z - 1)', ErrorNumber.ARGUMENT, 4, 'BTst: bit -1 is not in 0..31'),
+        ('Print Left$("abc", z - 1)', ErrorNumber.ARGUMENT, 4, 'Left$: -1 is not in 0..255'),
+        ('Print Space$(256)', ErrorNumber.ARGUMENT, 4, 'Space$: 256 is not in 0..255'),
+        ('r = Val("1e999")', ErrorNumber.OVERFLOW, 4, 'inf does not fit Double'),
+        ('Print FmtStr$(1, "0x0")', ErrorNumber.ARGUMENT, 4, "'0x0' may have 0, # and one point"),
+        ('Print FmtStr$(1, "0.0.0")', ErrorNumber.ARGUMENT, 4, "'0.0.0' may have 0, #"),
+        ('i = UBound(a(), 2)', ErrorNumber.ARGUMENT, 4, 'UBound: the array has no dimension 2'),
+        ('String t$(1, 1)\nParseStr "a b", t$(), " "', ErrorNumber.ARGUMENT, 5, 'one dimension'),
+        ('Print Tmr(64)', ErrorNumber.ARGUMENT, 4, 'Tmr: 64 is not in 0..63'),
+        ('i = TaskInfo(9, 3)', ErrorNumber.NO_SUCH_TASK, 4, 'TaskInfo: task 9 does not exist'),
+        ('i = TaskInfo(1, 5)', ErrorNumber.ARGUMENT, 4, 'TaskInfo: 5 is not in 1..4'),
+        ('i = 1e308 * 10', ErrorNumber.OVERFLOW, 4, 'inf does not fit Long'),
+        ('Pallet 1, JA(1, 2), JA(3, 4), JA(5, 6), 2, 2', ErrorNumber.ARGUMENT, 4, 'in space'),
+        ('P1 = JA(1, 2, 3, 4, 5, 6) +X(1)', ErrorNumber.ARGUMENT, 4, 'no such coordinate'),
+        ('r = CX(JA(1, 2, 3, 4, 5, 6))', ErrorNumber.ARGUMENT, 4, 'CX: no place in space'),
+        ('Error 2, 8001', ErrorNumber.NO_SUCH_TASK, 4, 'task 2 does not exist'),
+        ('Error 1, 0', ErrorNumber.ARGUMENT, 4, 'Error: 0 is not in 1..9999'),
     ],
 )
 def test_an_error_without_a_handler_has_number_file_line_and_a_sentence(

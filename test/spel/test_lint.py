@@ -35,6 +35,8 @@ Fend
 Function f(ByRef n As Integer)
 Fend
 """
+QUITS_ANOTHER = main('  OnErr GoTo bad\n  Quit other\nbad:\n  EResume Next')
+QUITS_ANOTHER += 'Function other\nFend\n'
 BAD = [
     ('line-length', 3, main('  Print 1 \' ' + 'x' * 510)),
     ('name-length', 3, main('  Integer ' + 'x' * 33)),
@@ -49,6 +51,8 @@ BAD = [
     ('endless-loop', 3, main('  Do While Sw(1) = Off\n    MemOn 1\n  Loop')),
     ('goto-out-of-loop', 4, main('  Do\n    GoTo out\n    Wait 1\n  Loop\nout:')),
     ('handler', 5, main('  OnErr GoTo bad\n  Print 1\nbad:\n  EResume Next')),
+    ('handler', 5, QUITS_ANOTHER),
+    ('handler', 5, main('  OnErr GoTo bad\n  Quit 2\nbad:\n  EResume Next')),
     ('wait-by-reference', 4, HANDED_OVER),
     ('true-compare', 4, main('  Integer i\n  If i = True Then Print 1')),
     ('true-compare', 3, main('  If Sw(1) = True Then Print 1')),
@@ -133,6 +137,18 @@ Fend
 def test_what_only_names_a_task_does_not_run_in_this_one() -> None:
     """TaskState(main) and Quit main in a background task: only main moves."""
     assert found(NAMES_ONLY, 6) == []
+
+
+@pytest.mark.parametrize(
+    'source',
+    [
+        main('  OnErr GoTo bad\n  Quit All\nbad:\n  EResume Next'),
+        main('  OpenNet #201 As Server\n  Do\n    Print #201, "alive"\n  Loop'),
+    ],
+    ids=['Quit All ends this task', 'Print # waits for its port'],
+)
+def test_what_ends_a_task_or_waits_is_known(source: str) -> None:
+    assert found(source) == []
 
 
 GOOD = """

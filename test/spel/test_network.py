@@ -193,3 +193,11 @@ def test_the_loop_that_reconnects_for_years() -> None:
     made.advance(made.time + 1.0)
     assert host.text.splitlines() == ['again', 'again']
     assert host.failures == []
+
+
+def test_bytes_go_to_arrays_of_one_dimension_only() -> None:
+    for statement in ('ReadBin #201, d(), 2', 'WriteBin #201, d(), 2'):
+        host = talk(f'Integer d(1, 1)\n{statement}', b'abcd')
+        assert host.text.splitlines()[-1] == f'error {ErrorNumber.ARGUMENT:d}'
+        assert host.peers[201].incoming == b'abcd'
+        assert host.peers[201].sent == b''

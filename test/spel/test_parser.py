@@ -36,6 +36,49 @@ PROGRAMS = {
         ''',
         ['a', 'b', 'c', 'd', 'f'],
     ),
+    'if of one line may have its statements behind a semicolon': (
+        '''
+        Integer i
+        For i = 0 To 1
+          If i = 0 Then; Print "a"; Print "b" Else; Print "c"
+        Next
+        ''',
+        ['a', 'b', 'c'],
+    ),
+    'if of several lines with statements behind its words': (
+        '''
+        Integer i
+        For i = 0 To 3
+          If i = 0 Then
+            Print "zero"
+          ElseIf i = 1 Then Print "one"; Print "uno"
+            Print "eins"
+          ElseIf i = 2 Then Print "two"
+          Else Print "more"; Print "many"
+          EndIf
+        Next
+        ''',
+        ['zero', 'one', 'uno', 'eins', 'two', 'more', 'many'],
+    ),
+    'select with Case Else, and with a statement behind Default': (
+        '''
+        Integer i
+        For i = 1 To 2
+          Select i
+            Case 1
+              Print "one"
+            Case Else
+              Print "else"
+          Send
+          Select i
+            Case 1
+              Print "one"
+            Default Print "default"
+          Send
+        Next
+        ''',
+        ['one', 'one', 'else', 'default'],
+    ),
     'select': (
         '''
         Integer i
@@ -269,6 +312,21 @@ FAULTS = [
     ('Function main\n  Speed\nFend', 'expected a value'),
     ('Function main\n  Motor Up\nFend', 'expected On or Off, found Up'),
     ('Function main\n  SetNet #201, "a", 1, CR, NONE, 0, UDP\nFend', 'SetNet with UDP'),
+    ('Function main\n  SetNet #201, "a", 1, CR, NONE, 0, 5\nFend', 'expected TCP, found 5'),
+    ('Function main\n  If 1 Then Loop\nFend', 'main.prg:2:13: error: Loop cannot stand in this'),
+    ('Function main\n  Integer a(1)\n  Redim a()\nFend', 'Redim needs one to three bounds'),
+    ('Function main\n  Integer a(1)\n  Redim a(1,1,1,1)\nFend', 'Redim needs one to three'),
+    ('Function f(ByRef a() As Long)\n  Redim a(3)\nFend', 'a came ByRef: Redim cannot change it'),
+    ('Function main\n  Trap 1, Sw(1) = On Print\nFend', 'expected GoTo, Call or Xqt, found Print'),
+    ('Function main\n  Trap 1, Sw(1) = On GoTo a\na:\nFend', 'not simulated: Trap … GoTo'),
+    ('Function main\n  Trap 1, Sw(1) = On Call no\nFend', 'there is no function no'),
+    ('Function main\n  Trap Error Xqt no\nFend', 'main.prg:2:18: error: there is no function no'),
+    ('Function main\n  Trap Error Xqt f\nFend\nFunction f(5)\nFend', 'there is no function f'),
+    ('Function main\n  Integer a(1), i\n  a(ByRef i) = 1\nFend', 'an index must be a number'),
+    ('Function main\n  Integer a(1)\n  a(a()) = 1\nFend', 'an index must be a number'),
+    ('Function f(n As Long)\n  f(ByRef n)\nFend', 'f: n is not ByRef'),
+    ('Function f(a As Long, A As Real)\nFend', 'A is declared twice in the function'),
+    ('Function f(f As Long) As Long\nFend', 'f is declared twice in the function'),
     (f'Function main\n  Print {"(" * 60}1{")" * 60}\nFend', 'the expression is too deep'),
     (f'Function main\n  Print 1{" + 1" * 200}\nFend', 'the expression is too long'),
     ('Function main\n' + '  Do\n' * 40 + '  Loop\n' * 40 + 'Fend', 'nested too deeply'),

@@ -6,7 +6,7 @@ import pytest
 from support.spel_harness import files, printed, run
 
 from epson_driver.inputs import InputError
-from epson_driver.spel import ProgramError, build, with_defines
+from epson_driver.spel import ProgramError, build, preprocess, with_defines
 
 
 def test_a_definition_is_put_in_wherever_its_name_stands_in_any_case() -> None:
@@ -26,6 +26,22 @@ def test_a_definition_is_put_in_wherever_its_name_stands_in_any_case() -> None:
 def test_a_definition_that_names_itself_stays() -> None:
     before = '#define g_n g_n\n#define a_ b_\n#define b_ a_\nGlobal Integer g_n, a_'
     assert printed('g_n = 4; a_ = 5\nPrint g_n, a_', before=before) == ['4 5']
+
+
+def test_a_definition_with_empty_brackets_is_used_with_them() -> None:
+    assert printed('Print NOTHING() + 1, "NOTHING()"', before='#define NOTHING() 4') == [
+        '5 NOTHING()'
+    ]
+
+
+def test_a_program_with_more_lines_than_are_read_is_refused_at_the_first_of_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(preprocess, 'MOST_LINES', 4)
+    assert build(files('Function main\n  Print 1\nFend')).by_name.keys() == {'main'}
+    with pytest.raises(ProgramError) as caught:
+        build(files('#include "a.inc"\nFunction main\nFend', a_inc='\n\n\n\n'))
+    assert 'a.inc:4:1: error: the program has more than 4 lines' in str(caught.value)
 
 
 def test_conditions_nest() -> None:
@@ -83,6 +99,10 @@ def test_included_files_are_found_in_any_case_and_globals_may_come_twice() -> No
         ('#define A(b', 'the parameters lack a )'),
         ('#define A(b) b\nGlobal Integer A', 'A needs 1 arguments in ( )'),
         ('#define A(b) b\nGlobal Integer A(1, 2)', 'A needs 1 arguments in ( )'),
+        ('#define A(b) b\nGlobal Integer A(1', 'main.prg:2:16: error: A needs 1 arguments in ( )'),
+        ('#define A() 1\nGlobal Integer n(A(2))', 'A needs 0 arguments in ( )'),
+        ('#ifdef\n#endif', 'main.prg:1:1: error: #ifdef needs a name'),
+        ('#ifndef 7\n#endif', 'main.prg:1:1: error: #ifndef needs a name'),
     ],
 )
 def test_what_does_not_fit_is_said_with_its_line(source: str, said: str) -> None:

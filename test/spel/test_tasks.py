@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tasks on a clock: who runs when, what a wait takes, what stops whom, two runs alike."""
 
+from typing import Any
+
 import pytest
 from support.spel_harness import ScriptedHost, files, machine, run
 
 from epson_driver.spel import (
     ErrorNumber,
     Machine,
+    Memory,
     SpelError,
     TaskState,
     TaskType,
@@ -75,6 +78,19 @@ def test_a_statement_costs_what_the_timing_says(statement: float) -> None:
 def test_a_time_that_would_stand_still_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=f'{name} must be a time above 0 s'):
         Timing(**{name: 0.0})
+
+
+@pytest.mark.parametrize('given', [{'granularity': -0.01}, {'extra': {'print': -0.1}}])
+def test_a_time_that_would_go_back_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match='granularity and extra must be times from 0 s on'):
+        Timing(**given)
+
+
+def test_a_function_that_there_is_not_cannot_be_started() -> None:
+    made = machine('Function main\nFend\n')
+    with pytest.raises(SpelError, match='there is no function main7'):
+        made.start('main7')
+    assert not list(made.tasks())
 
 
 def test_extra_times_of_statements_are_added() -> None:
@@ -327,55 +343,6 @@ def test_a_lock_that_is_not_free_in_time_sets_tw() -> None:
     assert run(source).text.split() == ['-1', f'{ErrorNumber.SYNC:d}']
 
 
-def test_event_traps_start_their_functions() -> None:
-    source = """
-    Function main
-      Trap Emergency Xqt stopped
-      Trap Error Xqt failed
-      Trap SGOpen Xqt door
-      Trap SGOpen
-      Wait 100
-    Fend
-    Function stopped
-      Print "stopped", TaskInfo(MyTask, 2)
-    Fend
-    Function failed(n As Integer, robot As Integer, joint As Integer)
-      Print "failed", n, robot, joint
-    Fend
-    Function door
-      Print "door"
-    Fend
-    """
-    host = ScriptedHost()
-    made = machine(source, host)
-    made.start()
-    made.advance(0.1)
-    made.emergency_stop()
-    assert made.event('emergency')
-    assert made.event('error', 4031, 1)
-    assert not made.event('sgopen')
-    made.advance(0.2)
-    assert host.text.splitlines() == ['stopped 2', 'failed 4031 1 0']
-
-
-@pytest.mark.parametrize(('action', 'expected'), [('Call', '0.5'), ('Xqt', '0.1')])
-def test_a_trap_that_calls_holds_its_task_and_one_that_starts_does_not(
-    action: str, expected: str
-) -> None:
-    source = f"""
-    Function main
-      Trap 1, MemSw(1) = On {action} handle
-      MemOn 1
-      Wait 0.1
-      Print Tmr(0)
-    Fend
-    Function handle
-      Wait 0.5
-    Fend
-    """
-    assert float(run(source).text) == pytest.approx(float(expected), abs=0.002)
-
-
 def test_a_main_with_parameters_cannot_be_started() -> None:
     made = machine('Function main(n As Integer)\nFend\n')
     with pytest.raises(SpelError, match='main has 1 parameters'):
@@ -383,22 +350,47 @@ def test_a_main_with_parameters_cannot_be_started() -> None:
     assert not list(made.tasks())
 
 
-def test_a_trap_is_armed_once() -> None:
-    source = """
+@pytest.mark.parametrize(
+    ('condition', 'expected'),
+    [
+        ('Sw(1), 5', '0 0.2'),  # a state that holds from 0.2 s on
+        ('Not Sw(1), 0.1', '0 0'),
+        ('EStopOn, 0.1', '-1 0.1'),
+        ('Val("0.3")', '0 0.3'),  # a number: how long
+        ('n_tenths * 0.1', '0 0.4'),
+    ],
+)
+def test_wait_takes_a_state_for_a_condition_and_a_number_for_a_time(
+    condition: str, expected: str
+) -> None:
+    source = f"""
+    Integer n_tenths
     Function main
-      Trap 2, MemSw(1) = On Xqt sprung
-      MemOn 1
-      Wait 0.1
-      MemOff 1
-      Wait 0.1
-      MemOn 1
-      Wait 0.1
-    Fend
-    Function sprung
-      Print "sprung"
+      n_tenths = 4
+      TmReset 0
+      Wait {condition}
+      Print TW, FmtStr$(Tmr(0), "0.0#")
     Fend
     """
-    assert run(source).text == 'sprung\n'
+    host = ScriptedHost()
+    made = machine(source, host)
+    made.start()
+    made.advance(0.19)
+    host.write_bits(Memory.INPUT, 1, 1, 1)
+    made.advance(10.0)
+    waited, seconds = expected.split()
+    assert host.text.split()[0] == waited
+    assert float(host.text.split()[1]) == pytest.approx(float(seconds), abs=0.011)
+
+
+def test_only_a_function_by_its_name_is_started_by_startmain() -> None:
+    host = ScriptedHost()
+    made = machine('Function main\nFend\nFunction bgmain\n  StartMain 1\nFend\n', host)
+    made.start_background()
+    made.advance(0.1)
+    (failure,) = host.failures
+    assert (failure.number, failure.position.line) == (ErrorNumber.ARGUMENT, 4)
+    assert 'StartMain: needs the name of a main function' in failure.text
 
 
 def test_a_motion_holds_its_task_until_the_host_says_it_is_over() -> None:
@@ -432,7 +424,7 @@ def test_a_motion_holds_its_task_until_the_host_says_it_is_over() -> None:
     assert motion.request.points[0].values == (1.0, 2.0, 3.0, 4.0, 0.0, 0.0)
     assert motion.request.till is not None
     assert not motion.request.till()
-    made.world.host.write_bits(*_bit(1), 1)
+    made.world.host.write_bits(Memory.MEMORY, 1, 1, 1)
     assert motion.request.till()
     motion.done = True
     made.advance(1.0)
@@ -447,12 +439,6 @@ def test_a_motion_holds_its_task_until_the_host_says_it_is_over() -> None:
     made.advance(1.1)
     assert host.text == 'motors\nthere\n2999 7\n'
     assert not list(made.tasks())
-
-
-def _bit(number: int):
-    from epson_driver.spel import Memory
-
-    return Memory.MEMORY, number, 1
 
 
 def test_an_endless_loop_without_a_wait_ends_with_an_error_at_its_line() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.spel_harness import files, printed, run, value
 
-from epson_driver.spel import ErrorNumber, Machine, ProgramError, build
+from epson_driver.spel import ErrorNumber, Machine, ProgramError, SpelError, build
 from epson_driver.spel.bare_host import BareHost
 
 
@@ -276,3 +276,44 @@ def test_preserved_globals_outlive_the_machine_and_others_are_cleared_by_main() 
     second.start()
     second.advance(1.0)
     assert host.printed == ['1 2 1\n', '2 4 1\n', '3 6 1\n']
+
+
+def test_how_a_real_becomes_whole_does_not_change_what_is_too_large() -> None:
+    source = 'Function main\n  Long a\n  a = 1e308 * 10\nFend\n'
+    for rounding in ('nearest', 'truncate'):
+        host = BareHost()
+        machine = Machine(build(files(source)), host, rounding=rounding)
+        machine.start()
+        machine.advance(1.0)
+        (failure,) = host.failures
+        assert (failure.number, failure.text) == (ErrorNumber.OVERFLOW, 'inf does not fit Long')
+
+
+@pytest.mark.parametrize(
+    ('statement', 'typed', 'number', 'said'),
+    [
+        ('Input i', '40000', ErrorNumber.OVERFLOW, '40000 does not fit Integer'),
+        ('Line Input s$', 'x' * 256, ErrorNumber.STRING_LENGTH, 'a string of 256 characters'),
+        ('Input i', '1e999', ErrorNumber.OVERFLOW, 'inf does not fit Double'),
+    ],
+)
+def test_what_is_typed_must_fit_its_variable(
+    statement: str, typed: str, number: int, said: str
+) -> None:
+    source = f'Function main\n  Integer i\n  String s$\n  {statement}\n  Print "never"\nFend\n'
+    host = BareHost()
+    host.typed = [typed]
+    machine = Machine(build(files(source)), host)
+    machine.start()
+    machine.advance(1.0)
+    (failure,) = host.failures
+    assert (failure.number, failure.position.line, failure.text) == (number, 4, said)
+    assert host.printed == []
+
+
+def test_a_preserved_value_of_another_type_is_refused_by_its_value() -> None:
+    source = 'Global Preserve Long g_kept\nFunction main\nFend\n'
+    machine = Machine(build(files(source)), BareHost())
+    with pytest.raises(SpelError, match="'many' is not a number"):
+        machine.restore({'g_kept': ['many']})
+    assert machine.preserved() == {'g_kept': [0]}

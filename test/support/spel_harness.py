@@ -108,8 +108,9 @@ class ScriptedHost(BareHost):
                 argument.d[0] = 77
         return 5
 
-    def paused(self, on: bool) -> None:
+    def paused(self, on: bool) -> bool:
         self.pauses.append(on)
+        return True
 
 
 def files(source: str, **others: str) -> dict[str, str]:

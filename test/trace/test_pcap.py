@@ -219,3 +219,15 @@ def test_a_stream_is_put_in_order_and_nothing_comes_twice():
     assert take(-3, b'bcde') == b'defg'  # overlaps; the number wraps around
     assert take(3, b'h') == b'h'
     assert not stream.waiting
+
+
+def test_of_two_gaps_each_is_waited_for():
+    def segment(sequence, data):
+        return Segment(0, SERVER, CLIENT, sequence, 0, data)
+
+    stream = Stream()
+    assert stream.take(segment(100, b'ab')) == b'ab'
+    assert stream.take(segment(104, b'ef')) == b''
+    assert stream.take(segment(108, b'ij')) == b''
+    assert stream.take(segment(102, b'cd')) == b'cdef'  # not what is behind the other gap
+    assert stream.take(segment(106, b'gh')) == b'ghij'

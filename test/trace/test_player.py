@@ -238,3 +238,23 @@ def test_other_connections_are_left_out_and_one_controller_is_chosen():
         make_script([web])
     with pytest.raises(ScriptError, match='no connection'):
         make_script([])
+
+
+def test_two_ports_that_carry_the_same_cannot_both_be_played():
+    steps = usual_run()
+    second = [
+        Step(s.time, s.number + 8, (HOST, 50000), s.event, s.data)
+        for s in steps
+        if s.number == STATE
+    ]
+    with pytest.raises(ScriptError) as refused:
+        make_script([*steps, *second])
+    said = 'two ports of the same kind are in it: 11000 (motion), 11002 (state), 50000 (state)'
+    assert str(refused.value) == said
+
+
+def test_nothing_is_due_before_the_first_client_has_come():
+    player = Player(make_script(usual_run()), 1.0, print)
+    assert player.advance(100.0) == []
+    assert player.connect(PORTS[STATE], 200.0) == STATE
+    assert player.advance(200.0) == []

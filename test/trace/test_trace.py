@@ -301,3 +301,10 @@ def test_a_new_trace_ends_the_one_before(tmp_path):
     trace.end('', PATIENCE)
     assert second.closed
     run(until(lambda: first.closed))
+
+
+@pytest.mark.parametrize('name', ['\ud800', 'a%H\udcff'])
+def test_a_name_that_is_no_text_for_a_file_is_refused(tmp_path, name):
+    with pytest.raises(TraceError, match='no trace'):
+        open_trace(str(tmp_path / 'traces'), name)
+    assert not list(tmp_path.iterdir())

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of a trajectory that are made when they are about to be sent.
 
-However many there are, the first one is there at once, and only some are in memory.
+However many there are, the first one is there at once, made alone, and only some are in memory.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +11,8 @@ from typing import TypeVar, overload
 from epson_driver.simple_message import Message
 
 BLOCK_POINTS = 64
-"""So many are made at a time: enough for numpy, few enough for the first one."""
+"""So many are made at a time, enough for numpy; but the first one is made alone, as the arm waits
+for it."""
 
 M = TypeVar('M', bound=Message)
 
@@ -45,6 +46,7 @@ class LazyPoints(Sequence[M]):
         at = index - self._first
         if not 0 <= at < len(self._made):
             self._first = index - index % BLOCK_POINTS
-            self._made = self._make(self._first, min(self._first + BLOCK_POINTS, self._count))
+            end = self._first + (BLOCK_POINTS if index else 1)
+            self._made = self._make(self._first, min(end, self._count))
             at = index - self._first
         return self._made[at]

@@ -9,7 +9,7 @@ Rules:
    arm. Until then setpoints are refused, and the log says why, once.
 2. The newest setpoint counts, and only it is kept. A tracker (motion/setpoint_tracker.py) goes
    there inside a share of every limit; its positions are sent as points, one on its way at a
-   time, in the time that has passed, never as fast as they come.
+   time, `period` apart or more, in the time that has passed, never as fast as they come.
 3. Whatever closes the arm gate, and every STOP, ends the stream at once, with STOP. Before each
    point all that forbids it is looked at in the same turn of the loop in which it is sent.
 4. After that nothing is followed by surprise. A stream that ~/stop has ended must have been silent
@@ -47,8 +47,8 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.motion.setpoint_tracker import SetpointTracker, servo_limits
 from epson_driver.simple_message import Message, Packet
 
-PERIOD_S = 0.02
-"""Time between two points at least, s."""
+CYCLE_S = 0.02
+"""How often is looked whether to send a point, and whether one may still be sent, s."""
 
 MAX_STEP_S = 0.2
 """What one point may cover at most, s: a controller may take long to answer one."""
@@ -271,7 +271,7 @@ class Servo:
             self._looked = due = _now()
             while (session := self._session) is not None:
                 self._cycle(session, _now())
-                due = max(due + PERIOD_S, _now())
+                due = max(due + CYCLE_S, _now())
                 await asyncio.sleep(due - _now())
             self._begun.clear()
 
@@ -433,6 +433,8 @@ class Servo:
         return None
 
     def _step(self, session: _Session, now: float) -> None:
+        if now - session.stepped < self.settings.period - CYCLE_S / 2.0:
+            return
         dt = min(now - session.stepped, MAX_STEP_S)
         session.stepped = now
         tracker = session.tracker

@@ -23,13 +23,15 @@ class ServoSettings:
 
     share: of the limits of velocity, acceleration and jerk, (0, 1]. timeout: silence after which
     the arm brakes, s. start_tolerance: how far from the arm the first position may be, rad or m.
-    reply_timeout: patience for a reply while the arm does not move, s.
+    reply_timeout: patience for a reply while the arm does not move, s. period: time between two
+    points at least, s.
     """
 
     share: float = 0.25
     timeout: float = 0.1
     start_tolerance: float = 0.1
     reply_timeout: float = 5.0
+    period: float = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)

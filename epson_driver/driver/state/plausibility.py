@@ -59,14 +59,17 @@ class JointBounds:
         """Return why the joints cannot be there (rad or m); None if they can."""
         if all(map(le, self._low, positions)) and all(map(ge, self._high, positions)):
             return None
-        for joint, value in enumerate(positions):
-            if not self._low[joint] <= value <= self._high[joint]:
-                low, high = self._low[joint], self._high[joint]
-                return (
-                    f'{self.names[joint]} is reported at {value:.6g} {self.units[joint]}: with '
-                    f'its margin it can be at {low:.6g} … {high:.6g}'
-                )
-        return None
+        joint, low, value, high = next(
+            (joint, low, value, high)
+            for joint, (low, value, high) in enumerate(
+                zip(self._low, positions, self._high, strict=True)
+            )
+            if not low <= value <= high
+        )
+        return (
+            f'{self.names[joint]} is reported at {value:.6g} {self.units[joint]}: with '
+            f'its margin it can be at {low:.6g} … {high:.6g}'
+        )
 
     def why_not_from(
         self, before: Sequence[float], positions: Sequence[float], elapsed: float

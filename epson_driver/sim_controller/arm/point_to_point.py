@@ -342,8 +342,9 @@ class PointToPoint:
     def _overlap_begin(self, last: Leg, leg: Leg, earliest: float) -> float:
         """Return when a leg may begin, `earliest` or later, s; the end of the last: no overlap."""
         caps = self._caps if self.low_power else None
-        if not isinstance(last.motion, LineMotion) or not isinstance(leg.motion, LineMotion):
-            return last.end
+        # What has a way of its own does not come here.
+        assert isinstance(last.motion, LineMotion)  # noqa: S101
+        assert isinstance(leg.motion, LineMotion)  # noqa: S101
         return last.begin + blend_start(
             last.motion,
             leg.motion,

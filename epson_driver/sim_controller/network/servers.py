@@ -94,12 +94,12 @@ class ControllerServers:
         """Let the controller's time pass, for ever."""
         if self._planner is None:
             await self.pacer.run()
-            return
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self.pacer.run())
-            group.create_task(
-                self._planner.run(self._controller.planner_failed, self.pacer.present)
-            )
+        else:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self.pacer.run())
+                group.create_task(
+                    self._planner.run(self._controller.planner_failed, self.pacer.present)
+                )
 
     async def close(self) -> None:
         """Stop listening, disconnect everybody and end the planner."""

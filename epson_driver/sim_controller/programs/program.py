@@ -20,10 +20,6 @@ class Program(Protocol):
     """Has the points of one client executed, one after the other, and answers them."""
 
     @property
-    def paused(self) -> bool:
-        """Whether it waits for `resume`."""
-
-    @property
     def ready(self) -> bool:
         """Whether it takes points as far as it is up to the program itself."""
 

@@ -38,24 +38,26 @@ class Until:
 
 
 def command(robot: Robot, name: str, arguments: Arguments, words: Words) -> Completion | None:
-    """Execute a statement by its name in lower case. Raises SpelError."""
+    """Execute a statement by its name in lower case. Raises SpelError.
+
+    What is in none of the tables, unsimulated.py has refused before the program began.
+    """
     if name in SETTING_WORDS:
         _set(robot.controller, SETTING_WORDS[name], arguments)
         return None
     if name in WITHOUT_EFFECT:
         return None
-    run = COMMANDS.get(name)
-    if run is None:
-        raise SpelError(SpelNumber.ARGUMENT, f'{name} is not simulated')
-    return run(robot, arguments, words)
+    return COMMANDS[name](robot, arguments, words)
 
 
-def apply(controller: Controller, event: Event) -> None:
-    """Apply an event. Raises SpelError with the reason why it is refused."""
+def apply(
+    controller: Controller, event: Event, number: ErrorNumber = ErrorNumber.MOTORS_OFF
+) -> None:
+    """Apply an event. Raises SpelError with the number and the reason why it is refused."""
     try:
         controller.apply(event)
     except RejectedError as error:
-        raise SpelError(ErrorNumber.MOTORS_OFF, f'{event.value}: {error}') from error
+        raise SpelError(number, f'{event.value}: {error}') from error
 
 
 def _set(controller: Controller, name: str, arguments: Arguments) -> None:
@@ -88,7 +90,7 @@ def _reset(robot: Robot, _: Arguments, _words: Words) -> None:
     if robot.controller.condition.estopped:
         text = 'Reset: no program can reset an E-stop: release it, then reset by hand'
         raise SpelError(ErrorNumber.TASK_ABORTED, text)
-    apply(robot.controller, Event.RESET)
+    apply(robot.controller, Event.RESET, ErrorNumber.TASK_ABORTED)
 
 
 def _quit_all(robot: Robot, _: Arguments, _words: Words) -> None:
@@ -104,7 +106,7 @@ def _start_main(robot: Robot, _: Arguments, _words: Words) -> None:
     if condition.estopped or robot.controller.error_number:
         text = 'StartMain: there is an E-stop or an error: reset first'
         raise SpelError(ErrorNumber.TASK_ABORTED, text)
-    apply(robot.controller, Event.START)
+    apply(robot.controller, Event.START, ErrorNumber.TASK_ABORTED)
 
 
 def _abort_motion(robot: Robot, _: Arguments, _words: Words) -> None:

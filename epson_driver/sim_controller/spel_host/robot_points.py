@@ -26,7 +26,6 @@ MIN_SAMPLES, MAX_STEPS = 10, 500
 MAX_JOINT_STEP = 0.3
 """A joint that changes by more from one look to the next, rad or m, jumps."""
 
-_AXES = 6
 _MM = 1000.0
 _IGNORED_FLAGS = frozenset({'0'})
 """Local 0 is the world."""
@@ -81,10 +80,7 @@ class RobotPoints:
         if point.kind == 'pulses':
             per_unit = self._model.pulses_per_unit
         count = len(per_unit)
-        if len(point.values) != count and any(point.values[count:]):
-            text = f'{len(point.values)} values for {count} joints'
-            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
-        if len(point.values) < count:
+        if len(point.values) < count or any(point.values[count:]):
             text = f'{len(point.values)} values for {count} joints'
             raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
         return np.asarray(np.array(point.values[:count]) / per_unit)
@@ -134,8 +130,6 @@ class RobotPoints:
         if wanted:
             text = f'/{wanted[0].upper()} is not simulated: the nearest posture is taken'
             raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
-        if len(point.values) != _AXES:
-            raise SpelError(SpelNumber.ARGUMENT, f'{point}: needs x, y, z, u, v and w')
         pose: Any = np.eye(4)
         pose[:3, 3] = np.array(point.values[:3]) / _MM
         pose[:3, :3] = rotation_of_uvw(np.radians(point.values[3:]))

@@ -50,11 +50,8 @@ class Robot(NamedTuple):
 
 
 def value(robot: Robot, name: str, arguments: Arguments) -> Result:
-    """Return a function by its name in lower case. Raises SpelError."""
-    function = VALUES.get(name)
-    if function is None:
-        raise SpelError(ErrorNumber.ARGUMENT, f'{name} is not simulated')
-    return function(robot, arguments)
+    """Return a function of the language by its name in lower case. Raises SpelError."""
+    return VALUES[name](robot, arguments)
 
 
 def _truth(predicate: status_words.Predicate) -> Callable[[Robot, Arguments], int]:
@@ -98,7 +95,7 @@ def _chosen(name: str, table: dict[int, Callable[[], int]], arguments: Arguments
     number = arguments[0]
     if isinstance(number, Point) or int(number) not in table:
         known = ', '.join(map(str, table))
-        raise SpelError(ErrorNumber.ARGUMENT, f'{name}({number}): only {known} are simulated')
+        raise SpelError(ErrorNumber.ARGUMENT, f'{name}({number}) is not simulated, only {known}')
     return table[int(number)]()
 
 

@@ -11,7 +11,7 @@ from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_commands import command
 from epson_driver.sim_controller.spel_host.robot_motion import Motion
 from epson_driver.sim_controller.spel_host.robot_values import Robot, value
-from epson_driver.sim_controller.spel_host.robot_ways import MOVES, points_of
+from epson_driver.sim_controller.spel_host.robot_ways import points_of
 from epson_driver.simple_message import IoType
 from epson_driver.spel import (
     Array,
@@ -153,8 +153,6 @@ class SpelHost:
 
     def move(self, request: MotionRequest) -> Motion:
         """Begin a motion. Raises SpelError."""
-        if request.name not in MOVES or request.find or request.sense:
-            raise SpelError(ErrorNumber.ARGUMENT, f'{request.name} is not simulated: use Go')
         rejection = self._controller.motion_rejection()
         if rejection is not None:
             raise SpelError(rejection.number, rejection.sentence)
@@ -178,6 +176,7 @@ class SpelHost:
         """Be told that an error ended a task."""
         self._failed(error)
 
-    def paused(self, on: bool) -> None:
-        """Be told that a program asked for Pause, or for Cont."""
+    def paused(self, on: bool) -> bool:
+        """Be told that a program asked for Pause, or for Cont: the controller lets tasks go on."""
         self._pauses(on)
+        return False

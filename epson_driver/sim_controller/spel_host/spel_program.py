@@ -194,11 +194,6 @@ class SpelProgram:
     # The program as the controller sees it
 
     @property
-    def paused(self) -> bool:
-        """Whether it waits for `resume`."""
-        return self._controller.condition.paused
-
-    @property
     def runs(self) -> bool:
         """Whether tasks run besides those in the background."""
         kinds = {task.type for task in self._alive()}

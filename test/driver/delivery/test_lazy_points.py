@@ -74,16 +74,18 @@ def test_full_points_in_blocks_are_those_made_at_once():
     assert list(lazy) == full_points(trajectory, LIMITS)
 
 
-def test_only_a_block_is_made_for_the_first_point():
+@pytest.mark.parametrize('count', [1, 2, 10, BLOCK_POINTS, 100_000])
+def test_the_first_point_takes_as_long_however_many_follow(count):
+    """It is made alone; those after it a block at a time."""
     made = []
 
     def make(first, end):
         made.append((first, end))
         return list(range(first, end))
 
-    points = LazyPoints(100_000, make)
+    points = LazyPoints(count, make)
     assert points[0] == 0
-    assert points[BLOCK_POINTS - 1] == BLOCK_POINTS - 1
-    assert made == [(0, BLOCK_POINTS)]
-    assert points[99_999] == 99_999
-    assert made[1:] == [(99_999 // BLOCK_POINTS * BLOCK_POINTS, 100_000)]
+    assert made == [(0, 1)]
+    blocks = [(at, min(at + BLOCK_POINTS, count)) for at in range(0, count, BLOCK_POINTS)]
+    assert [points[index] for index in range(1, count)] == list(range(1, count))
+    assert made[1:] == (blocks if count > 1 else [])

@@ -11,9 +11,11 @@ from epson_driver.driver.delivery.trajectory_points import (
     FIRST_POINT_VELOCITY_FRACTION,
     MIN_DURATION_S,
     STOP,
+    setpoint_of,
     to_float32_inside,
     trajectory_points,
 )
+from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.trajectory import LIMIT_TOLERANCE_SHARE
 from epson_driver.robots import load_robot_model
@@ -21,6 +23,7 @@ from epson_driver.simple_message import LITTLE_ENDIAN, Framer, decode, encode, r
 
 LIMITS = load_robot_model('c3_a601s').limits
 JOINTS = len(LIMITS.names)
+NOT_MAPPED = joint_mapping(JOINTS, [1], [0.0], 0)
 
 
 def trajectory(times, positions, velocities=None):
@@ -166,3 +169,13 @@ def test_inv2_a_plan_at_the_limit_and_a_rounding_beyond_it_is_sent_inside(side):
         assert np.all(sent >= LIMITS.position_min)
         assert np.all(sent <= LIMITS.position_max)
         assert np.all(np.abs(sent - limit) < 1e-6)
+
+
+def test_a_setpoint_needs_the_velocity_with_which_it_is_passed():
+    way = trajectory([0.0, 0.1], np.zeros((2, JOINTS)))
+    with pytest.raises(ValueError, match='the setpoint has no velocities'):
+        setpoint_of(way, 7, 1.0, LIMITS, NOT_MAPPED)
+    moving = trajectory([0.0, 0.1], np.full((2, JOINTS), 0.1), np.full((2, JOINTS), 0.2))
+    message = setpoint_of(moving, 7, 0.5, LIMITS, NOT_MAPPED)
+    assert (message.sequence, message.scale) == (7, 0.5)
+    assert message.velocities[:JOINTS] == pytest.approx([0.2] * JOINTS)

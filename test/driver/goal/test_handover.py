@@ -10,7 +10,7 @@ from support.driver_harness import HOME, LIMITS, pose
 from support.goal_execution_harness import LINE, Harness, goal_along
 
 from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.handover import Handover, from_rest, joined, lead, numbered
+from epson_driver.driver.goal.handover import Handover, _from, from_rest, joined, lead, numbered
 from epson_driver.driver.goal.tolerances import Tolerances
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
 from epson_driver.motion import JointLimits, Trajectory
@@ -329,3 +329,23 @@ def test_a_goal_from_rest_keeps_its_times_and_its_long_ways_get_points():
 
 def test_the_lead_is_a_stop_and_a_latency():
     assert lead(SLOW) == pytest.approx(0.2 + 0.1 + 0.1)
+
+
+def test_a_goal_of_one_point_now_is_gone_to_from_where_the_old_one_is_left():
+    """Its only point is at 0 s: there is no time for it, so it is as fast as that may be."""
+    start, velocity, there = np.array([0.1, 0.2]), np.array([0.3, 0.0]), np.array([[0.4, 0.2]])
+    new = Trajectory(SLOW.names, np.array([0.0]), there)
+    way = _from(start, velocity, new, 0.7)
+    assert way.times.tolist() == [0.0, 0.7]
+    assert np.array_equal(way.positions, [start, there[0]])
+    assert np.array_equal(way.velocities[0], velocity)
+
+
+def test_a_way_in_keeps_the_velocities_of_the_new_goal_behind_its_first_point():
+    times, positions = np.array([0.0, 0.5, 1.0]), np.array([[0.0, 0.0], [0.2, 0.1], [0.3, 0.2]])
+    velocities = np.array([[0.0, 0.0], [0.4, 0.2], [0.0, 0.0]])
+    new = Trajectory(SLOW.names, times, positions, velocities)
+    way = _from(np.array([0.1, 0.0]), np.array([0.5, 0.1]), new, 0.25)
+    assert way.times.tolist() == [0.0, 0.25, 0.75]
+    assert way.velocities.tolist() == [[0.5, 0.1], [0.4, 0.2], [0.0, 0.0]]
+    assert way.positions[1:].tolist() == positions[1:].tolist()

@@ -4,6 +4,7 @@
 
 import asyncio
 import contextlib
+from dataclasses import replace
 
 import pytest
 from support.driver_harness import Harness, simulated
@@ -137,3 +138,21 @@ def test_a_wiring_that_cannot_be_is_refused(wrong, expected):
     good = {name: getattr(WIRING, name) for name in WIRING.__dataclass_fields__}
     with pytest.raises(ValueError, match=expected):
         GripperWiring(**good | wrong)
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize(
+    ('wiring', 'said'),
+    [
+        (replace(WIRING, opened_input=999), 'the inputs of the gripper are not known: '),
+        (replace(WIRING, open_output=999), 'the outputs of the gripper were not set: '),
+    ],
+)
+def test_inv9_points_that_the_controller_has_not_are_an_error_that_names_them(wiring, said):
+    async def scenario():
+        async with cell() as (gripper, _, _):
+            odd = Gripper(gripper._io, wiring)
+            with pytest.raises(GripperError, match=f'{said}.*999'):
+                await odd.move(opened=True)
+
+    run(scenario())

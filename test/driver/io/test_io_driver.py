@@ -580,3 +580,26 @@ def test_sentences_where_the_ranges_are_not_known():
     assert sentence(77, DO, 1, 1, ()) == 'DO 1 = 1: result 77, which has no meaning here'
     twelve = [IoRange(DO, 0, 12, 3)]
     assert sentence(2002, GO, 1, 16, twelve) == 'GO 1 = 16: must be 0 to 15'
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize(
+    ('features', 'result', 'said'),
+    [
+        (0, 0, 'the controller has no I/O that it publishes'),
+        (2, 2, 'the controller publishes no I/O: '),
+    ],
+)
+def test_inv9_a_controller_that_publishes_nothing_is_told(features, result, said):
+    def talk(_number, msg_type, message_id, _words):
+        if msg_type == INFO:
+            return frame(INFO, message_id, 0, 1, DI, 0, 4, features)
+        return frame(SUB, message_id, 1, DI, 0, result)
+
+    async def test():
+        async with ScriptedServer(talk) as server, Client(server.port) as client:
+            await until(lambda: any(said in str(told) for told in client.told))
+            assert client.io.place == f'127.0.0.1:{server.port}'
+            assert not client.io.states
+
+    run(test())

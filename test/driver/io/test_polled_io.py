@@ -4,6 +4,8 @@
 
 import asyncio
 import contextlib
+import re
+from dataclasses import replace
 
 import pytest
 from support.driver_harness import simulated
@@ -12,7 +14,7 @@ from support.vacant_port import vacant_port
 
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.io.io_driver import IoUnavailableError
-from epson_driver.driver.io.polled_io import ranges_of, rejection
+from epson_driver.driver.io.polled_io import MAX_POINTS, ranges_of, rejection
 from epson_driver.driver.stopping.motors import Action, RemoteEthernetMotors
 from epson_driver.profiles import load_controller_profile
 from epson_driver.profiles.io_profile import IoProfile
@@ -239,5 +241,85 @@ def test_the_motors_go_before_the_io_at_the_remote_port():
             with pytest.raises(IoUnavailableError, match='needed for the motors'):
                 await asked
             await until(lambda: io.states)
+
+    run(scenario())
+
+
+MORE = {'digital_inputs': 4000, 'digital_outputs': 4000}
+"""What a profile says of a controller that has fewer."""
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize(
+    ('profile', 'said'),
+    [('rc700a', '(error 15)'), ('motoman', 'the controller refused it: ')],
+)
+def test_inv9_points_that_only_the_profile_has_are_told_and_not_shown_as_0(profile, said):
+    async def scenario():
+        async with simulated(profile=profile) as (_, ports):
+            io = make_io(
+                replace(load_controller_profile(profile).io, **MORE),
+                '127.0.0.1',
+                (ports.io, ports.remote),
+                byte_order=LITTLE_ENDIAN.byte_order,
+                timeout=1.0,
+                turns=RemoteTurns(),
+            )
+            reasons = []
+            io.on_states = lambda: reasons.append(io.reason)
+            task = asyncio.create_task(io.run())
+            await until(lambda: any(said in reason for reason in reasons))
+            assert io.states == ()
+            (answer,) = await io.read([IoAddress(DI, 3999)])
+            assert answer.text
+            assert answer.result != IoResult.SUCCESS
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    run(scenario())
+
+
+@BOTH
+def test_inv9_io_without_a_port_says_so_and_asks_nobody(profile):
+    async def scenario():
+        async with io_at(profile, (0, 0), timeout=0.25) as io:
+            await until(lambda: io.told)
+            assert not io.used
+            assert io.timeout == 0.25
+            assert io.told == [io.reason]
+            with pytest.raises(IoUnavailableError, match=re.escape(io.reason)):
+                await io.read([IoAddress(DI, 0)])
+
+    run(scenario())
+
+
+@BOTH
+def test_more_points_than_one_request_may_have_are_refused_at_once(profile):
+    async def scenario():
+        async with io_at(profile, (1, 1)) as io:
+            with pytest.raises(
+                IoUnavailableError, match=f'{MAX_POINTS + 1} points in one request'
+            ):
+                await io.read([IoAddress(DI, 0)] * (MAX_POINTS + 1))
+
+    run(scenario())
+
+
+@pytest.mark.invariant(9)
+def test_inv9_an_answer_that_is_no_number_is_told_with_its_command():
+    async def attend(reader, writer):
+        while line := await reader.readline():
+            name = line.decode().strip('$\r\n').split(',')[0]
+            writer.write(f'#{name},{"0" if name == "Login" else "zz"}\r\n'.encode())
+        writer.close()
+
+    async def scenario():
+        server = await asyncio.start_server(attend, '127.0.0.1', 0)
+        port = server.sockets[0].getsockname()[1]
+        async with io_at('rc700a', (0, port)) as io:
+            await until(lambda: any("'zz' is no answer to " in told for told in io.told))
+            assert io.states == ()
+        server.close()
 
     run(scenario())

@@ -543,6 +543,35 @@ def test_inv9_a_setpoint_that_is_not_answered_stops_and_disables():
     run(check())
 
 
+@pytest.mark.parametrize(('period', 'points'), [(0.02, (18, 22)), (0.1, (4, 6))])
+def test_points_are_as_far_apart_as_the_controller_needs(period, points):
+    async def check():
+        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+            harness.driver.servo.settings = ServoSettings(period=period)
+            await harness.ready()
+            await harness.commands.enable()
+            await send(harness, ramp(), 0.4)
+            assert points[0] <= len(scripted.received) <= points[1]
+
+    run(check())
+
+
+@pytest.mark.invariant(3)
+def test_inv3_an_arm_that_gets_few_points_brakes_as_soon_as_its_stream_is_silent():
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            harness.driver.servo.settings = ServoSettings(period=0.2)
+            await send(harness, jog(), 1.0)
+            sent = harness.at[0]
+            await over(harness)
+            # silence, until the next point, what the controller knew, and the way of a stop
+            assert harness.at[0] - sent < SPEED * (0.1 + 0.2 + 0.3 + 0.1)
+            assert harness.at[0] - sent > 0.0
+            assert harness.gate is None
+
+    run(check())
+
+
 @pytest.mark.invariant(4)
 def test_inv4_nothing_follows_a_stop_on_the_wire():
     async def check():
@@ -572,5 +601,46 @@ def test_an_arm_that_does_not_follow_is_given_up():
                 await until(lambda: harness.gate is not None)
             assert 'the arm has not followed setpoints for' in harness.gate
             assert len(scripted.received) < 1.0 / PERIOD
+
+    run(check())
+
+
+def test_a_message_that_is_no_setpoint_is_counted_and_told(said):
+    async def check():
+        async with cell() as (harness, _):
+            harness.driver.servo.refuse(SERVO, 'joint_7 is not a joint of this robot')
+            assert harness.driver.servo.counts.received == 1
+            assert harness.driver.servo.counts.refused == 1
+            assert not harness.driver.servo.active
+        assert any('joint_7 is not a joint of this robot' in line for line in said())
+
+    run(check())
+
+
+@pytest.mark.invariant(9)
+def test_inv9_a_withdrawn_acknowledgement_breaks_a_stream_off():
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            await send(harness, jog(), 0.5)
+            harness.driver.servo.withdraw()
+            assert not harness.driver.servo.active
+            assert 'the controller withdrew an acknowledgement' in harness.gate
+            await asyncio.sleep(1.0)
+            assert await harness.rests()
+
+    run(check())
+
+
+def test_no_stream_is_followed_where_all_of_a_trajectory_is_sent_before_it_moves(said):
+    async def check():
+        rules = delivery_rules(load_controller_profile('thesis'), 'download', 'joint_traj_pt')
+        async with cell(smooth=False, delivery=rules) as (harness, _):
+            harness.driver.servo.take(positions(pose(0.04)))
+            await asyncio.sleep(0.1)
+            assert not harness.driver.servo.active
+            assert harness.gate is None
+            assert harness.at[0] == pytest.approx(0.0, abs=1e-6)
+        text = 'with interface: download the arm follows no streams'
+        assert any(text in line for line in said())
 
     run(check())

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motors and errors by the controller's own commands, against a Motoman."""
 
+import asyncio
+
 import pytest
 from support.driver_harness import Harness, ScriptedController, frame, pose, simulated
 from support.event_loop import run, until
@@ -16,6 +18,7 @@ from epson_driver.driver.stopping.motors import (
     MotorsByHand,
     RemoteEthernetMotors,
     RestartingMotors,
+    SerializedMotors,
     make_motors,
 )
 from epson_driver.node.parameters import profile_defaults
@@ -214,5 +217,56 @@ def test_a_controller_without_commands_leaves_it_to_a_person():
             await harness.commands.enable()
             text = await harness.commands.disable()
             assert text.endswith('takes no such command, so the motors were left as they are')
+
+    run(check())
+
+
+class Slow:
+    """A controller that takes its time for each command."""
+
+    missing, restarts = '', False
+
+    def __init__(self):
+        self.begun, self.ended = [], []
+
+    async def act(self, action, timeout):
+        self.begun.append(action)
+        try:
+            await asyncio.sleep(timeout)
+        except asyncio.CancelledError:
+            self.ended.append('cancelled')
+            raise
+        self.ended.append(action)
+
+
+@pytest.mark.invariant(4)
+def test_inv4_a_command_that_nobody_waits_for_any_more_is_given_only_if_it_was_on_its_way():
+    async def check():
+        slow = Slow()
+        motors = SerializedMotors(slow)
+        off = asyncio.create_task(motors.act(Action.MOTORS_OFF, 1.0))
+        on = asyncio.create_task(motors.act(Action.MOTORS_ON, 1.0))
+        await asyncio.sleep(0.1)
+        for task in (off, on):
+            task.cancel()
+        await asyncio.sleep(5.0)
+        assert slow.begun == slow.ended == [Action.MOTORS_OFF]
+        assert not motors.busy
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_closing_gives_up_commands_on_their_way_and_those_that_wait():
+    async def check():
+        slow = Slow()
+        motors = SerializedMotors(slow)
+        for action in (Action.MOTORS_OFF, Action.MOTORS_ON):
+            asyncio.create_task(motors.act(action, 1.0)).add_done_callback(lambda _: None)
+        await asyncio.sleep(0.1)
+        await motors.close()
+        assert slow.begun == [Action.MOTORS_OFF]
+        assert slow.ended == ['cancelled']
+        assert not motors.busy
 
     run(check())

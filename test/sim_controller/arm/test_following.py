@@ -193,3 +193,21 @@ def test_inv2_at_low_power_the_low_limits_hold(run):
         run.arm.follow(joint_1(0.09), HOME)
         run.run(0.02, low)
     assert np.abs(np.diff([each[0] for each in run.ways])).max() <= low.velocity[0] * CYCLE * SLACK
+
+
+def test_speed_and_acceleration_are_those_of_its_points(run):
+    run.arm.speed, run.arm.accel = 0.25, 0.5
+    assert (run.arm.speed, run.arm.accel) == (0.25, 0.5)
+    run.arm.take(Point(0, joint_1(1.0), 0.0, 0.0))
+    run.rest()
+    fastest = np.abs(np.diff([way[0] for way in run.ways])).max() / CYCLE
+    assert fastest == pytest.approx(0.25 * LIMITS.velocity[0], rel=0.01)
+    with pytest.raises(ValueError, match='speed'):
+        run.arm.speed = 1.5
+
+
+def test_an_arm_that_follows_is_not_moved_by_hand(run):
+    run.stream(lambda t: 0.2 * t, 0.2)
+    with pytest.raises(RuntimeError, match='the arm follows setpoints'):
+        run.arm.settle(joint_1(0.5))
+    run.rest()

@@ -3,8 +3,10 @@
 """The planner in its process: answers, deaths, and what is left then."""
 
 import asyncio
+import contextlib
 import os
 import signal
+import subprocess
 import sys
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -188,3 +190,52 @@ def test_one_that_cannot_be_started_says_why(monkeypatch, interpreter, text):
     monkeypatch.setattr(sys, 'executable', interpreter)
     with pytest.raises(PlannerError, match=text):
         asyncio.run(PlannerProcess(LIMITS).start())
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize(
+    ('script', 'said'),
+    [
+        ('exec sleep 60', 'the motion planner took over 0.2 s'),
+        ('exec >&-; exec sleep 60', 'the motion planner closed its pipe'),
+        ('exit 4', 'the motion planner ended with exit code 4'),
+    ],
+)
+def test_inv9_a_planner_that_does_not_begin_is_told_and_is_ended(
+    monkeypatch, tmp_path, caplog, script, said
+):
+    """At the start that is an error; later it is logged, and tried again."""
+    python = tmp_path / 'python'
+    python.write_text(f'#!/bin/sh\necho $$ > {tmp_path}/pid\n{script}\n')
+    python.chmod(0o755)
+    monkeypatch.setattr(sys, 'executable', str(python))
+    monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', 60.0 if 'exec >&-' in script else 0.2)
+    monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', 0.1)
+    monkeypatch.setattr(planner_process, 'RESTART_DELAY_S', 0.0)
+    if script.startswith('exit'):
+        monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', 60.0)
+        monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', 60.0)
+
+    async def check():
+        planner = PlannerProcess(LIMITS)
+        with pytest.raises(PlannerError, match=said):
+            await planner.start()
+        assert not planner.ready
+        assert said not in caplog.text
+        running = asyncio.create_task(planner.run(lambda _: None))
+        async with asyncio.timeout(PATIENCE):
+            while said not in caplog.text:  # noqa: ASYNC110  a poll is simple
+                await asyncio.sleep(0.01)
+        running.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await running
+        await planner.close()
+
+    asyncio.run(check())
+
+
+@pytest.mark.slow
+def test_a_planner_whose_controller_is_gone_before_it_began_ends_in_silence():
+    worker = [sys.executable, '-m', 'epson_driver.sim_controller.arm.planner_worker']
+    ended = subprocess.run(worker, stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, b'', b'')

@@ -668,3 +668,22 @@ def test_points_have_begun_when_the_arm_goes_to_them_and_once_only():
     assert sorted(set(seen)) == [1, 2, 3]
     arm.take(Point(4, HOME + 0.3 * AXIS, 0.0, 0.0))  # where it stands
     assert arm.begun == 4
+
+
+def test_where_it_will_rest_is_known_in_every_phase():
+    far, farther = HOME + 0.5, HOME + 0.8
+    arm = PointToPoint(LIMITS, HOME, acknowledge='taken', statement_overhead=0.1)
+    assert np.array_equal(arm.destination, HOME)
+    arm.take(Point(0, far, 0.0, 0.0))
+    assert np.array_equal(arm.destination, far)  # not begun
+    arm.step(0.15)
+    assert np.allclose(arm.destination, far, atol=1e-12)  # under way
+    arm.take(Point(1, farther, 0.0, 0.0))
+    assert np.array_equal(arm.destination, farther)
+    arm.stop()
+    rest = arm.destination
+    assert np.all(np.abs(rest - HOME) < np.abs(far - HOME))
+    while arm.moving:
+        arm.step(0.01)
+    assert np.allclose(arm.position, rest, atol=1e-12)
+    assert np.array_equal(arm.destination, arm.position)

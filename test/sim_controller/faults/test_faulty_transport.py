@@ -2,14 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every fault of connections, at one transport: what comes out, when, and that it ends."""
 
+import random
 import struct
 from itertools import pairwise
 
 import pytest
 from support.fault_harness import FaultHarness, answer, ask, state
 
-from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, byte_order, is_reply
+from epson_driver.sim_controller.faults.disturbances import (
+    DISTURBANCES,
+    OutgoingMessage,
+    byte_order,
+    is_reply,
+)
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
+from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.faults.faulty_transport import MAX_HELD_BYTES
 from epson_driver.simple_message import BIG_ENDIAN, ByteOrder, FrameError, Framer
 
@@ -513,3 +520,23 @@ def test_messages_are_told_apart(message, order, reply):
 
 def test_every_disturbance_is_a_fault_with_a_port():
     assert set(DISTURBANCES) | {'cut'} == set(LINK_FAULTS)
+
+
+def test_a_message_that_a_first_fault_has_swallowed_uses_up_no_second_one(harness):
+    client = harness.client('motion')
+    harness.start('lost_reply:count=1')
+    harness.start('bit_errors:rate=1,bits=1,count=1,port=motion')
+    client.send(answer(1))
+    assert client.taken() == []
+    client.send(answer(2), answer(3))
+    hit, passed = client.taken()
+    assert bits_changed(hit, answer(2)) == 1
+    assert passed == answer(3)
+
+
+def test_a_length_that_another_fault_has_spoilt_is_left_alone():
+    spoilt = b'\xff' * 20
+    assert byte_order(spoilt) is None
+    outgoing = OutgoingMessage(spoilt)
+    DISTURBANCES['wrong_length'](outgoing, parse('wrong_length:add=4'), random.Random(0))
+    assert outgoing.data == spoilt

@@ -238,3 +238,20 @@ def test_inv4_an_estop_ends_a_stream_and_after_enable_it_does_not_go_on():
     assert send(setpoint(0, (rests[0] + 0.05, *rests[1:]))) == SUCCESS
     wait(1.0)
     assert controller.arm.commanded[0] == pytest.approx(rests[0] + 0.05, abs=1e-6)
+
+
+@pytest.mark.invariant(9)
+def test_inv9_a_setpoint_among_points_is_refused_and_none_of_the_points_is_lost(harness):
+    """Nobody knows what is wanted: each point is answered, and the arm rests."""
+    harness.send(point(0, FAR), point(1, NEAR), point(2, FAR))
+    harness.step(0.1)
+    assert harness.take_sent() == b''
+    harness.send(setpoint(0, NEAR))
+    sent = harness.take_sent()
+    answers = [struct.unpack_from('<5i', sent, 60 * number) for number in range(3)]
+    assert answers == [(56, 10, 3, FAILURE, sequence) for sequence in range(3)]
+    assert sent[180:] == struct.pack('<4i', 12, 1510, 3, FAILURE)
+    assert harness.error == 8000
+    harness.rest()
+    assert 0.0 < harness.joints[0] < FAR[0] - 0.01
+    assert harness.take_sent() == b''

@@ -265,3 +265,10 @@ def test_functions_in_an_estop(remote):
 def test_what_cannot_be_printed(remote, text, number):
     assert remote(f'Sim,print,{text}') == f'!Sim,{number}'
     assert remote(f'Execute,"Print {text}"') == f'!Execute,{number}'
+
+
+def test_reset_if_resets_an_error(remote):
+    """$Execute is refused in an error: only a program's own statement gets so far."""
+    remote.controller.raise_error(8123)
+    STATEMENTS['If'].run(remote.controller, 'Error On Then Reset')
+    assert remote.controller.error_number == 0

@@ -156,6 +156,23 @@ def test_an_estop_ends_it_until_reset_motors_on_and_start():
 
 
 @pytest.mark.invariant(4)
+@pytest.mark.slow
+def test_inv4_start_main_starts_it_after_an_estop_when_a_person_switches_the_motors_on():
+    harness, motion, peer = moving(START_MAIN='1')
+    harness.do('E-stop press')
+    assert_still(harness)
+    harness.replies(peer)
+    for event in ('E-stop release', 'reset'):
+        harness.do(event)
+        assert_still(harness)
+        assert 'main' not in [each.split()[0] for each in harness.tasks]
+    harness.do('motors on')
+    assert_still(harness)
+    assert 'main' in [each.split()[0] for each in harness.tasks]
+    assert_moves(harness, motion, peer)
+
+
+@pytest.mark.invariant(4)
 def test_an_open_door_ends_main_and_nothing_moves_when_it_is_closed():
     harness, motion, peer = moving()
     harness.do('door open')

@@ -401,3 +401,24 @@ def test_a_program_with_faults_is_refused_with_file_and_line(tmp_path):
     assert process.returncode == 2
     assert 'main.prg:2' in process.stderr
     assert 'Jump3CP' in process.stderr
+
+
+@pytest.mark.slow
+def test_a_port_that_another_program_has_becomes_any_free_one_unless_one_was_asked_for(tmp_path):
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        busy = taken.getsockname()[1]
+        source = f'Function main\n  SetNet #203, "", {busy}\n  OpenNet #203 As Server\nFend\n'
+        (tmp_path / 'main.prg').write_text(source)
+        for asked, said in (
+            ([], rf'port {busy} of the program is 127\.0\.0\.1:(?!{busy}\b)\d+'),
+            (['--program-port', f'{busy}={busy}'], 'error 2900 .*OpenNet #203: '),
+        ):
+            process, _ = started('--program', str(tmp_path), *asked, stderr=subprocess.PIPE)
+            patience = threading.Timer(60.0, process.kill)
+            patience.start()
+            try:
+                assert any(re.search(said, line) for line in process.stderr)
+            finally:
+                patience.cancel()
+                process.terminate()
+                process.communicate()

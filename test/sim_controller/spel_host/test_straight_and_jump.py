@@ -10,6 +10,11 @@ from support.spel_program_harness import STEP_S, SpelProgramHarness
 
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
+from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
+from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
+from epson_driver.sim_controller.spel_host.robot_values import Robot
+from epson_driver.sim_controller.spel_host.robot_ways import points_of
+from epson_driver.spel import MotionRequest
 
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
 SCARA = load_robot_model('gx4_c251s')
@@ -201,3 +206,79 @@ def test_inv3_till_ends_a_jump_and_what_is_left_of_it(caplog):
     harness.step(1.0)
     assert np.array_equal(harness.position, stands)
     assert_limits_kept(harness)
+
+
+def test_a_jump_higher_than_joint_3_can_go_is_refused(caplog):
+    source = 'Function main\n  Motor On\n  LimZ 10\n  Jump JA(10, 20, -30, 40)\nFend\n'
+    harness = SpelProgramHarness(source, caplog, model=SCARA)
+    harness.step(0.5)
+    assert harness.controller.error_number == 9993
+    assert 'main.prg:4: error 9993' in caplog.text
+    assert 'Jump: LimZ 10 is above the range of joint 3' in caplog.text
+    assert not np.any(np.diff(harness.positions, axis=0))
+
+
+def test_move_to_where_the_arm_is_is_over_at_once(caplog):
+    harness = six_axis(caplog, 'Function main\n  Motor On\n  Move Here\n  Print "there"\nFend\n')
+    harness.step(0.1)
+    assert harness.printed == ['there']
+    assert harness.controller.error_number == 0
+    assert not np.any(np.diff(harness.positions, axis=0))
+
+
+def test_a_line_that_turns_by_half_a_turn_could_go_either_way_and_is_refused(caplog):
+    source = """
+    Function main
+      Motor On
+      P1 = Here
+      Move P1 +X(20) :U(CU(P1) + 180) :V(CV(P1)) :W(CW(P1))
+    Fend
+    """
+    start = np.radians([0.0, 0.0, 0.0, 0.0, -90.0, 0.0])  # Tool 0 looks down
+    harness = SpelProgramHarness(source, caplog, start=start)
+    harness.step(0.5)
+    assert harness.controller.error_number == 4007
+    assert 'the orientation turns by half a turn, either way' in caplog.text
+    assert not np.any(np.diff(harness.positions, axis=0))
+
+
+def test_a_line_after_a_blended_go_begins_when_the_arm_stands(caplog):
+    """Go … CP overlaps with a Go only: a straight line has a beginning."""
+    source = """
+    Function main
+      Motor On; Power High; Speed 50; Accel 50, 50; SpeedS 100
+      P1 = Here
+      Go AglToPls(10, -10, 20, 0, -60, 0) CP
+      Move Here +Z(-30)
+      Print "there"
+    Fend
+    """
+    harness = six_axis(caplog, source)
+    harness.until(lambda: harness.printed == ['there'])
+    positions = np.array(harness.positions)
+    there = np.argmin(np.abs(positions - np.radians([10.0, -10.0, 20.0, 0.0, -60.0, 0.0])).max(1))
+    assert np.abs(positions[there] - np.radians([10.0, -10, 20, 0, -60, 0])).max() < 1e-6
+    assert_limits_kept(harness)
+
+
+def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_joints(caplog):
+    harness = six_axis(caplog, 'Function main\nFend\n')
+    controller = harness.controller
+    motion = RobotMotion(controller.arm.executor, controller.clock, lambda: None, 0.01)
+    robot = Robot(controller, motion, RobotPoints(controller.model))
+    place = robot.points.place(BENT)
+    target = place.changed('+', 0, 50.0)
+    (point,) = points_of(robot, MotionRequest('move', (target,)))
+    assert point.way is not None
+    straight = point.way(BENT, False)
+    assert np.allclose(straight.end, point.target, atol=1e-9)
+    assert caplog.text.count('from joint to joint') == 0
+    elsewhere = BENT + np.radians([160.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # the base is in the way
+    slow = point.way(elsewhere, False)
+    assert np.allclose(slow.end, point.target, atol=1e-9)
+    assert 'Move goes on from joint to joint: ' in caplog.text
+    limits = controller.model.limits
+    share = controller.profile.motion.low_power
+    times = np.linspace(0.0, slow.duration, 200)
+    speeds = np.array([slow.at(time)[1] for time in times])
+    assert np.max(np.abs(speeds) / limits.velocity) <= share * 1.001

@@ -1,0 +1,230 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The synchronous API at a controller in a thread of this process, and its threads alone."""
+
+import asyncio
+import contextlib
+import logging
+import threading
+
+import numpy as np
+import pytest
+from support.api_harness import FAR, ports_of
+from support.api_patience import be_patient
+from support.driver_harness import simulated
+from support.two_jaws import TwoJaws
+from support.vacant_port import vacant_port
+
+from epson_driver import MotionError, Robot, RobotError, Settings
+from epson_driver.api import simulation
+from epson_driver.api.errors import RobotError as AnyRobotError
+from epson_driver.api.gripper import GripperWiring
+from epson_driver.api.simulation import SimulatedController
+from epson_driver.api.threads import CallbackThread, LoopThread
+from epson_driver.sim_controller.condition.states import Event
+
+PATIENCE = 60.0
+WIRING = GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch):
+    be_patient(monkeypatch.setattr)
+
+
+class Cell:
+    """A controller in a thread of its own."""
+
+    def __init__(self):
+        self._thread = LoopThread('controller')
+        self._stack = contextlib.AsyncExitStack()
+        entered = self._thread.run(lambda: self._stack.enter_async_context(simulated()))
+        self.controller, self.ports = entered
+
+    def call(self, function):
+        return self._thread.call(function)
+
+    def robot(self, **more):
+        return Robot(**ports_of(self.ports), **more)
+
+    def close(self):
+        self._thread.run(self._stack.aclose)
+        self._thread.close()
+
+
+@pytest.fixture(scope='module')
+def cell():
+    found = Cell()
+    yield found
+    found.close()
+
+
+def test_each_request_has_the_driver_s_own_answer(cell):
+    with cell.robot() as robot:
+        assert 'enabled' in robot.enable()
+        robot.move_waypoints([[0.02, 0, 0, 0, -0.5, 0], [0.04, 0, 0, 0, -0.5, 0]])
+        assert robot.joints[:2] == pytest.approx([0.04, 0.0], abs=1e-3)
+        here = robot.joints
+        times, there = [0.0, 0.2], [here, here + 0.005]
+        assert robot.move_trajectory(times, there).duration == pytest.approx(0.2)
+        assert robot.joints == pytest.approx(there[-1], abs=1e-3)
+        assert robot.ros_pose[:3] == pytest.approx(robot.tool_pose[:3, 3])
+        assert np.linalg.norm(robot.ros_pose[3:]) == pytest.approx(1.0)
+        robot.set_speed_scaling(0.5)
+        assert robot.speed_scaling == 0.5
+        with pytest.raises(ValueError, match='the factor 3 must be 0'):
+            robot.set_speed_scaling(3.0)
+        assert 'acknowledged STOP' in robot.stop()
+        assert 'disabled' in robot.disable()
+        assert not robot.status.enabled
+        with pytest.raises(RobotError, match='connected already'):
+            robot.connect()
+        assert robot.status.connected
+
+
+@pytest.mark.slow
+def test_the_gripper_opens_closes_and_says_its_state(cell):
+    with cell.robot(settings=Settings(gripper=WIRING)) as robot:
+        cell.call(lambda: TwoJaws(cell.controller, WIRING))
+        assert robot.gripper.open().opened
+        assert robot.gripper.close().closed
+        assert robot.gripper.state() == robot.gripper.state()
+        assert robot.gripper.state().closed
+
+
+@pytest.mark.invariant(5)
+def test_who_cancels_a_motion_that_was_aborted_meanwhile_is_told(cell):
+    with cell.robot() as robot:
+        robot.enable()
+        motion = robot.move_joints(FAR, speed=0.02, wait=False)
+        cell.call(lambda: cell.controller.apply(Event.ESTOP_PRESS))
+        with pytest.raises(MotionError, match='E-stop'):
+            motion.wait(PATIENCE)
+        with pytest.raises(MotionError, match='E-stop'):
+            motion.cancel()
+        cell.call(lambda: cell.controller.apply(Event.ESTOP_RELEASE))
+        robot.reset()
+
+
+def test_a_connection_that_fails_leaves_no_thread_and_can_be_tried_again():
+    before = threading.active_count()
+    port = vacant_port()
+    lost = Robot(motion_port=port, state_port=port, io_port=0)
+    with pytest.raises(RobotError, match='refused'):
+        lost.connect(0.1)
+    assert threading.active_count() <= before
+    with pytest.raises(RobotError, match=r'call connect\(\)'):
+        lost.enable()
+    with pytest.raises(RobotError, match='refused'):
+        lost.connect(0.1)
+
+
+@pytest.mark.invariant(9)
+def test_a_callback_that_raises_after_the_robot_was_closed_is_logged(caplog):
+    with caplog.at_level(logging.ERROR):
+        Robot()._callback_failed(ZeroDivisionError('made for this test'))
+    assert 'a callback failed (there is no connection' in caplog.text
+    assert 'made for this test' in caplog.text
+
+
+# --- the threads ------------------------------------------------------------------------------
+
+
+@pytest.mark.invariant(9)
+def test_who_waits_for_a_loop_that_is_closed_has_an_answer():
+    thread = LoopThread('test')
+    begun = threading.Event()
+    told = []
+
+    async def forever():
+        begun.set()
+        await asyncio.sleep(3600.0)
+
+    def wait():
+        with pytest.raises(AnyRobotError, match='closed meanwhile') as error:
+            thread.run(forever)
+        told.append(str(error.value))
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    assert begun.wait(PATIENCE)
+    thread.close()
+    waiting.join(PATIENCE)
+    assert told == ['the robot was closed meanwhile']
+    with pytest.raises(AnyRobotError, match='the robot was closed'):
+        thread.run(forever)
+
+
+def test_a_loop_does_not_wait_for_itself():
+    thread = LoopThread('test')
+
+    def waits():
+        with pytest.raises(AnyRobotError, match='cannot wait for itself'):
+            thread.call(lambda: None)
+        return 'told'
+
+    assert thread.call(waits) == 'told'
+    thread.close()
+
+
+def test_a_time_out_cancels_what_was_waited_for():
+    thread = LoopThread('test')
+    with pytest.raises(TimeoutError, match=r'not ended within 0\.01 s'):
+        thread.run(lambda: asyncio.sleep(3600.0), 0.01)
+    assert thread.call(lambda: len(asyncio.all_tasks())) == 1  # that which looks
+    thread.close()
+
+
+def test_what_is_no_function_is_no_callback():
+    thread = CallbackThread('test', lambda error: None)
+    with pytest.raises(TypeError, match='3 cannot be called'):
+        thread.wrap(3)
+    thread.close()
+
+
+# --- the simulated controller as a process ------------------------------------------------------
+
+
+@pytest.fixture
+def instead(tmp_path, monkeypatch):
+    """Return a function that has a shell script run instead of the simulated controller."""
+
+    def run(script):
+        path = tmp_path / 'python'
+        path.write_text(f'#!/bin/sh\n{script}\n')
+        path.chmod(0o755)
+        monkeypatch.setattr(simulation.sys, 'executable', str(path))
+        return SimulatedController(['--robot', 'mars'])
+
+    return run
+
+
+def test_a_controller_that_does_not_start_names_the_command_that_shows_why(instead):
+    controller = instead('echo no such robot; exit 2')
+
+    async def scenario():
+        with pytest.raises(AnyRobotError, match=r'epson_driver sim_controller --robot mars$'):
+            await controller.start()
+        await controller.close()
+        await controller.close()  # nothing any more
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.invariant(9)
+def test_a_controller_that_neither_listens_nor_ends_is_killed(instead, monkeypatch, tmp_path):
+    deaf = tmp_path / 'deaf'
+    controller = instead(f'trap "" TERM\ntouch {deaf}\nexec sleep 1000')
+    monkeypatch.setattr(simulation, 'START_TIMEOUT_S', 0.2)
+    monkeypatch.setattr(simulation, 'END_TIMEOUT_S', 0.05)
+
+    async def scenario():
+        with pytest.raises(AnyRobotError, match=r'did not listen within 0\.2 s'):
+            await controller.start()
+        process = controller._process
+        while not deaf.exists():  # noqa: ASYNC110 - another process makes it
+            await asyncio.sleep(0.01)
+        await controller.close()
+        assert process.returncode == -9
+
+    asyncio.run(scenario())

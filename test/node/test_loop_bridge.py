@@ -1,0 +1,84 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Each service has its answer, whatever fails, also when the driver has ended."""
+
+import asyncio
+
+import pytest
+from std_srvs.srv import Trigger
+from support.request_harness import Made, done
+
+from epson_driver.node.loop_bridge import DriverEndedError
+
+
+@pytest.fixture
+def made():
+    found = Made()
+    yield found
+    found.loop.close()
+
+
+@pytest.mark.invariant(9)
+def test_a_service_that_fails_answers_so_and_stops_the_arm(made):
+    async def serve(_request, _response):
+        raise ZeroDivisionError('made for this test')
+
+    made.bridge.create_service(Trigger, '~/enable', serve, None)
+    answer = done(made.node.served['~/enable'](Trigger.Request(), Trigger.Response()))
+    why = '~/enable failed: ZeroDivisionError: made for this test'
+    assert not answer.success
+    assert answer.message == f'{why}; the arm is stopped and disabled; the log has more'
+    made.turn()
+    assert made.faults == [why]
+    ((severity, text),) = made.node.log.lines
+    assert severity == 'error'
+    assert 'Traceback' in text
+
+
+@pytest.mark.invariant(9)
+def test_a_driver_that_has_ended_is_named_in_every_answer(made):
+    async def late(_request, _response):
+        return await made.bridge.in_loop(lambda: asyncio.sleep(0))
+
+    async def failing(_request, _response):
+        raise ZeroDivisionError
+
+    made.bridge.create_service(Trigger, 'late', late, None)
+    made.bridge.create_service(Trigger, 'failing', failing, None)
+    made.end()
+    answers = {
+        name: done(serve(Trigger.Request(), Trigger.Response()))
+        for name, serve in made.node.served.items()
+    }
+    assert not any(each.success for each in answers.values())
+    assert answers['late'].message == 'the driver has ended'
+    assert answers['failing'].message.endswith('; the driver has ended')
+    with pytest.raises(DriverEndedError):
+        made.bridge.to_loop(print)
+    with pytest.raises(DriverEndedError):
+        made.bridge.create_future()
+
+
+@pytest.mark.invariant(9)
+def test_a_request_that_is_dropped_with_its_executor_is_no_failure(made):
+    async def serve(_request, _response):
+        return await made.bridge.wait_for(made.bridge.create_future())
+
+    made.bridge.create_service(Trigger, '~/stop', serve, None)
+    waiting = made.node.served['~/stop'](Trigger.Request(), Trigger.Response())
+    waiting.send(None)
+    waiting.close()
+    made.turn()
+    assert made.faults == []
+
+
+@pytest.mark.invariant(5)
+def test_what_waits_is_answered_once_and_at_the_latest_at_the_end(made):
+    first, second = made.bridge.create_future(), made.bridge.create_future()
+    made.bridge.resolve(first, 'an answer')
+    made.bridge.resolve(first, 'another')
+    assert first.result() == 'an answer'
+    made.end()
+    assert isinstance(second.result(), DriverEndedError)
+    with pytest.raises(DriverEndedError):
+        done(made.bridge.wait_for(second))

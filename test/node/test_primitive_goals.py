@@ -1,0 +1,76 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A planned sequence that must not be executed any more, and parameters that cannot be set."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from epson_driver.driver.goal.goal_plan import GoalPlan
+from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.node.loop_bridge import DriverEndedError
+from epson_driver.node.motion_primitives import BUSY, MotionPrimitives, ToolBusyError
+from epson_driver.node.node import ClientNode
+from epson_driver.trace import TraceError
+
+
+class Handle:
+    """A goal, and how it ended."""
+
+    def __init__(self):
+        self.outcomes = []
+
+    def on_end(self, outcome):
+        self.outcomes.append(outcome)
+
+
+@pytest.mark.invariant(3, 5)
+@pytest.mark.parametrize(
+    ('why', 'idle', 'said'),
+    [
+        ('the E-stop is pressed', True, 'the E-stop is pressed'),
+        ('canceled before it could start', False, 'canceled before it could start'),
+        (None, False, BUSY),
+        (None, True, None),
+    ],
+    ids=['ended', 'ended and another goal', 'another goal', 'free'],
+)
+def test_a_sequence_is_executed_only_if_nothing_has_come_since_it_was_planned(why, idle, said):
+    plan, handle, submitted = GoalPlan(), Handle(), []
+    if why is not None:
+        plan.end(why)
+    queue = SimpleNamespace(idle=idle, submit=submitted.append)
+    MotionPrimitives._submit(SimpleNamespace(_queue=queue), handle, plan)
+    if said is None:
+        assert (submitted, handle.outcomes) == ([handle], [])
+        return
+    (outcome,) = handle.outcomes
+    assert (outcome.end, outcome.code) == (End.ABORTED, ErrorCode.INVALID_GOAL)
+    assert said in outcome.text
+    assert submitted == []
+
+
+def test_a_sequence_keeps_the_tool_with_which_it_was_planned():
+    with pytest.raises(ToolBusyError):
+        MotionPrimitives.set_tool(SimpleNamespace(busy=True), np.eye(4))
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize(
+    ('error', 'said'),
+    [
+        (TraceError('trace_folder: No space left on device'), 'trace_folder: No space left'),
+        (DriverEndedError(), 'the driver has ended'),
+        (ZeroDivisionError('x'), 'setting parameters failed: x'),
+    ],
+)
+def test_parameters_that_could_not_be_set_are_not_said_to_be(error, said):
+    def fails(_changes):
+        raise error
+
+    bridge = SimpleNamespace(failed=lambda what, failure: f'{what} failed: {failure}')
+    node = SimpleNamespace(_set_parameters=fails, _bridge=bridge)
+    result = ClientNode._on_set_parameters(node, [])
+    assert not result.successful
+    assert said in result.reason

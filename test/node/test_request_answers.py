@@ -1,0 +1,270 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Each goal ends once, and each setpoint is taken or refused, whatever fails meanwhile."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from control_msgs.action import GripperCommand
+from control_msgs.msg import JointJog
+from rclpy.action import CancelResponse
+from support.request_harness import Made, RosHandle, done
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.goal.goal_plan import GoalPlan
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.node import goal_action, goal_server, gripper_server
+from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
+from epson_driver.node.goal_server import GoalServer
+from epson_driver.node.gripper_server import GripperServer
+from epson_driver.node.loop_bridge import DriverEndedError
+from epson_driver.node.servo_interface import ServoInterface
+from epson_driver.robots import load_robot_model
+
+LIMITS = load_robot_model('c3_a601s').limits
+
+
+@pytest.fixture
+def made():
+    found = Made()
+    yield found
+    found.loop.close()
+
+
+# --- goals ------------------------------------------------------------------------------------
+
+
+class Queue:
+    """The driver's queue of goals, which ends each that is canceled."""
+
+    def __init__(self):
+        self.submitted = []
+
+    def submit(self, handle, _plan):
+        self.submitted.append(handle)
+
+    def cancel(self, handle):
+        handle.on_end(Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled; the arm stands'))
+
+
+@pytest.fixture
+def action(made, monkeypatch):
+    """Return a function that makes an action of a `prepare`, and its queue."""
+    monkeypatch.setattr(goal_action, 'ActionServer', lambda *_, **__: None)
+
+    def make(prepare):
+        queue = Queue()
+        kind = ActionType(None, '~/x', prepare, queue.submit, lambda outcome: outcome, 60)
+        return GoalAction(made.node, kind, queue, made.bridge, None), queue
+
+    return make
+
+
+def raises(error):
+    async def prepare(_handle, _plan):
+        raise error
+
+    return prepare
+
+
+async def ready(_handle, _plan):
+    return Prepared(None, lambda *_: None)
+
+
+REJECTED = GoalRejectedError(ErrorCode.INVALID_JOINTS, 'no joint_7')
+
+
+@pytest.mark.invariant(5, 9)
+@pytest.mark.parametrize(
+    ('prepare', 'cancels', 'how', 'said'),
+    [
+        (raises(REJECTED), None, 'aborted', 'no joint_7'),
+        (raises(REJECTED), 1, 'canceled', 'canceled before it could start'),
+        (raises(DriverEndedError()), None, 'aborted', 'the driver has ended'),
+        (raises(ZeroDivisionError('x')), None, 'aborted', '~/x failed: ZeroDivisionError: x'),
+        (ready, 0, 'canceled', 'canceled before it could start'),
+        (ready, 1, 'canceled', 'canceled before it could start'),
+    ],
+    ids=['rejected', 'rejected, canceled', 'ended', 'failed', 'before', 'meanwhile'],
+)
+def test_a_goal_that_does_not_come_to_the_driver_ends_once_and_says_why(
+    made, action, prepare, cancels, how, said
+):
+    goals, queue = action(prepare)
+    handle = RosHandle(cancels)
+    outcome = done(goals._execute(handle))
+    assert outcome.text.startswith(said)
+    assert handle.ended == [how]
+    assert not goals.busy
+    made.turn()
+    assert queue.submitted == []
+    assert bool(made.faults) == ('failed' in said)
+
+
+@pytest.mark.invariant(3, 5)
+def test_a_goal_that_is_canceled_as_it_is_submitted_is_canceled_there(made, action):
+    goals, queue = action(ready)
+    handle = RosHandle(2)
+    executing = goals._execute(handle)
+    executing.send(None)  # it waits for its outcome
+    made.turn()
+    assert len(queue.submitted) == 1
+    outcome = done(executing)
+    assert outcome.text == 'canceled; the arm stands'
+    assert handle.ended == ['canceled']
+
+
+@pytest.mark.invariant(9)
+def test_a_cancel_request_that_cannot_be_served_is_rejected(made, action, monkeypatch):
+    goals, _ = action(ready)
+    handle = RosHandle()
+    key = handle.goal_id.uuid
+    assert goals._cancel(handle) is CancelResponse.ACCEPT  # there is no such goal any more
+    goals._requests[key] = goal_action._Request(plan := GoalPlan())
+    assert goals._cancel(handle) is CancelResponse.ACCEPT
+    made.turn()
+    assert plan.why == 'canceled before it could start'
+    monkeypatch.setattr(made.bridge, 'to_loop', lambda *_: 1 // 0)
+    goals._logger.lines.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(made.bridge, 'failed', lambda what, error: made.faults.append(what))
+        assert goals._cancel(handle) is CancelResponse.REJECT
+    assert made.faults == ['canceling a goal']
+    monkeypatch.undo()
+    made.end()
+    assert goals._cancel(handle) is CancelResponse.REJECT
+
+
+class Commands:
+    """Stops the arm, or says why not."""
+
+    def __init__(self):
+        self.error = None
+
+    async def stop(self):
+        if self.error is not None:
+            raise self.error
+        return 'stopped; the arm stands'
+
+
+@pytest.fixture
+def goals(made, monkeypatch):
+    """Return a server of goals whose requests are checked by the real rules."""
+    monkeypatch.setattr(goal_server, 'GoalAction', lambda *_: None)
+    driver = SimpleNamespace(goal_queue=Queue(), configuration=SimpleNamespace(limits=LIMITS))
+
+    async def make():
+        return GoalServer(made.node, driver, Commands(), made.bridge, {}, None)
+
+    return made.loop.run_until_complete(make())
+
+
+def test_a_trajectory_of_a_topic_that_cannot_be_taken_is_logged(made, goals, monkeypatch):
+    on_trajectory = made.node.taken['~/joint_trajectory']
+    point = JointTrajectoryPoint(positions=[0.0] * 6)
+    message = JointTrajectory(joint_names=[*LIMITS.names[:5], 'mine'], points=[point])
+    for error in (REJECTED, DriverEndedError()):
+
+        def fails(_goal, error=error):
+            raise error
+
+        monkeypatch.setattr(goals.requests, 'checked_goal', fails)
+        on_trajectory(message)
+    assert made.node.log.lines == [
+        ('warning', 'goal aborted: no joint_7'),
+        ('warning', 'a trajectory was dropped: the driver has ended'),
+    ]
+    assert made.faults == []
+    monkeypatch.setattr(goals.requests, 'checked_goal', lambda _: 1 // 0)
+    on_trajectory(message)
+    made.turn()
+    assert made.faults[0].startswith('taking a trajectory failed: ZeroDivisionError')
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize('error', [None, CommandError('no reply to STOP')])
+def test_a_trajectory_without_points_stops_the_arm_and_says_what_became_of_it(made, goals, error):
+    goals._commands.error = error
+    made.node.taken['joint_path_command'](JointTrajectory(joint_names=LIMITS.names))
+    for _ in range(3):
+        made.turn()
+    severity, text = made.node.log.lines[-1]
+    wanted = ('info', 'stopped; the arm stands') if error is None else ('error', str(error))
+    assert (severity, text) == (wanted[0], f'empty trajectory: {wanted[1]}')
+
+
+# --- streams ----------------------------------------------------------------------------------
+
+
+class Servo:
+    """What follows setpoints."""
+
+    def __init__(self):
+        self.taken = []
+        self.refused = []
+
+    def take(self, setpoint):
+        self.taken.append(setpoint)
+
+    def refuse(self, topic, why):
+        self.refused.append((topic, why))
+
+
+@pytest.mark.invariant(9)
+def test_each_setpoint_is_taken_or_refused_and_an_empty_one_stops(made, monkeypatch):
+    servo, stopped = Servo(), []
+    interface = ServoInterface(made.node, servo, LIMITS.names, made.bridge, stopped.append, None)
+    jog = made.node.taken['~/joint_jog']
+    jog(JointJog(joint_names=['joint_1'], velocities=[0.1]))
+    jog(JointJog(joint_names=['nobody'], velocities=[0.1]))
+    made.node.taken['~/servo'](JointTrajectory())
+    made.turn()
+    assert len(servo.taken) == len(stopped) == 1
+    ((topic, why),) = servo.refused
+    assert topic == '~/joint_jog'
+    assert 'nobody' in why
+    monkeypatch.setattr(interface._servo, 'take', None)
+    monkeypatch.setattr(interface, '_stop', lambda _: 1 // 0)
+    made.node.taken['~/servo'](JointTrajectory())
+    made.turn()
+    assert made.faults[0].startswith('taking a setpoint on ~/servo failed: ZeroDivisionError')
+    made.end()
+    jog(JointJog(joint_names=['joint_1'], velocities=[0.1]))  # nobody is there to follow it
+
+
+# --- the gripper ------------------------------------------------------------------------------
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize(
+    ('error', 'logged'),
+    [(DriverEndedError(), 'the driver has ended'), (ZeroDivisionError('x'), None)],
+)
+def test_a_gripper_whose_state_is_not_known_is_aborted_and_has_no_position(
+    made, monkeypatch, error, logged
+):
+    monkeypatch.setattr(gripper_server, 'ActionServer', lambda *_, **__: None)
+    wiring = gripper_server.GripperWiring(
+        open_output=0, close_output=1, opened_input=0, closed_input=1
+    )
+    server = GripperServer(made.node, None, wiring, made.bridge, None)
+    handle = RosHandle(request=GripperCommand.Goal())
+
+    async def fails(_work):
+        raise error
+
+    monkeypatch.setattr(made.bridge, 'in_loop', fails)
+    result = done(server._execute(handle))
+    assert np.isnan(result.position)
+    assert not result.reached_goal
+    assert handle.ended == ['aborted']
+    made.turn()
+    if logged is None:
+        assert made.faults == ['~/gripper_cmd failed: ZeroDivisionError: x']
+    else:
+        assert made.node.log.lines == [('warning', f'~/gripper_cmd: {logged}')]
+    assert server._on_cancel(handle) is CancelResponse.ACCEPT
+    made.end()
+    assert server._on_cancel(handle) is CancelResponse.REJECT

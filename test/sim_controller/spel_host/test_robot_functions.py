@@ -1,0 +1,179 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a SPEL+ program asks of the robot: values, and refusals that name what is wrong."""
+
+import logging
+
+import numpy as np
+import pytest
+from support.controller_harness import MODEL
+from support.longer_arm import arm_model
+from support.spel_program_harness import SpelProgramHarness
+
+from epson_driver.robots import load_robot_model
+
+SCARA = load_robot_model('gx4_c251s')
+BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
+
+
+@pytest.fixture(autouse=True)
+def _all_is_logged(caplog):
+    caplog.set_level(logging.INFO)
+
+
+def ran(caplog, body, seconds=0.5, **options):
+    """Run the statements of a main; line n of them is line n + 2 of main.prg."""
+    harness = SpelProgramHarness(f'\nFunction main\n{body}\nFend\n', caplog, **options)
+    harness.step(seconds)
+    return harness
+
+
+def refusal(caplog, body, **options):
+    """Return number and sentence of the error that ends main in its last line."""
+    harness = ran(caplog, body, **options)
+    place = f'main.prg:{body.count(chr(10)) + 3}: '
+    (said,) = (each for each in caplog.messages if each.startswith(place))
+    assert not np.any(np.diff(harness.positions, axis=0))
+    assert not harness.controller.condition.powered
+    return harness.controller.error_number, said.partition(' (task 1): ')[2]
+
+
+@pytest.mark.parametrize(
+    ('statement', 'said'),
+    [
+        ('Print Agl(7)', 'Agl: joint 7 is not in 1..6'),
+        ('Print Pls(0)', 'Pls: joint 0 is not in 1..6'),
+        ('Print PAgl(Here, 8)', 'PAgl: joint 8 is not in 1..6'),
+        ('Print CtrlInfo(2)', 'CtrlInfo(2) is not simulated, only 1, 5, 6, 7'),
+        ('Print RobotInfo(1)', 'RobotInfo(1) is not simulated, only 0'),
+        ('Print Stat(2)', 'Stat(2) is not simulated, only 0, 1'),
+        ('Print Accel(7)', 'Accel: 7 is not in 1..6'),
+        ('Print JRange(1, 3)', 'JRange: 3 is not 1 or 2'),
+        ('Speed 101', 'Speed 101: must be 1 to 100 %'),
+        ('Accel 50, 0', 'Accel 0: must be 1 to 100 %'),
+        ('SpeedS 2001', 'SpeedS 2001: must be 0.1 to 2000 mm/s'),
+        ('AccelS 0', 'AccelS 0: must be 0.1 to 25000 mm/s²'),
+        ('Tool 1', 'Tool 1: only 0 is simulated'),
+        ('Print Sw(9999)', 'DI port 9999 of 1 bits: there are 24 points'),
+        (
+            'Till Sw(9999) = On\nMotor On\nGo JA(1, 0, 0, 0, 0, 0) Till',
+            'DI port 9999 of 1 bits: there are 24 points',
+        ),
+        ('Motor On\nGo JA(1, 2, 3, 4)', '4 values for 6 joints'),
+        ('Motor On\nGo JA(1, 2, 3, 4, 5, 6, 7)', '7 values for 6 joints'),
+        ('P1 = Here\nMotor On\nGo P1 /R', '/R is not simulated: the nearest posture is taken'),
+    ],
+)
+def test_what_is_out_of_range_is_said_with_the_value_and_what_it_may_be(caplog, statement, said):
+    number, sentence = refusal(caplog, statement, start=BENT)
+    assert number == 9993
+    assert said in sentence
+
+
+def test_a_dll_cannot_be_reached(caplog):
+    source = (
+        'Declare conv, "numbers.dll"(a As Long) As Long\nFunction main\n  Print conv(3)\nFend\n'
+    )
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(0.1)
+    assert harness.controller.error_number == 2473
+    assert 'main.prg:3: error 2473' in caplog.text
+    assert 'conv of numbers.dll' in caplog.text
+
+
+def test_more_values_than_a_scara_has_joints_must_be_0(caplog):
+    harness = ran(caplog, 'Motor On\nGo JA(10, 20, -30, 40, 0, 0)', 5.0, model=SCARA)
+    assert harness.controller.error_number == 0
+    expected = [*np.radians([10.0, 20.0]), -0.03, np.radians(40.0)]
+    assert np.allclose(harness.position, expected, atol=1e-9)
+    caplog.clear()
+    number, sentence = refusal(caplog, 'Motor On\nGo JA(10, 20, -30, 40, 0, 1)', model=SCARA)
+    assert number == 9993
+    assert '6 values for 4 joints' in sentence
+
+
+def test_go_pulse_goes_to_the_encoder_pulses(caplog):
+    per_degree = MODEL.pulses_per_unit * np.pi / 180.0
+    pulses = ', '.join(f'{round(each)}' for each in per_degree * [4.0, -3.0, 2.0, 0.0, 1.0, -1.0])
+    body = f'Motor On\nGo Pulse({pulses})\nWait 0.1\nPrint Pls(1), PPls(Pulse({pulses}), 3)'
+    harness = ran(caplog, body, 3.0)
+    assert np.allclose(np.degrees(harness.position), [4.0, -3.0, 2.0, 0.0, 1.0, -1.0], atol=1e-4)
+    assert harness.printed == [f'{round(per_degree[0] * 4.0)} {round(per_degree[2] * 2.0)}']
+
+
+def test_angles_of_points_are_told_in_degrees_and_millimetres(caplog):
+    body = 'Print PAgl(JA(1, 2, 3, 4, 5, 6), 6), Int(PAgl(Here, 5) + 0.5)'
+    assert ran(caplog, body, start=BENT).printed == ['6 -60']
+    harness = ran(caplog, 'Print PAgl(JA(1, 2, -30, 4), 3)', model=SCARA)
+    assert harness.printed[-1] == '-30'
+
+
+def test_where_the_arm_could_go_and_how_long_it_would_take(caplog):
+    body = """
+      P1 = Here
+      Print TargetOK(P1), TargetOK(P1 +Z(2000)), TargetOK(JA(500, 0, 0, 0, 0, 0))
+      Print PTPTime(JA(0, -10, 20, 0, -60, 0), 0, 0) < 0.001, PTPTime(P1 +Z(2000), 0, 0)
+      Speed 50; Accel 50, 50
+      Print PTPTime(JA(60, -10, 20, 0, -60, 0), 0, 0) > PTPTime(JA(5, -10, 20, 0, -60, 0), 0, 0)
+    """
+    harness = ran(caplog, body, start=BENT)
+    assert harness.printed == ['-1 0 0', '-1 0', '-1']
+
+
+def test_the_state_words_tell_motors_motion_and_till(caplog):
+    body = """
+      Print Stat(1) And &H12, Stat(0) And &H100000, RobotInfo(0) And &H4008
+      Motor On
+      Print Stat(1) And &H12, RobotInfo(0) And &H4008
+      Go JA(20, 0, 0, 0, 0, 0) Till MemSw(1) = Off
+      Print Stat(1) And &H12, RobotInfo(0) And &H4008, TillOn
+    """
+    harness = ran(caplog, body)
+    assert harness.printed == ['0 0 0', f'{0x10} {0x8}', f'{0x12} {0x4008} -1']
+    harness.do('E-stop press')
+    assert harness.controller.condition.estopped
+
+
+def test_at_home_is_where_the_home_position_was_set(caplog):
+    harness = ran(caplog, 'Print AtHome\nWait 1\nPrint AtHome\nWait 1\nPrint AtHome')
+    pulses = np.rint(harness.controller.servo.position * MODEL.pulses_per_unit)
+    harness.controller.spel.home = (int(pulses[0]) + 1, *map(int, pulses[1:]))
+    harness.step(1.0)
+    harness.controller.spel.home = tuple(map(int, pulses))
+    harness.step(1.0)
+    assert harness.printed == ['0', '0', '-1']
+
+
+def test_what_has_no_effect_here_is_taken_and_nothing_follows(caplog):
+    body = 'Fine 10, 10, 10, 10\nArch 0, 10, 20\nPTPBoost 50\nQP Off\nTool 0\nPrint "taken"'
+    harness = ran(caplog, body)
+    assert harness.printed == ['taken']
+    assert harness.controller.error_number == 0
+
+
+def test_cp_on_blends_motions_that_do_not_say_so(caplog):
+    slowest = {}
+    for cp in ('On', 'Off'):
+        body = f"""
+          Motor On; Power High; Speed 50; Accel 50, 50
+          CP {cp}
+          Go AglToPls(20, 0, 0, 0, 0, 0)
+          Go AglToPls(40, 0, 0, 0, 0, 0)
+        """
+        harness = ran(caplog, body, 4.0)
+        places = np.array(harness.positions)[:, 0]
+        assert places[-1] == pytest.approx(np.radians(40.0), abs=1e-9)
+        speeds = np.diff(places)[(places[:-1] > 0.2) & (places[:-1] < 0.6)]
+        slowest[cp] = speeds.min()
+        assert harness.within_limits()[1] <= 1.01
+    assert slowest['On'] > 1e-4 > 1e-6 > slowest['Off']
+
+
+def test_an_arm_without_closed_form_goes_by_angles_only(caplog, tmp_path):
+    model = arm_model(tmp_path, 7)
+    body = 'Motor On\nGo JA(5, 0, 0, 0, 0, 0, 3)\nPrint Int(Agl(7) + 0.5)'
+    harness = ran(caplog, body, 3.0, model=model)
+    assert harness.printed == ['3']
+    number, sentence = refusal(caplog, 'Motor On\nGo XY(300, 0, 300, 0, 90, 0)', model=model)
+    assert number == 9993
+    assert 'xy(300.000, 0.000, 300.000, 0.000, 90.000, 0.000): ' in sentence

@@ -1,0 +1,158 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Trap: armed once, sprung on a scan, and the functions that events start."""
+
+import pytest
+from support.spel_harness import ScriptedHost, machine, run
+
+from epson_driver.spel import Memory
+
+
+def test_event_traps_start_their_functions() -> None:
+    source = """
+    Function main
+      Trap Emergency Xqt stopped
+      Trap Error Xqt failed
+      Trap SGOpen Xqt door
+      Trap SGOpen
+      Wait 100
+    Fend
+    Function stopped
+      Print "stopped", TaskInfo(MyTask, 2)
+    Fend
+    Function failed(n As Integer, robot As Integer, joint As Integer)
+      Print "failed", n, robot, joint
+    Fend
+    Function door
+      Print "door"
+    Fend
+    """
+    host = ScriptedHost()
+    made = machine(source, host)
+    made.start()
+    made.advance(0.1)
+    made.emergency_stop()
+    assert made.event('emergency')
+    assert made.event('error', 4031, 1)
+    assert not made.event('sgopen')
+    made.advance(0.2)
+    assert host.text.splitlines() == ['stopped 2', 'failed 4031 1 0']
+
+
+@pytest.mark.parametrize(('action', 'expected'), [('Call', '0.5'), ('Xqt', '0.1')])
+def test_a_trap_that_calls_holds_its_task_and_one_that_starts_does_not(
+    action: str, expected: str
+) -> None:
+    source = f"""
+    Function main
+      Trap 1, MemSw(1) = On {action} handle
+      MemOn 1
+      Wait 0.1
+      Print Tmr(0)
+    Fend
+    Function handle
+      Wait 0.5
+    Fend
+    """
+    assert float(run(source).text) == pytest.approx(float(expected), abs=0.002)
+
+
+def test_a_trap_is_armed_once() -> None:
+    source = """
+    Function main
+      Trap 2, MemSw(1) = On Xqt sprung
+      MemOn 1
+      Wait 0.1
+      MemOff 1
+      Wait 0.1
+      MemOn 1
+      Wait 0.1
+    Fend
+    Function sprung
+      Print "sprung"
+    Fend
+    """
+    assert run(source).text == 'sprung\n'
+
+
+def test_a_trap_is_disarmed_without_a_target() -> None:
+    source = """
+    Function main
+      Trap 2, MemSw(1) = On Xqt sprung
+      Trap 2
+      MemOn 1
+      Wait 0.1
+      Print "over"
+    Fend
+    Function sprung
+      Print "sprung"
+    Fend
+    """
+    assert run(source).text == 'over\n'
+
+
+def test_an_armed_trap_has_the_machine_called_at_its_next_scan() -> None:
+    source = """
+    Function main
+      Trap 1, Sw(1) = On Call sprung()
+      Wait 100
+    Fend
+    Function sprung
+      Print "sprung"
+    Fend
+    """
+    host = ScriptedHost()
+    made = machine(source, host, scan=0.01)
+    made.start()
+    made.advance(5.0)
+    due = made.next_time()
+    assert due is not None
+    assert 5.0 < due <= 5.011
+    host.write_bits(Memory.INPUT, 1, 1, 1)
+    made.advance(due)
+    assert host.text == 'sprung\n'
+
+
+def test_a_trap_does_not_start_what_it_started_before_and_still_runs() -> None:
+    source = """
+    Function main
+      Trap 1, MemSw(1) = On Xqt slow
+      MemOn 1
+      Wait 0.1
+      Trap 1, MemSw(1) = On Xqt slow
+      Wait 0.1
+      Print TaskState(slow)
+      Wait 1
+    Fend
+    Function slow
+      Print "slow"
+      Wait 0.5
+    Fend
+    """
+    host = run(source)
+    assert host.text.splitlines() == ['slow', '2']
+    assert host.failures == []
+
+
+def test_an_event_trap_runs_once_at_a_time() -> None:
+    source = """
+    Function main
+      Trap SGOpen Xqt door
+      Wait 100
+    Fend
+    Function door
+      Print "door"
+      Wait 0.5
+    Fend
+    """
+    host = ScriptedHost()
+    made = machine(source, host)
+    made.start()
+    made.advance(0.1)
+    assert made.event('sgopen')
+    made.advance(0.2)
+    assert not made.event('sgopen')
+    made.advance(1.0)
+    assert made.event('sgopen')
+    made.advance(1.1)
+    assert host.text == 'door\ndoor\n'
