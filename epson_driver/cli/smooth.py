@@ -89,6 +89,7 @@ def _run(arguments: argparse.Namespace) -> int:
             arguments.look_ahead,
             period / parts,
             planner=planner,
+            refine=not arguments.keep_spline,
             path_tolerance=arguments.path_tolerance,
         )
     except ValueError as error:
@@ -250,6 +251,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar='RAD',
         help='how far beside the points, in every joint, the motion may pass with --mode '
         'time_optimal; the first and the last are met exactly (%(default)g)',
+    )
+    parser.add_argument(
+        '--keep-spline',
+        action='store_true',
+        help='with --mode time_optimal: keep to the spline through the points, which bends less '
+        'between them than the fastest path',
     )
     parser.add_argument(
         '--output', type=Path, metavar='FILE', help='the smooth trajectory (NAME_smooth.yaml)'

@@ -49,6 +49,16 @@ def without_times(tmp_path):
     return path
 
 
+def test_the_fastest_path_bends_more_than_the_spline_which_can_be_kept(run, tmp_path):
+    motions = {}
+    for name, more in (('fast', []), ('spline', ['--keep-spline'])):
+        output = tmp_path / f'{name}.yaml'
+        assert run(FILE, '--mode', 'time_optimal', '--output', output, *more)[0] == 0
+        motions[name] = read_trajectory(output)
+        assert passed(PLAN.positions, motions[name])[0].max() < 1e-5
+    assert motions['fast'].times[-1] < 0.98 * motions['spline'].times[-1]
+
+
 def test_it_writes_the_smooth_motion_and_a_picture_beside(run, tmp_path):
     code, text, _ = run(FILE)
     assert code == 0
