@@ -12,6 +12,8 @@ import pytest
 from support.smoother_harness import ARM
 
 from benchmark.family_members import FamilyMember, members
+from benchmark.limit_sets import limit_set
+from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Mode, Smoother, planner
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, Effort
@@ -22,6 +24,7 @@ from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
+from epson_driver.share import share_file
 
 CYCLE_S = 0.004
 MAX_MOTION_S = 60.0
@@ -183,6 +186,47 @@ def test_from_rest_there_is_a_plan_though_no_path_that_bends_can_be_followed(
     assert found.proposer == 'straight'
     assert found.timing.end > 0.0
     assert limit_usage(Path(found.knots), found.timing, ARM).allowed
+
+
+def test_a_plan_from_rest_that_takes_longer_than_stops_at_all_points_is_not_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It would crawl: here a plan for limits that are an eighth."""
+    smoother = Smoother(ARM, np.zeros(6), Mode.TIME_OPTIMAL, planner=None)
+    for turn in (0.2, 0.4, 0.3):
+        smoother.append(np.full(6, turn))
+    smoother.finish()
+    request = smoother.request()
+    assert request is not None
+    parts = (ARM.velocity / 8.0, ARM.acceleration / 8.0, ARM.jerk / 8.0)
+    crawling = planner.plan(
+        request, JointLimits(ARM.names, ARM.position_min, ARM.position_max, *parts)
+    )
+    assert crawling is not None
+    monkeypatch.setattr(planner, '_optimal', lambda *_: crawling)
+    monkeypatch.setattr(planner, 'URGENT', ())
+    found = planner.plan(request, ARM)
+    assert found is not None
+    assert found.proposer == 'straight'
+    assert found.timing.duration < 0.5 * crawling.timing.duration
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('name', 'limits', 'duration'),
+    [
+        ('pick_and_place_20ms', 'half', 5.4),
+        ('shuttle_1000_points', 'half', 12.0),
+        ('shuttle_1000_points', 'full', 7.6),
+    ],
+)
+def test_long_plans_without_times_are_not_broken_into_parts(
+    name: str, limits: str, duration: float
+) -> None:
+    """duration: about what the optimum takes, s. Broken into parts they took 1.7 times as long."""
+    positions = read_trajectory(share_file('config', 'trajectories', f'{name}.yaml')).positions
+    needed, _ = move(limit_set(limits), positions, None)
+    assert needed < 1.3 * duration
 
 
 def sampled() -> TimeParametrisation:

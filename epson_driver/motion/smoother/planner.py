@@ -8,10 +8,12 @@ simulated controller plans in a process of its own.
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import numpy as np
 
 from epson_driver.motion.limits import JointLimits
+from epson_driver.motion.point_to_point import go
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move, sparse
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
 from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, OUTSET_US, Effort
@@ -81,9 +83,31 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     if found is None and request.urgent:
         urgent.back(effort)  # what is left of it, or was used too much
         found = _any(request, first, limits, urgent)
+    if found is not None and straight is not None and _slower_than_stops(request, found, limits):
+        found = None
     if found is None and straight is not None:
         found = _straight(request, limits, straight)
     return found
+
+
+def _slower_than_stops(request: Request, plan_: Plan, limits: JointLimits) -> bool:
+    """Return whether a plan from rest takes longer than to stop at each point, and than commanded.
+
+    A sharp bend may slow all of the path down to its own pace.
+    """
+    path, timing = Path(plan_.knots), plan_.timing
+    left = timing.duration * request.scale
+    if request.timed.any():
+        clock = np.interp([0.0, timing.end], path.knots.u, request.clock[: len(path.knots.u)])
+        if left <= clock[1] - clock[0]:
+            return False
+    ways = np.vstack([path.knots.position[path.knots.u < timing.end], path.at(timing.end)[0]])
+    # a path on the border of the range is beside it by rounding
+    for start, target in pairwise(np.clip(ways, limits.position_min, limits.position_max)):
+        left -= go(limits, start, target).duration
+        if left <= 0.0:
+            return False
+    return True
 
 
 def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
