@@ -188,10 +188,10 @@ def test_from_rest_there_is_a_plan_though_no_path_that_bends_can_be_followed(
     assert limit_usage(Path(found.knots), found.timing, ARM).allowed
 
 
-def test_a_plan_from_rest_that_takes_longer_than_stops_at_all_points_is_not_taken(
+def test_a_plan_from_rest_that_crawls_is_not_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It would crawl: here a plan for limits that are an eighth."""
+    """It takes much longer than stops at all points: here a plan for limits that are an eighth."""
     smoother = Smoother(ARM, np.zeros(6), Mode.TIME_OPTIMAL, planner=None)
     for turn in (0.2, 0.4, 0.3):
         smoother.append(np.full(6, turn))

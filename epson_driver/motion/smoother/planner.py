@@ -30,6 +30,9 @@ for a plan as if there were none so far; for each branch of that; for each part 
 SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
 """Parts of the path to plan for where there is no plan for all of it; after which branch."""
 
+CRAWL_RATIO = 1.5
+"""A plan from rest that takes so many times as long as stops at all points is not taken."""
+
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
@@ -83,20 +86,22 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     if found is None and request.urgent:
         urgent.back(effort)  # what is left of it, or was used too much
         found = _any(request, first, limits, urgent)
-    if found is not None and straight is not None and _slower_than_stops(request, found, limits):
+    if found is not None and straight is not None and _crawls(request, found, limits):
         found = None
     if found is None and straight is not None:
         found = _straight(request, limits, straight)
     return found
 
 
-def _slower_than_stops(request: Request, plan_: Plan, limits: JointLimits) -> bool:
-    """Return whether a plan from rest takes longer than to stop at each point, and than commanded.
+def _crawls(request: Request, plan_: Plan, limits: JointLimits) -> bool:
+    """Return whether a plan from rest crawls: it takes much longer than to stop at each point.
 
-    A sharp bend may slow all of the path down to its own pace.
+    A sharp bend may slow all of the path down to its own pace. Commanded time is no crawl.
     """
     path, timing = Path(plan_.knots), plan_.timing
-    left = timing.duration * request.scale
+    if len(path.knots.u) == 2:
+        return False  # it has no bend
+    left = timing.duration * request.scale / CRAWL_RATIO
     if request.timed.any():
         clock = np.interp([0.0, timing.end], path.knots.u, request.clock[: len(path.knots.u)])
         if left <= clock[1] - clock[0]:
