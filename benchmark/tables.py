@@ -333,7 +333,6 @@ def families(found: Sequence[FamilyFigures]) -> str:
     """Return a line per family."""
     header = [
         'family',
-        'what it is',
         'runs',
         'plans',
         'failed',
@@ -347,7 +346,6 @@ def families(found: Sequence[FamilyFigures]) -> str:
     rows = [
         [
             one.name,
-            FAMILIES[one.name][0],
             str(one.runs) + (f' ({one.unfinished} without an end)' if one.unfinished else ''),
             str(one.plans),
             f'{100.0 * one.failed_share:.1f} %',
@@ -360,7 +358,8 @@ def families(found: Sequence[FamilyFigures]) -> str:
         ]
         for one in found
     ]
-    return _table(header, rows)
+    words = [f'* `{one.name}`: {FAMILIES[one.name][0]}' for one in found]
+    return '\n'.join([_table(header, rows), '', *words])
 
 
 def _pair(values: Iterable[float]) -> str:

@@ -247,7 +247,7 @@ TARGETS = (
     ),
     Target('the same with less known', np.inf, 0.0, _stops(enough=False), geometric=False),
     Target(
-        'distance from a waypoint',
+        'beside a waypoint',
         1e-5,
         1e-6,
         _every('waypoint'),
@@ -300,8 +300,6 @@ TARGETS = (
         1.10,
         _of('time-preserving, 2·A/J known', _slow_down, _known),
     ),
-    Target(
-        'cost of a step, 99th percentile / cycle', 0.10, 0.03, _every('step_p99', 1.0 / CYCLE_S)
-    ),
+    Target('cost of a step, p99 / cycle', 0.10, 0.03, _every('step_p99', 1.0 / CYCLE_S)),
 )
 """What is judged over 'every' run includes streams that are cut."""

@@ -76,12 +76,12 @@ def test_each_target_can_be_missed() -> None:
         'largest acceleration / limit': {'acceleration': 1.0001},
         'largest jerk / limit': {'jerk': 1.021},
         'stops not commanded, 3·A/J or more known': {'stops': 1},
-        'distance from a waypoint': {'waypoint': 1.1e-5},
+        'beside a waypoint': {'waypoint': 1.1e-5},
         'overrun past the last known point': {'overrun': 1e-6},
         'distance from the last known point at the end': {'end': 1e-6},
         MISMATCH: {'mismatch': 0.01},
         'outside the position limits': {'outside': 1e-6},
-        'cost of a step, 99th percentile / cycle': {'step_p99': 5e-4},
+        'cost of a step, p99 / cycle': {'step_p99': 5e-4},
     }
     for metric, changes in bad.items():
         assert metric in missed(case(), case(**changes)), metric
