@@ -300,7 +300,8 @@ TABLE = (
         'servo.period',
         0.02,
         'Time between two points at least that a stream of setpoints becomes. A controller that '
-        'takes long for each point follows better if there are fewer [s].',
+        'takes long for each point follows better if there are fewer; one that follows setpoints '
+        'as such gets each [s].',
         0.02,
         0.2,
         now=True,

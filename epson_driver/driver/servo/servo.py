@@ -433,7 +433,9 @@ class Servo:
         return None
 
     def _step(self, session: _Session, now: float) -> None:
-        if now - session.stepped < self.settings.period - CYCLE_S / 2.0:
+        # a setpoint that replaces the one before is gone at once, and its absence is silence
+        period = CYCLE_S if self._stopper.replaces else self.settings.period
+        if now - session.stepped < period - CYCLE_S / 2.0:
             return
         dt = min(now - session.stepped, MAX_STEP_S)
         session.stepped = now

@@ -441,6 +441,16 @@ def test_setpoints_that_replace_each_other_are_followed_and_then_a_goal_runs():
     run(check())
 
 
+def test_setpoints_that_replace_each_other_are_not_sent_so_seldom_that_they_count_as_silence():
+    async def check():
+        async with replacing() as (harness, _):
+            harness.driver.servo.settings = ServoSettings(period=0.2)
+            await send(harness, ramp(), 1.5)
+            assert harness.at[0] == pytest.approx(SPEED * 1.5, abs=0.06)
+
+    run(check())
+
+
 @pytest.mark.invariant(4)
 def test_inv4_an_estop_ends_a_stream_of_setpoints_that_replace_each_other(said):
     async def check():
