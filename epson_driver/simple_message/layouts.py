@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable, Iterable
 from dataclasses import fields, make_dataclass
 from itertools import product
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 from typing import Any, Protocol
 
 from epson_driver.simple_message.constants import MessageType
@@ -140,9 +140,8 @@ class _Form:
             for dialect in DIALECTS
         ]
         frames = [struct.Struct(f'{body.format[0]}4i{body.format[1:]}') for body in self.bodies]
-        self.pack = [frame.pack for frame in frames]
-        """Pack a frame: the header's four words come first."""
-        self.lengths = [frame.size - PREFIX_SIZE for frame in frames]
+        self.frames = [(frame.pack, frame.size - PREFIX_SIZE) for frame in frames]
+        """What packs a frame, its header first, and the length that the header begins with."""
         self.places: list[int | slice] = []
         """Where the values of each field are among all the values of a body."""
         at = 0
@@ -162,15 +161,13 @@ class FixedLayout:
         if names != expected:
             raise TypeError(f'{message_class.__name__}: layout names {names}, class {expected}')
         self._names: tuple[str, ...] = names
-        self._values: Any = attrgetter(*names) if len(names) > 1 else _only(names[0])
         self._codes = tuple(width[-1] for width in widths)
         self._scalar = tuple(width in ('i', 'r') for width in widths)
         choices = [tuple(int(n) for n in (width[:-1] or '1').split('|')) for width in widths]
         self._forms = [_Form(counts, self._codes, self._scalar) for counts in product(*choices)]
-        self._several = tuple(
-            index for index, one in reversed(list(enumerate(self._scalar))) if not one
-        )
-        """The fields that have several values, the last one first."""
+        self._frame = _frame_packer(names, self._scalar)
+        self._several = tuple(index for index, one in enumerate(self._scalar) if not one)
+        """The fields that have several values."""
         self._form_of_counts = {
             tuple(form.counts[index] for index in self._several): form for form in self._forms
         }
@@ -193,21 +190,12 @@ class FixedLayout:
 
     def frame(self, message: Message, comm_type: int, reply_code: int, dialect: Dialect) -> bytes:
         """Return header and body. Raises FieldError where a value does not fit the wire."""
-        values = self._values(message)
-        form = self._only_form or self._form_of_counts.get(
-            tuple([len(values[index]) for index in self._several])
-        )
+        form = self._only_form or self._form_of_counts.get(self._counts(message))
         if form is None:
             raise self._count_error(message)
-        number = dialect.number
-        header = (form.lengths[number], self.msg_type, comm_type, reply_code)
-        if self._several:
-            flat = list(values)
-            for index in self._several:
-                flat[index : index + 1] = values[index]
-            values = tuple(flat)
+        pack, length = form.frames[dialect.number]
         try:
-            return form.pack[number](*(header + values))
+            return self._frame(pack, length, self.msg_type, comm_type, reply_code, message)
         except (struct.error, OverflowError, TypeError) as cause:
             raise self._error(message, dialect) from cause
 
@@ -231,18 +219,19 @@ class FixedLayout:
         reader = self.reader(len(body), byte_order)
         return reader.read(body), reader.dialect.real
 
+    def _counts(self, message: Message) -> tuple[int, ...]:
+        """Return how many values the fields have that have several."""
+        return tuple([len(getattr(message, self._names[index])) for index in self._several])
+
     def _error(self, message: Message, dialect: Dialect) -> FieldError:
-        counts = tuple(len(self._values(message)[index]) for index in self._several)
-        if counts not in self._form_of_counts:
+        if self._counts(message) not in self._form_of_counts:
             return self._count_error(message)
         return self._value_error(message, dialect)
 
     def _count_error(self, message: Message) -> FieldError:
-        for index, (value, scalar) in enumerate(
-            zip(self._values(message), self._scalar, strict=True)
-        ):
+        for index, count in zip(self._several, self._counts(message), strict=True):
             allowed = {form.counts[index] for form in self._forms}
-            if not scalar and (count := len(value)) not in allowed:
+            if count not in allowed:
                 rule = ' or '.join(str(n) for n in sorted(allowed))
                 return FieldError(self._names[index], f'{count} values', f'must have {rule}')
         raise AssertionError('counts fit, but not together')
@@ -260,10 +249,19 @@ class FixedLayout:
         raise AssertionError('every value fits alone, but not together')
 
 
-def _only(name: str) -> Any:
-    """Return what gets an attribute, in a tuple."""
-    get = attrgetter(name)
-    return lambda message: (get(message),)
+def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[..., bytes]:
+    """Return what packs a header's words and a message's fields: frame(pack, *words, message).
+
+    It is compiled from source, as the methods of a dataclass are: to get the fields and to make
+    one flat tuple of them would take as long again as to pack them.
+    """
+    words = 'length, msg_type, comm_type, reply_code'
+    values = (
+        f'{"" if one else "*"}message.{name}' for name, one in zip(names, scalar, strict=True)
+    )
+    source = f'lambda pack, {words}, message: pack({words}, {", ".join(values)})'
+    frame: Callable[..., bytes] = eval(source)  # noqa: S307 - the names of our own fields
+    return frame
 
 
 class TrajectoryLayout:
