@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the messages of a trajectory: one point each."""
 
+from functools import lru_cache
+
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.motion import Array, JointLimits, Trajectory
@@ -15,6 +18,8 @@ from epson_driver.simple_message import (
     ValidFields,
     joint_data,
 )
+
+Float32Array = npt.NDArray[np.float32]
 
 FIRST_POINT_VELOCITY_FRACTION = 0.1
 """Fraction of the maximum speed for a first point that has no time: ROS-Industrial's default."""
@@ -66,11 +71,14 @@ def trajectory_points(
     """
     mapping = mapping or unmapped(len(start))
     rows, times = trajectory.positions[first:end], trajectory.times[first:end]
-    before, since = (
-        (trajectory.positions[first - 1], trajectory.times[first - 1]) if first else (start, 0.0)
-    )
-    steps = mapping.velocities_to_controller(np.diff(rows, axis=0, prepend=before[None, :]))
-    durations = np.diff(times, prepend=since)
+    if first:
+        before = slice(first - 1, first - 1 + len(rows))
+        origins, since = trajectory.positions[before], trajectory.times[before]
+    else:
+        origins = np.concatenate([start[None, :], rows[:-1]])
+        since = np.concatenate([[0.0], times[:-1]])
+    steps = mapping.velocities_to_controller(rows - origins)
+    durations = times - since
     timed = np.maximum(durations, MIN_DURATION_S)
     speeds = np.abs(steps) / timed[:, None]
     if trajectory.velocities is not None and uses is not FieldsUsed.VELOCITY:
@@ -219,8 +227,15 @@ def _to_wire(positions: Array, limits: JointLimits, mapping: JointMapping) -> Ar
 
 def to_float32_inside(positions: Array, limits: JointLimits) -> Array:
     """Return positions as float32 numbers that are still within the position limits."""
+    low, high = _float32_range(limits)
+    return np.clip(positions.astype(np.float32), low, high).astype(np.float64)
+
+
+@lru_cache(maxsize=16)
+def _float32_range(limits: JointLimits) -> tuple[Float32Array, Float32Array]:
+    """Return the least and the greatest float32 numbers within the position limits."""
     low = limits.position_min.astype(np.float32)
     low = np.where(low < limits.position_min, np.nextafter(low, np.float32(np.inf)), low)
     high = limits.position_max.astype(np.float32)
     high = np.where(high > limits.position_max, np.nextafter(high, np.float32(-np.inf)), high)
-    return np.clip(positions.astype(np.float32), low, high).astype(np.float64)
+    return low, high

@@ -11,6 +11,7 @@ callable it was given.
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -251,16 +252,16 @@ class GoalExecution:
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """Take the controller's reply to point `index`."""
-        if self.state in UNCONFIRMED_STATES:
-            self._doubt_reply(packet, now)
         if self.state is not GoalState.STREAMING or index != self.point:
+            if self.state in UNCONFIRMED_STATES:
+                self._doubt_reply(packet, now)
             return
         self._standstill.alive = now
         if (no := reply_rejection(packet)) is not None:
             self._reject(f'the controller refused {self._name(index)} ({no})', now)
             return
         self.point += 1
-        if self._hand_over(now):
+        if self._successor is not None and self._hand_over(now):
             return
         if self._schedule is not None and self.point < len(self._schedule):
             self._send_point(now)
@@ -526,12 +527,8 @@ class GoalExecution:
         if message is None:
             return
         self._sequence = getattr(message, 'sequence', 0)
-
-        def on_reply(packet: Packet, now: float) -> None:
-            self.on_reply(index, packet, now)
-
         try:
-            self._send(message, on_reply)
+            self._send(message, partial(self.on_reply, index))
         except ConnectionError as error:
             self.fault(f'{self._name(index)} could not be sent: {error}')
 

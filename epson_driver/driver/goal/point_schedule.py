@@ -40,31 +40,32 @@ class PointSchedule:
         """A point is held back, for the speed scaling or as it is too far ahead of the clock."""
         self.sent_until = max(begins_by, sent_until)
         """When what was sent ends, monotonic, s."""
-        self._times = trajectory.times
+        self._times = trajectory.times.data  # gives floats, as an array does not
         self._messages = messages
+        self._count = len(messages)
         self._scaling = scaling
         self._lead = lead
         self._delay = 0.0
 
     def __len__(self) -> int:
         """How many points there are."""
-        return len(self._messages)
+        return self._count
 
     def ahead(self, index: int) -> float:
         """Return how far ahead of the clock a point is, s; 0 if it is not."""
-        return max(float(self._times[index]) - self.clock.time, 0.0) if index >= 0 else 0.0
+        return max(self._times[index] - self.clock.time, 0.0) if index >= 0 else 0.0
 
     def message(self, index: int, now: float) -> Message | None:
         """Return the point to send now; None if it is held back.
 
         That is as long as the factor is 0, and while what was sent reaches `lead` s ahead.
         """
-        before = float(self._times[index - 1]) if index else 0.0
-        planned = max(float(self._times[index]) - before, MIN_DURATION_S)
+        before = self._times[index - 1] if index else 0.0
+        planned = max(self._times[index] - before, MIN_DURATION_S)
         begin = max(now, self.sent_until)  # it runs after what was sent before
         takes = self._scaling.time_for(planned, begin)
         self.clock.held = takes is None
-        self.waits = takes is None or self.ahead(index - 1) > self._lead
+        self.waits = takes is None or before - self.clock.time > self._lead
         if takes is None or self.waits:
             return None
         factor = planned / takes

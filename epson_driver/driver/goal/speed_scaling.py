@@ -42,6 +42,8 @@ class SpeedScaling:
     def factor(self, now: float) -> float:
         """Return the factor at a moment after the last `set`."""
         way = self._target - self._from
+        if not way:
+            return self._target
         done = max(now - self._since, 0.0) * RAMP_PER_S
         if done >= abs(way):
             return self._target
