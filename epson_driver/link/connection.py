@@ -61,6 +61,8 @@ class Connection(asyncio.BufferedProtocol):
         self._silence = None if receive_timeout is None else Silence(receive_timeout)
         self._timer: asyncio.Handle | None = None
         self._why: str | None = None
+        self._behind = False
+        """Whether reading is paused until what was read is handled."""
 
     def begin(self) -> None:
         """Receive from now on."""
@@ -136,12 +138,12 @@ class Connection(asyncio.BufferedProtocol):
         except Exception as error:  # noqa: BLE001 - `ended` raises it
             self._fail(error)
             return
-        if self.transport.is_closing():
-            return
         if not all_handled:
+            self._behind = True
             self.transport.pause_reading()
             self._loop.call_soon(self._handle)
-        elif not self.transport.is_reading():
+        elif self._behind:
+            self._behind = False
             self.transport.resume_reading()
 
     def _handle_some(self) -> bool:

@@ -46,6 +46,9 @@ MAX_UNSENT_BYTES = 65536
 DIALECT_MESSAGES = (JointPosition, JointFeedback)
 """Messages of every state server that carry reals, so that their length shows the width."""
 
+_TOPIC, _REPLY = CommType.TOPIC, CommType.SERVICE_REPLY
+"""For each packet; to get a member from its enum costs several times as much."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -96,6 +99,8 @@ class Link:
         )
         self._connection: Connection | None = None
         """The one that messages can be sent on; None while there is none."""
+        self._now: Callable[[], float]
+        """The loop's time, s, from `run` on; to ask for the running loop costs a system call."""
         self._written: Dialect | None = None
         """What was sent last on this connection was written in it; None before that."""
         self.attempt = 0
@@ -133,6 +138,7 @@ class Link:
     async def run(self) -> None:
         """Keep the link alive until this is cancelled."""
         loop = asyncio.get_running_loop()
+        self._now = loop.time
         self._step(LinkEvent.OPEN, f'connecting to {self.host}:{self.port}')
         try:
             while True:
@@ -157,7 +163,7 @@ class Link:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
         packet = request(message)
         data = encode(packet, self.dialect)
-        now = asyncio.get_running_loop().time()
+        now = self._now()
         self._written = self.dialect
         self._write(self._connection, data)
         waiting = PendingRequest(
@@ -241,7 +247,7 @@ class Link:
         return established
 
     def _received(self, data: bytes) -> None:
-        self.last_received = asyncio.get_running_loop().time()
+        self.last_received = self._now()
         self.statistics.bytes_received += len(data)
         if self.trace is not None:
             self.trace(WireEvent.RECEIVED, data)
@@ -250,12 +256,12 @@ class Link:
         self.statistics.frames_received += 1
         if isinstance(packet.message, DIALECT_MESSAGES):
             self.dialect = packet.dialect
-        if packet.comm_type is CommType.TOPIC:
+        if packet.comm_type is _TOPIC:
             self._on_packet(packet)
-        elif packet.comm_type is CommType.SERVICE_REQUEST:
-            self._answer(packet)
-        else:
+        elif packet.comm_type is _REPLY:
             self._settle(packet)
+        else:
+            self._answer(packet)
 
     def _settle(self, packet: Packet) -> None:
         waiting = self._pending.take(packet)
@@ -296,7 +302,7 @@ class Link:
         self.statistics.frames_received += not isinstance(error, FrameError)
         self.statistics.bad_frames[error.field] += 1
         level = logging.DEBUG if self._quiet else logging.WARNING
-        line = self._log_throttle.line(str(error), asyncio.get_running_loop().time())
+        line = self._log_throttle.line(str(error), self._now())
         if line is not None:
             _log.log(level, '%s link: bad frame: %s', self.name, line)
 

@@ -45,6 +45,8 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
 }
 """Types of reply per type of request; a type that is not listed is answered by itself."""
 
+STOP = int(SpecialSequence.STOP_TRAJECTORY)
+
 MAX_ANSWERED = 16
 
 MAX_PENDING = 64
@@ -55,7 +57,7 @@ MAX_REPLY_AGE_S = 1.0
 long after its request, s, will not come. Otherwise it would take the place of the next one."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class PendingRequest:
     """A request without its reply. `sent` is the loop's time, s.
 
@@ -70,7 +72,7 @@ class PendingRequest:
 
     def may_be_answered_by(self, reply: Packet) -> bool:
         """Return whether the reply is of a kind that answers this request."""
-        if reply.msg_type not in ANSWERED_BY.get(self.msg_type, {self.msg_type}):
+        if reply.msg_type not in ANSWERED_BY.get(self.msg_type, (self.msg_type,)):
             return False
         message = reply.message
         expected = self.msg_type if self.command is None else self.command
@@ -94,9 +96,7 @@ class PendingReplies:
         if waiting.sequence == 0:
             while self._waiting and waiting.sent - self._waiting[0].sent > MAX_REPLY_AGE_S:
                 self._waiting.popleft()
-        if (
-            waiting.sequence == SpecialSequence.STOP_TRAJECTORY
-        ):  # a reply to any STOP is one to all
+        if waiting.sequence == STOP:  # a reply to any STOP is one to all
             self._waiting = deque(
                 (
                     each
@@ -131,19 +131,20 @@ class PendingReplies:
 
     def _find(self, reply: Packet) -> PendingRequest | None:
         sequence = sequence_of(reply.message)
-        able = [waiting for waiting in self._waiting if waiting.may_be_answered_by(reply)]
-        if sequence:
-            for waiting in able:
-                if waiting.sequence == sequence:
+        oldest = None
+        for waiting in self._waiting:
+            if waiting.may_be_answered_by(reply):
+                if sequence and waiting.sequence == sequence:
                     return waiting
-            if sequence in self._answered:
-                return None
-        return able[0] if able else None
+                oldest = oldest or waiting
+        return None if sequence and sequence in self._answered else oldest
 
 
 def sequence_of(message: Message) -> int | None:
     """Return a message's sequence, or an I/O message's message_id; None if it has neither."""
-    sequence: int | None = getattr(message, 'sequence', getattr(message, 'message_id', None))
+    sequence: int | None = getattr(message, 'sequence', None)
+    if sequence is None:
+        sequence = getattr(message, 'message_id', None)
     return sequence
 
 

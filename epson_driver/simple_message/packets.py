@@ -48,7 +48,7 @@ def topic(message: Message) -> Packet:
 
 def request(message: Message) -> Packet:
     """Return a packet that the peer must answer."""
-    return Packet(message, CommType.SERVICE_REQUEST)
+    return _NEW(Packet, (message, *_REQUEST))
 
 
 def reply(message: Message, code: ReplyCode) -> Packet:
@@ -187,6 +187,7 @@ class PacketFramer(Framer):
 
 
 _NEW = tuple.__new__
+_REQUEST = (CommType.SERVICE_REQUEST, ReplyCode.INVALID, LITTLE_ENDIAN)
 _WHOLE_HEADER = PREFIX_SIZE + HEADER_SIZE
 _HEADER_BYTES = struct.Struct(f'{_WHOLE_HEADER}s').unpack_from
 """Faster than a slice, and `bytes` of it, in case it is one of a bytearray."""
