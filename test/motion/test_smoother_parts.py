@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from epson_driver.motion import JointLimits
-from epson_driver.motion.smoother import filtered, optimal, ruckig_move
+from epson_driver.motion.smoother import MERGE_TOLERANCE, filtered, optimal, ruckig_move
 from epson_driver.motion.smoother.joint_motion import fastest_move, fastest_stop
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path, through
@@ -276,11 +276,42 @@ def test_a_path_never_leaves_the_position_limits(seed: int) -> None:
     near = rng.random((8, 2)) < 0.6
     hair = rng.choice([0.0, 1e-9, 1e-5, 1e-2], (8, 2))
     points[near] = (np.sign(points) * (2.0 - hair))[near]
-    apart = np.abs(np.diff(points, axis=0)).max(axis=1) > 2.5e-4  # as the smoother merges them
+    # as the smoother merges them, where they are slow
+    apart = np.abs(np.diff(points, axis=0)).max(axis=1) > MERGE_TOLERANCE / 2.0
     points = points[np.append(True, apart)]
     path = through(at_rest((0.0, 0.0)), points, LIMITS, clamped=False)
     positions = path.sample(np.linspace(0.0, path.end, 20_001))[0]
     assert np.all(np.abs(positions) <= 2.0 + 1e-12)
+
+
+@given(st.integers(0, 10_000))
+def test_a_path_that_is_extended_never_leaves_the_position_limits(seed: int) -> None:
+    """What is kept may point steeply at a border on which the next point is."""
+    rng = np.random.default_rng(seed)
+    points = np.clip(rng.uniform(-3.0, 3.0, (8, 2)), -2.0, 2.0)
+    points = points[np.append(True, np.any(np.diff(points, axis=0) != 0.0, axis=1))]
+    path = through(at_rest((0.0, 0.0)), points[:2], LIMITS, clamped=False)
+    for known in range(3, len(points) + 1):
+        kept = path.knots[: len(path.knots.u) - int(rng.integers(2))]
+        path = through(kept, points[len(kept.u) - 1 : known], LIMITS)
+        assert not path.outside(LIMITS).any()
+
+
+def test_a_steep_knot_before_one_on_the_border_bends_away_from_it() -> None:
+    """A level end without curvature would pass the border before it gets there."""
+    for side in (1.0, -1.0):
+        zeros = np.zeros((2, 2))
+        kept = Knots(
+            np.array([0.0, 0.3]),
+            side * np.array([[0.8, 0.0], [1.5, 0.0]]),
+            side * np.array([[2.0, 0.0], [4.0, 0.0]]),
+            zeros,
+        )
+        path = through(kept, side * np.array([[2.0, 1.9]]), LIMITS)
+        assert path.knots.first[-1, 0] == 0.0
+        assert side * path.knots.second[-1, 0] < 0.0
+        assert path.knots.second[-1, 1] == 0.0
+        assert not path.outside(LIMITS).any()
 
 
 @given(st.integers(1, 40), st.integers(0, 1000))

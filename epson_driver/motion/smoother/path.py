@@ -60,8 +60,16 @@ LONG_SEGMENT, LONGER_RATIO = 1.5, 10.0
 """The segment that follows on the last one known may be so long (s at full speed), if it is no
 more than so many times longer than the longest that is known."""
 
-_FREE, _LEVEL, _STRAIGHT = 0, 1, 2
-"""A joint at a knot: as the spline has it; with a slope of 0; and with a curvature of 0, too."""
+_FREE, _LEVEL, _TURNING = 0, 1, 2
+"""A joint at a knot: as the spline has it; with a slope of 0; and with the least curvature away
+from the border that keeps the segments beside the knot in the range, too."""
+
+TURN_RATIO, LEAST_TURN_SHARE = 1.1, 0.25
+"""How much more than the least, so that the segments are found to be in the range; and how much
+at least, of what the segment's third Bernstein coefficient is outside of it."""
+
+_TURN = np.geomspace(0.02, 50.0, 128)
+"""Where a segment is looked at for it: ways s from its other knot (0 … 1) as s / (1 - s)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,13 +236,16 @@ def through(
     held[-1, steep] = (np.sign(first[-1]) * steepest)[steep]
     changed = True
     while changed:
-        path = Path(Knots(u, chain, *_cubic_spline(u, chain, level, held, begin, low, high)))
+        first, second = _cubic_spline(u, chain, level, held, begin, low, high)
+        for knot, joint in np.argwhere(level == _TURNING):
+            second[knot, joint] = _turn(u, chain, first, second, knot, joint, limits)
+        path = Path(Knots(u, chain, first, second))
         before, changed = level.copy(), False
         for segment, joint in np.argwhere(path.outside(limits)):
             ends = [segment, segment + 1]
             ends.sort(key=lambda knot: -nearness[knot, joint])
             # the knot that is nearer to the border first
-            for step, knot in product((_LEVEL, _STRAIGHT), ends):
+            for step, knot in product((_LEVEL, _TURNING), ends):
                 if knot >= fixed and before[knot, joint] < step:
                     level[knot, joint] = step
                     changed = True
@@ -263,10 +274,10 @@ def _cubic_spline(
     """Return first and second derivatives at the knots of a cubic spline, shapes (k, n).
 
     It is C2 at knots that are _FREE. Where a joint is kept level, the spline begins anew, with a
-    given `slope` (0 but at the end), and the curvature is the lesser one of both sides, or 0; it
-    does not bend out of the range at a knot on its border (`low`, `high`). level, slope, low,
-    high: shape (k, n). `begin`: the derivatives at the first knot; None: the second derivative is
-    0 there, as it is at the end.
+    given `slope` (0 but at the end), and the curvature is the lesser one of both sides, or 0, as
+    it is where the joint is _TURNING; it does not bend out of the range at a knot on its border
+    (`low`, `high`). level, slope, low, high: shape (k, n). `begin`: the derivatives at the first
+    knot; None: the second derivative is 0 there, as it is at the end.
     """
     h = np.diff(u)[:, None]
     slopes = np.diff(points, axis=0) / h
@@ -297,7 +308,43 @@ def _cubic_spline(
         second[0] = 0.0
     second[high] = np.minimum(second[high], 0.0)
     second[low] = np.maximum(second[low], 0.0)
-    second[level == _STRAIGHT] = 0.0
+    second[level == _TURNING] = 0.0
     if begin is not None:
         first[0], second[0] = begin
     return first, second
+
+
+def _turn(
+    u: Array,
+    points: Array,
+    first: Array,
+    second: Array,
+    knot: int,
+    joint: int,
+    limits: JointLimits,
+) -> float:
+    """Return the curvature of a level joint at a knot that keeps it within the nearer border.
+
+    That is 0, or away from the border: where the knot before or after is kept, and points steeply
+    at the border. points, first, second: shape (k, n), as the path has them at its knots.
+    """
+    low, high = limits.position_min[joint], limits.position_max[joint]
+    border, inward = low, 1.0
+    if high - points[knot, joint] < points[knot, joint] - low:
+        border, inward = high, -1.0
+    room = inward * (points[knot, joint] - border)
+    least = 0.0
+    for other in (knot - 1, knot + 1):
+        if not 0 <= other < len(u):
+            continue
+        h = u[knot] - u[other]  # negative for the one after: as if it were passed backwards
+        # Bernstein coefficients of the distance from the border, beginning at the other knot
+        begin = inward * (points[other, joint] - border)
+        slope = inward * first[other, joint] * h
+        bend = inward * second[other, joint] * h**2
+        third = begin + 2.0 * slope / 5.0 + bend / 20.0
+        others = begin + (5.0 * begin + slope) * _TURN + 10.0 * third * _TURN**2
+        others += room * (5.0 * _TURN**4 + _TURN**5)
+        fourth = max(float(np.max(-others / (10.0 * _TURN**3))), -LEAST_TURN_SHARE * third)
+        least = max(least, 20.0 * (fourth - room) / h**2)
+    return inward * TURN_RATIO * least
