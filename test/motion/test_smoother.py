@@ -349,6 +349,27 @@ def test_tiny_steps_are_merged_and_the_last_one_is_reached() -> None:
     assert np.max(np.abs(position[-1] - point)) < 1e-9
 
 
+@pytest.mark.parametrize(
+    ('duration', 'passed'), [(None, False), (0.02, False), (0.5, True)], ids=str
+)
+def test_a_step_within_the_merge_tolerance_is_made_only_if_it_is_slow(
+    duration: float | None, passed: bool
+) -> None:
+    """A fast step aside would all but stop the motion; to leave out a slow one would be a rest."""
+    smoother = Smoother(LIMITS, HOME)
+    along, aside = np.zeros(6), np.zeros(6)
+    along[0], aside[1] = 0.1, 0.8 * MERGE_TOLERANCE
+    for point, time in ((along, 0.2), (along + aside, duration), (2.0 * along, 0.2)):
+        smoother.append(HOME + point, time)
+    smoother.finish()
+    positions, velocities, _ = rest(smoother)
+    there = np.abs(positions - (HOME + along + aside)).max(axis=1).min()
+    assert (there < 1e-4) == passed
+    assert interior_stops(velocities) == 0
+    assert np.abs(positions - (HOME + along)).max(axis=1).min() < 1e-3
+    assert np.max(np.abs(positions[-1] - (HOME + 2.0 * along))) < 1e-9
+
+
 @pytest.mark.parametrize('known', [0.2, 0.3, 0.5])
 def test_an_end_that_points_were_merged_into_is_reached_without_a_rest_before(
     known: float,

@@ -97,7 +97,8 @@ class Waypoints:
             duration = None
         ways = np.abs(position - self.last.anchor)
         joint = int(np.argmax(ways))
-        if ways[joint] < MERGE_TOLERANCE / 2.0:
+        slow = duration is not None and duration >= MIN_DWELL_S
+        if ways[joint] < (MERGE_TOLERANCE / 2.0 if slow else MERGE_TOLERANCE):
             self._merge(position, duration or 0.0, now, in_motion)
         elif duration == 0.0:
             raise ValueError(
