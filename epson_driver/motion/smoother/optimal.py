@@ -39,15 +39,19 @@ MIN_NODES, MAX_NODES = 8, 180
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
 """Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
 
-START_INTERVALS = 3
+START_INTERVALS = 12
 """Intervals without (jerk: with half) this reserve at the start."""
 
-NODES_TOO_FAR_APART_RATIO, FINER_ROUNDS = 1.3, 2
-"""A limit exceeded by more than this shows that the nodes are too far apart there; in so many
-rounds there are more of them then."""
+FINER_RATIO, COARSE_RATIO = 1.03, 1.3
+"""A limit exceeded by more than this shows that the nodes are too far apart there: after the first
+round there are more of them. From the second on it says nothing of what would be allowed."""
 
 MAX_ROUNDS = 4
 """Each round begins with the timing of the one before and uses less where it exceeded a limit."""
+
+EXCESS_MARGIN_RATIO, EXCESS_NEIGHBOURS, MAX_LESS_RATIO = 1.01, 2, 4.0
+"""How much less than what would just be allowed; in how many intervals to both sides; and the most
+that it may be less after a round."""
 
 MAX_GENTLER_RAMPS, GENTLER_RAMP_RATIO = 20, 0.7
 """How often a ramp that exceeds a limit is made gentler, and by how much each time."""
@@ -96,14 +100,14 @@ def propose(
         result = problem.usage(timing)
         if result.allowed:
             return timing
-        if result.inside or len(_excess(result)[0]) > 0:
-            excess.append(_excess(result))
-        else:
+        places, ratios = _excess(result)
+        if not result.inside and not len(places):
             return None  # no lower speed helps
-        if turn < FINER_ROUNDS and excess[-1][1].max(initial=1.0) > NODES_TOO_FAR_APART_RATIO:
-            places, ratio = excess.pop()
-            places = places[ratio > NODES_TOO_FAR_APART_RATIO]
-            spline = _finer(problem, spline, timing, places)
+        worst = ratios.max(initial=1.0)
+        if turn > 0 or worst <= COARSE_RATIO:
+            excess.append((places, ratios))
+        if turn == 0 and worst > FINER_RATIO:
+            spline = _finer(problem, spline, timing, places[ratios > FINER_RATIO])
     return None
 
 
@@ -342,6 +346,9 @@ def _share(excess: list[Excess], nodes: Array) -> Array:
         where = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(share) - 1)
         worst = np.ones_like(share)
         np.maximum.at(worst, where, ratio)
-        worst[1:-1] = np.maximum(worst[1:-1], np.maximum(worst[:-2], worst[2:]))
-        share /= np.minimum(1.01 * worst, 4.0)
+        for _ in range(EXCESS_NEIGHBOURS):
+            worst[1:-1] = np.maximum(worst[1:-1], np.maximum(worst[:-2], worst[2:]))
+        # all of it a little: what is taken from one place comes up at another
+        less = np.where(worst > 1.0, EXCESS_MARGIN_RATIO, 1.0) * EXCESS_MARGIN_RATIO
+        share /= np.minimum(less * worst, MAX_LESS_RATIO)
     return share
