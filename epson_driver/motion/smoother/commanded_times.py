@@ -23,8 +23,9 @@ LATE_END_SHARE = 0.02
 GUESS_EXCESS_SHARE = 0.4
 """About how much longer than a plan the guess for it takes, in A/J."""
 
-FULL_CATCH_UP_DELAY_S = 0.05
-"""A delay (s) from which on this is used in full."""
+FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
+"""A delay (s) from which on this is used in full; up to so many times of it, in proportion, where
+the delay is longer: what is late by more than a little has stood or crawled."""
 
 HORIZON_SHARE = 0.8
 """The path is cut where the speed profile, which is faster than any plan, is after this share of
@@ -115,7 +116,8 @@ def _catch_up(
     )
     # with less known than a stop takes, the time that was lost would be lost again in a stop
     share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
-    return 1.0 + np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, share) * (CATCH_UP_RATIO - 1.0)
+    share = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * share)
+    return 1.0 + share * (CATCH_UP_RATIO - 1.0)
 
 
 def stopping_time(limits: JointLimits) -> float:
