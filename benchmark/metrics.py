@@ -19,6 +19,9 @@ REST_VELOCITY_SHARE = 1e-4
 """Share of the velocity limit below which a joint rests; the arm, if all do."""
 TURNING_ACCELERATION_SHARE = 0.05
 """Share of the acceleration limit above which an arm without speed turns round, and is no stop."""
+STEADY_ACCELERATION_RATIO = 0.6
+"""So does an arm whose acceleration, beside the samples without speed as well, never falls below
+this share of what it reaches there: at a stop it is 0."""
 MIN_STOP_SAMPLES = 2
 MIN_COMMANDED_REST_S = 0.2
 """A command that asks for no motion for so long is a stop that was asked for, s."""
@@ -139,8 +142,13 @@ def stops(record: Record, limits: JointLimits) -> list[tuple[int, int]]:
     return [
         (int(begin), int(end))
         for begin, end in zip(begins, ends, strict=True)
-        if end - begin + 1 >= MIN_STOP_SAMPLES
+        if end - begin + 1 >= MIN_STOP_SAMPLES and not _turns(push[begin - 1 : end + 2])
     ]
+
+
+def _turns(push: Array) -> bool:
+    """Return whether an arm turns round, from its acceleration while it has no speed."""
+    return bool(push.min() > STEADY_ACCELERATION_RATIO * push.max())
 
 
 def commanded_rests(trajectory: BenchmarkTrajectory, limits: JointLimits) -> list[tuple[int, int]]:

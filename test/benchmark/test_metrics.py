@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmark.limit_sets import limit_set
-from benchmark.metrics import Metrics, measure
+from benchmark.metrics import Metrics, measure, stops
 from benchmark.motion_record import Record
 from benchmark.stop_and_go import stop_and_go
 from benchmark.strategies import SAMPLE_STEP_S, STRATEGIES, Strategy, run
@@ -201,3 +201,40 @@ def test_the_jerk_is_that_of_the_accelerations() -> None:
     accelerations[100:, 2] += 0.05 * LIMITS.acceleration[2]
     spiked = replace(record, accelerations=accelerations)
     assert measure(trajectory(), spiked, LIMITS, timed=False).jerk > 4.9
+
+
+def slow_samples(acceleration: Array, phase: float) -> Record:
+    """Return samples, `phase` s beside the millisecond, of one joint with these accelerations.
+
+    acceleration: as shares of the limit, at -30 … 30 ms of a moment at which nothing moves.
+    """
+    fine = np.arange(-0.03, 0.03, 1e-5)
+    a = np.interp(fine, np.linspace(-0.03, 0.03, len(acceleration)), acceleration)
+    a *= LIMITS.acceleration[0]
+    v = np.cumsum(a) * 1e-5
+    v -= np.interp(0.0, fine, v)
+    times = np.arange(-0.029, 0.029, SAMPLE_STEP_S) + phase
+    zeros = np.zeros((len(times), len(LIMITS.names)))
+    velocities, accelerations = zeros.copy(), zeros.copy()
+    velocities[:, 0] = np.interp(times, fine, v)
+    accelerations[:, 0] = np.interp(times, fine, a)
+    none = np.zeros(0)
+    return Record(SAMPLE_STEP_S, zeros, velocities, accelerations, none, none.astype(np.bool_))
+
+
+@pytest.mark.parametrize('phase', [0.0, 2e-4, 5e-4, 8e-4])
+@pytest.mark.parametrize(
+    ('accelerations', 'found'),
+    [
+        ([0.012, 0.012], 0),
+        ([0.02, 0.01, 0.02], 0),
+        ([0.3, 0.0, 0.3], 1),
+        ([-0.3, 0.0, 0.3], 1),
+        ([0.1, 0.0, 0.0, 0.0, 0.1], 1),
+    ],
+    ids=['a slow turn', 'a turn', 'a rest, and back', 'a rest, and on', 'a longer rest'],
+)
+def test_a_turn_is_no_stop(accelerations: list[float], found: int, phase: float) -> None:
+    record = slow_samples(np.array(accelerations), phase)
+
+    assert len(stops(record, LIMITS)) == found
