@@ -17,7 +17,7 @@ from epson_driver.motion.smoother import Mode, Smoother, plan
 from epson_driver.robots import load_robot_model
 
 CYCLE_S = 0.004
-LENGTHS = (10, 100, 1_000, 10_000, 100_000)
+LENGTHS = (10, 100, 1_000, 10_000, 50_000)
 MEASURED_STEPS = 2_000
 """How many of the last steps are measured."""
 

@@ -31,7 +31,7 @@ from benchmark.robots import SETTLING_S, Listener, cpu_time, running
 from epson_driver.cli import processes
 
 ROUNDS = 4
-WINDOW_S = 8.0
+WINDOW_S = 5.0
 MOVING_S = 600.0
 """Longer than all windows together, s."""
 

@@ -3,8 +3,8 @@
 """What a robot costs its driver: CPU time for 1, 4 and 16 robots, a process each or one for all.
 
 `make bench`: simulated controllers at their usual rates (about 180 joint states and 18 status
-messages a second), and one subscriber to every `joint_states`. First all arms are idle, then one
-of them moves. Only the time of the client processes counts, as /proc has it; controllers and
+messages a second), and one subscriber to every `joint_states`. First all arms are idle, then, of 1
+and 4, one moves. Only the time of the client processes counts, as /proc has it; controllers and
 subscriber share the machine. Rates below 180 Hz show that messages are late or lost, or that the
 machine has too much to do: then the CPU time is too small as well. Linux only.
 """
@@ -33,7 +33,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from epson_driver.cli import processes
 
 COUNTS = (1, 4, 16)
-WINDOW_S = 10.0
+WINDOW_S = 5.0
 PATIENCE_S = 120.0
 MAX_FEW_ROBOTS = 4
 """With more robots, what one of them needs more is lost in the noise of the others."""
@@ -51,10 +51,11 @@ class Figures:
 
     idle: float
     """Of one robot, while all are idle."""
-    moving: float
-    """What all robots need more while one of them moves: a difference of two sums."""
+    moving: float | None
+    """What all robots need more while one of them moves: a difference of two sums; None for more
+    than MAX_FEW_ROBOTS."""
     rates: tuple[float, ...]
-    """First while all are idle, then while one moves."""
+    """First while all are idle, then while one moves, if it does."""
 
 
 class Listener:
@@ -163,6 +164,8 @@ def measure(robots: int, together: bool, seconds: float) -> Figures:
     ):
         time.sleep(SETTLING_S)
         idle, rates = _window(process_ids, listener, seconds)
+        if robots > MAX_FEW_ROBOTS:
+            return Figures(idle / robots, None, rates)
         listener.move(seconds + 2.0)
         time.sleep(1.0)
         moving, more_rates = _window(process_ids, listener, seconds)
@@ -197,7 +200,7 @@ def main() -> None:
         for robots in arguments.robots:
             figures = measure(robots, together, arguments.seconds)
             first = first or figures.idle
-            more = f'{figures.moving * 100:.1f}' if robots <= MAX_FEW_ROBOTS else '-'
+            more = '-' if figures.moving is None else f'{figures.moving * 100:.1f}'
             shape = 'one process' if together else 'a process each'
             print(
                 f'{robots:2} {shape:14}   {figures.idle * 100:11.1f}   {figures.idle / first:7.2f}'

@@ -23,7 +23,7 @@ from epson_driver.sim_controller.spel_host.spel_program import SpelProgram
 from epson_driver.spel import build
 
 CYCLE_S = 0.004
-SECONDS = 20.0
+SECONDS = 10.0
 POINT_S = 0.2
 SUBSCRIPTIONS = ((1, 24), (2, 16), (7, 64))
 """Type of I/O point and how many: digital inputs, outputs, memory bits."""
