@@ -23,16 +23,17 @@ HARD = (
 
 
 @cache
-def two_members(name: str) -> families.FamilyFigures:
-    """Run two trajectories of a family."""
-    figures = families.run_family(name, range(2))
-    assert figures.runs == 6
+def four_members(name: str) -> families.FamilyFigures:
+    """Run four trajectories of a family: of fewer plans a share says little."""
+    figures = families.run_family(name, range(4))
+    assert figures.runs == 12
+    assert figures.plans > 50
     return figures
 
 
 @pytest.mark.parametrize('name', HARD)
 def test_all_limits_are_kept_and_the_arm_does_not_stop(name: str) -> None:
-    figures = two_members(name)
+    figures = four_members(name)
     assert figures.stops == figures.unfinished == figures.violations == 0
     assert max(figures.velocity, figures.acceleration, figures.jerk) <= 1.0 + 1e-6
     assert figures.outside <= 1e-10
@@ -42,7 +43,7 @@ def test_all_limits_are_kept_and_the_arm_does_not_stop(name: str) -> None:
 
 @pytest.mark.parametrize('name', HARD)
 def test_plans_are_found(name: str) -> None:
-    assert two_members(name).failed_share <= 0.02
+    assert four_members(name).failed_share <= 0.02
 
 
 @pytest.mark.parametrize('name', family_members.FAMILIES)

@@ -39,7 +39,7 @@ MIN_NODES, MAX_NODES = 8, 180
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
 """Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
 
-START_INTERVALS = 12
+START_INTERVALS = 10
 """Intervals without (jerk: with half) this reserve at the start."""
 
 FINER_RATIO, COARSE_RATIO = 1.03, 1.3

@@ -32,7 +32,7 @@ NEIGHBOUR_SHARE = 0.25
 """A path passes a waypoint within this share of the way to its neighbours, whatever the tolerance:
 it must not leave the order of the points."""
 
-REFINEMENT_SHARE = 0.6
+REFINEMENT_SHARE = 0.75
 """Of the effort that is left, for the path; the rest is for the timing on it."""
 
 
