@@ -289,7 +289,8 @@ def test_a_path_that_is_extended_never_leaves_the_position_limits(seed: int) -> 
     """What is kept may point steeply at a border on which the next point is."""
     rng = np.random.default_rng(seed)
     points = np.clip(rng.uniform(-3.0, 3.0, (8, 2)), -2.0, 2.0)
-    apart = np.abs(np.diff(points, axis=0)).max(axis=1) > 0.8  # none is too long for the one before
+    # no way is too long for what the one before expects
+    apart = np.abs(np.diff(points, axis=0)).max(axis=1) > 0.8
     points = points[np.append(True, apart)]
     path = through(at_rest((0.0, 0.0)), points[:2], LIMITS, clamped=False)
     for known in range(3, len(points) + 1):

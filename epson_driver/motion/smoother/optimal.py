@@ -46,6 +46,9 @@ FINER_RATIO, COARSE_RATIO = 1.03, 1.3
 """A limit exceeded by more than this shows that the nodes are too far apart there: after the first
 round there are more of them. From the second on it says nothing of what would be allowed."""
 
+FINAL_INTERVALS = 4
+"""Before so many from the end: the ramp to rest stays as it is, and so do those beside it."""
+
 MAX_ROUNDS = 4
 """Each round begins with the timing of the one before and uses less where it exceeded a limit."""
 
@@ -103,11 +106,11 @@ def propose(
         places, ratios = _excess(result)
         if not result.inside and not len(places):
             return None  # no lower speed helps
-        worst = ratios.max(initial=1.0)
-        if turn > 0 or worst <= COARSE_RATIO:
+        finer = places[(ratios > FINER_RATIO) & (places < spline.nodes[-1 - FINAL_INTERVALS])]
+        if turn > 0 or not len(finer) or ratios.max() <= COARSE_RATIO:
             excess.append((places, ratios))
-        if turn == 0 and worst > FINER_RATIO:
-            spline = _finer(problem, spline, timing, places[ratios > FINER_RATIO])
+        if turn == 0 and len(finer):
+            spline = _finer(problem, spline, timing, finer)
     return None
 
 
