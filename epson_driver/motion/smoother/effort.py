@@ -10,8 +10,8 @@ from dataclasses import dataclass
 MAX_EFFORT_US = 48_000
 """The effort of a plan, but for what is done once and always: the path, and its speed bounds."""
 
-MAX_EFFORT_AT_REST_US = 70_000
-"""The same where the arm stands until there is a plan: no motion runs out of points meanwhile."""
+MAX_EFFORT_BESIDE_US = 95_000
+"""The same from rest, where the path may pass beside its points: there is more to choose."""
 
 NEWTON_STEP_US, ROW_US = 130, 0.042
 """A Newton step of `interior_point`, and each of its rows."""

@@ -68,7 +68,7 @@ TURN_RATIO, LEAST_TURN_SHARE = 1.1, 0.25
 """How much more than the least, so that the segments are found to be in the range; and how much
 at least, of what the segment's third Bernstein coefficient is outside of it."""
 
-_TURN = np.geomspace(0.02, 50.0, 128)
+_TURN_SAMPLES = np.geomspace(0.02, 50.0, 128)
 """Where a segment is looked at for it: ways s from its other knot (0 … 1) as s / (1 - s)."""
 
 
@@ -343,8 +343,8 @@ def _turn(
         slope = inward * first[other, joint] * h
         bend = inward * second[other, joint] * h**2
         third = begin + 2.0 * slope / 5.0 + bend / 20.0
-        others = begin + (5.0 * begin + slope) * _TURN + 10.0 * third * _TURN**2
-        others += room * (5.0 * _TURN**4 + _TURN**5)
-        fourth = max(float(np.max(-others / (10.0 * _TURN**3))), -LEAST_TURN_SHARE * third)
+        others = begin + (5.0 * begin + slope) * _TURN_SAMPLES + 10.0 * third * _TURN_SAMPLES**2
+        others += room * (5.0 * _TURN_SAMPLES**4 + _TURN_SAMPLES**5)
+        fourth = max(float(np.max(-others / (10.0 * _TURN_SAMPLES**3))), -LEAST_TURN_SHARE * third)
         least = max(least, 20.0 * (fourth - room) / h**2)
     return inward * TURN_RATIO * least

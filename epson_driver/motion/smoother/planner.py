@@ -16,7 +16,7 @@ from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.point_to_point import go
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move, sparse
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
-from epson_driver.motion.smoother.effort import MAX_EFFORT_AT_REST_US, OUTSET_US, Effort
+from epson_driver.motion.smoother.effort import MAX_EFFORT_BESIDE_US, OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.request import Plan, Request
@@ -77,10 +77,14 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
             if timing is not None:
                 return Plan(request.start, path.knots, timing, 'stop')
         return None
-    straight = None
-    if len(request.kept.u) == 1:
-        effort = Effort(MAX_EFFORT_AT_REST_US)
-        straight = effort.part(STRAIGHT_SHARE)
+    at_rest = len(request.kept.u) == 1
+    if at_rest and request.failures == 0:
+        # no motion runs out of points meanwhile: what is simpler waits for the next request
+        if request.tolerance > 0.0:
+            effort = Effort(MAX_EFFORT_BESIDE_US)
+        found = _fresh(request, first, limits, effort, 1.0)
+        return None if found is None or _crawls(request, found, limits) else found
+    straight = effort.part(STRAIGHT_SHARE) if at_rest else None
     urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
     found = _optimal(request, first, limits, effort)
     if found is None and request.urgent:
@@ -118,22 +122,9 @@ def _crawls(request: Request, plan_: Plan, limits: JointLimits) -> bool:
 def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan by the optimal proposer: the better ones are tried first."""
     if request.failures % 2 == 0:  # else that has just failed, and the rest has all of the effort
-        fresh = effort.part(FRESH_SHARE)
-        onward, older = first, request.older
-        if sparse.improves(request) and older is not None and len(older.u) > LEAST_OLDER:
-            # what was improved before is a better path to begin with than a new spline
-            onward = _path(request, older[:-1], limits)
-        path, problem, bounds = within_horizon(request, onward, limits, fresh)
-        near = sparse.nearer(request, path, limits)
-        if near is not request:
-            path, problem, bounds = within_horizon(near, onward, limits, fresh)
-        timing = None
-        if not _leaves_range(path, request.state[0], limits):
-            timing = optimal.propose(problem, bounds)
-        effort.back(fresh)
-        if timing is not None:
-            path, timing = sparse.faster(request, problem, bounds, timing, effort)
-            return Plan(request.start, path.knots, timing, OPTIMAL)
+        found = _fresh(request, first, limits, effort, FRESH_SHARE)
+        if found is not None:
+            return found
     branches = TIMED_BRANCHES if request.timed.any() else BRANCHES
     for number, (dropped, share, timed) in enumerate(branches):
         found = _branch(request, dropped, share, timed, limits, effort)
@@ -148,6 +139,29 @@ def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort)
     if not _leaves_range(path, request.state[0], limits):
         timing = optimal.propose(problem, bounds, optimal.SHORT_RAMP_TIME_S)
     return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
+
+
+def _fresh(
+    request: Request, first: Path, limits: JointLimits, effort: Effort, share: float
+) -> Plan | None:
+    """Return a plan as if there were none so far, by a share of the effort that is left."""
+    fresh = effort.part(share)
+    onward, older = first, request.older
+    if sparse.improves(request) and older is not None and len(older.u) > LEAST_OLDER:
+        # what was improved before is a better path to begin with than a new spline
+        onward = _path(request, older[:-1], limits)
+    path, problem, bounds = within_horizon(request, onward, limits, fresh)
+    near = sparse.nearer(request, path, limits)
+    if near is not request:
+        path, problem, bounds = within_horizon(near, onward, limits, fresh)
+    timing = None
+    if not _leaves_range(path, request.state[0], limits):
+        timing = optimal.propose(problem, bounds)
+    effort.back(fresh)
+    if timing is None:
+        return None
+    path, timing = sparse.faster(request, problem, bounds, timing, effort)
+    return Plan(request.start, path.knots, timing, OPTIMAL)
 
 
 def _branch(
