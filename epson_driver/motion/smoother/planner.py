@@ -30,6 +30,9 @@ for a plan as if there were none so far; for each branch of that; for each part 
 SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
 """Parts of the path to plan for where there is no plan for all of it; after which branch."""
 
+SIMPLER_SHARE = 0.5
+"""With less of the effort left, what is simpler from rest waits for the next request."""
+
 CRAWL_RATIO = 1.5
 """A plan from rest that takes so many times as long as stops at all points is not taken."""
 
@@ -79,11 +82,16 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
         return None
     at_rest = len(request.kept.u) == 1
     if at_rest and request.failures == 0:
-        # no motion runs out of points meanwhile: what is simpler waits for the next request
+        # no motion runs out of points meanwhile: what is simpler can wait for the next request
         if request.tolerance > 0.0:
             effort = Effort(MAX_EFFORT_BESIDE_US)
+        before = effort.left
         found = _fresh(request, first, limits, effort, 1.0)
-        return None if found is None or _crawls(request, found, limits) else found
+        if found is not None and not _crawls(request, found, limits):
+            return found
+        if effort.left < SIMPLER_SHARE * before:
+            return None
+        request = dataclasses.replace(request, failures=1)
     straight = effort.part(STRAIGHT_SHARE) if at_rest else None
     urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
     found = _optimal(request, first, limits, effort)

@@ -114,7 +114,7 @@ def test_replies_wait_for_room_in_the_order_of_the_points():
 
 def test_the_look_ahead_has_a_limit_of_points_too():
     harness = smooth_harness(look_ahead_points=10)
-    harness.send(*stream(way(60)))
+    harness.send(*stream(way(60, amplitude=1.2)))
     assert len(harness.codes()) == 11  # point 0 is where the arm stands
     harness.rest()
     assert harness.codes() == [(i, SUCCESS) for i in range(11, 60)]
@@ -132,7 +132,7 @@ def test_the_smallest_look_aheads_still_go_through_everything(most):
 
 def test_one_point_more_than_may_wait_ends_the_trajectory():
     harness = smooth_harness(look_ahead_points=5, pending_limit=7)
-    harness.send(*stream(way(60))[:14])
+    harness.send(*stream(way(60, amplitude=1.2))[:14])
     codes = harness.codes()
     assert codes[:6] == [(i, SUCCESS) for i in range(6)]
     assert codes[6:] == [(i, FAILURE) for i in range(6, 14)]
