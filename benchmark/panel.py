@@ -30,7 +30,7 @@ from websockets.sync.client import connect
 from benchmark.robots import SETTLING_S, Listener, cpu_time, running
 from epson_driver.cli import processes
 
-ROUNDS = 4
+ROUNDS = 3
 WINDOW_S = 5.0
 MOVING_S = 600.0
 """Longer than all windows together, s."""
