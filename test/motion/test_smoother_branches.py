@@ -211,6 +211,26 @@ def test_what_is_simpler_from_rest_waits_if_the_first_way_took_long(
     assert smoother.take(planner.plan(request, ARM))
 
 
+def test_what_fails_in_motion_is_forgotten_at_rest() -> None:
+    """Else the best way to begin would be passed over: it would seem to have failed just now."""
+    asked: list[tuple[bool, int]] = []
+
+    def from_rest_only(request: Request, limits: JointLimits) -> Plan | None:
+        asked.append((request.start is None, request.failures))
+        return planner.plan(request, limits) if request.start is None else None
+
+    smoother = Smoother(ARM, np.zeros(6), Mode.TIME_OPTIMAL, planner=from_rest_only)
+    stations = iter(np.linspace(0.02, 1.0, 40).tolist())
+    while smoother.moving or not asked:
+        while smoother.look_ahead < 0.1 and (station := next(stations, None)) is not None:
+            smoother.append(np.full(6, station))
+        smoother.step(CYCLE_S)
+    assert max(failures for at_rest, failures in asked if not at_rest) > 1
+    rests = [after for before, after in pairwise(asked) if after[0] and not before[0]]
+    assert rests
+    assert all(failures == 0 for _, failures in rests)
+
+
 def test_a_plan_from_rest_that_crawls_is_not_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -82,6 +82,7 @@ class Replanning:
         self._asked_at = -np.inf
         self._failures = 0
         """For how many requests in a row no plan was found."""
+        self._asked_at_rest = False
 
     def forget(self) -> None:
         """Forget what was asked for and what was planned: it is for points that are no more."""
@@ -199,6 +200,10 @@ class Replanning:
         execution, waypoints = self._execution, self._waypoints
         horizon = 2.0 * self._reserve
         plan = execution.plan
+        at_rest = plan is None
+        if at_rest and not self._asked_at_rest:
+            self._failures = 0  # what failed was to go on from a motion
+        self._asked_at_rest = at_rest
         start: float | None = None
         older: Knots | None = None
         former: TimeParametrisation | None = None

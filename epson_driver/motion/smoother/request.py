@@ -27,7 +27,8 @@ class Request:
     former: what the plan so far does from the state on, with all of its knots in `older`.
     whole: whether the trajectory ends at the last of the points.
     reached: how many of the kept knots and points that plan goes to.
-    failures: for how many requests in a row, just before, no plan was found.
+    failures: for how many requests in a row, just before, no plan was found; from rest, of those
+    from there.
     refine: whether the path between waypoints may be what takes the least time. tolerance: how far
     beside the points it may pass then, rad (or m) in every joint; the last is met exactly.
     """
