@@ -281,7 +281,8 @@ def _same(one: Knots, other: Knots) -> bool:
 def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan to a knot before the end of the path, which may bend badly there."""
     begin = request.state[0]
-    for share in SHORTER_SHARES:
+    at_rest = len(request.kept.u) == 1  # there is no plan so far: the shortest is found first
+    for share in sorted(SHORTER_SHARES, reverse=not at_rest):
         count = int(path.knots.u.searchsorted(begin + share * (path.end - begin), side='right'))
         if count <= max(request.reached, 2) or count == len(path.knots.u) or effort.used_up:
             continue
