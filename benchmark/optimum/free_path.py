@@ -74,9 +74,8 @@ def free_path_optimum(positions: Array, limits: JointLimits) -> FreeOptimum | No
 def _polynomials(path: Path) -> SplinePath:
     """Return a path of the smoother as the benchmark has paths."""
     knots = path.knots.u
-    derivatives = path.derivatives(np.arange(len(knots) - 1), np.zeros(len(knots) - 1))
-    factorials = np.array([math.factorial(k) for k in range(DEGREE + 1)])[:, None]
-    return SplinePath(knots, np.moveaxis(derivatives / factorials, 1, 0)[::-1])
+    polynomials = path.taylor(np.arange(len(knots) - 1), np.zeros(len(knots) - 1))
+    return SplinePath(knots, np.moveaxis(polynomials, 1, 0)[::-1])
 
 
 def _executed(path: Path, timing: TimeParametrisation, limits: JointLimits) -> FreeOptimum:

@@ -11,6 +11,7 @@ diagonals for a Newton step. Primal and dual variables go their own step lengths
 Numerical Optimization, chapter 19).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,8 @@ MIN_STEP_SHARE, MAX_SHORT_STEPS = 5e-3, 2
 
 MIN_ITERATIONS, SLOWEST_RATE = 12, 0.88
 """After so many iterations the rows must be as if each had left this share of their excess."""
+
+_UPPER = np.triu_indices(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,34 +66,30 @@ def minimise(
 
     tolerance: when to stop, of what more time could be gained, relative.
     """
-    basis, weights = program.basis, program.weights
     # the samples last: each row, and each part of the sums over the rows, is one array
     rows = np.ascontiguousarray(program.rows.transpose(2, 1, 0))  # (3, r, m)
+    basis = np.ascontiguousarray(program.basis.transpose(1, 2, 0))  # (3, 3, m)
+    three = program.first + np.arange(3)[:, None]  # (3, m)
     size = len(start)
-    three = program.first[:, None] + np.arange(3)
     free = slice(2, size - 2)
     rooted = program.rooted
+    # which diagonal each part of a symmetric block is on, and from which row; the right side last
+    diagonal = np.append(_UPPER[1] - _UPPER[0], [3, 3, 3])[:, None]
+    place = (diagonal * size + three[np.append(_UPPER[0], range(3))]).ravel()
 
     def values(coefficients: Array) -> Array:
         """Return (x, x′, x″) at the samples, shape (3, m)."""
-        result: Array = (basis @ coefficients[three][:, :, None])[:, :, 0].T
-        return np.ascontiguousarray(result)
+        result: Array = np.einsum('kjm,jm->km', basis, coefficients[three])
+        return result
 
     # what is written anew in each iteration: arrays of this size are slow to allocate
     shape = rows.shape[1:]
-    bent = rows[0].copy()
-    stiffness, push, d_slack, d_dual, g, spare = (np.empty(shape) for _ in range(6))
-
-    def along(first: Array, y: Array, result: Array) -> None:
-        """Put (first, rows[1], rows[2]) · (x, x′, x″) into the result, shape (r, m)."""
-        np.multiply(first, y[0], out=result)
-        for k in (1, 2):
-            np.multiply(rows[k], y[k], out=spare)
-            result += spare
+    tangents, weighted = rows.copy(), np.empty((4, *shape))
+    stiffness, d_slack, d_dual, g, spare = (np.empty(shape) for _ in range(5))
 
     def update_excess() -> None:
         """Put into g how much the rows are beyond their right sides."""
-        along(rows[0], y, g)
+        np.einsum('krm,km->rm', rows, y, out=g)
         g[:rooted] -= 1.0
         g[rooted:] -= root / np.sqrt(y[0])
 
@@ -102,10 +101,12 @@ def minimise(
     c = start.copy()
     y = values(c)
     shift = np.stack([np.ones_like(program.back), -program.back, program.back**2 / 2.0])
+    outer = shift[:, None] * shift  # (3, 3, m)
+    cost = _cost(program)
 
     def counted(y: Array) -> Array:
         """Return x where it counts for the cost, shape (m,)."""
-        result: Array = (shift * y).sum(axis=0)
+        result: Array = np.einsum('km,km->m', shift, y)
         return result
 
     x = counted(y)
@@ -114,47 +115,40 @@ def minimise(
     # so that the right sides are about 1, however slow it is
     root = np.sqrt(y[0])
     rows[:, rooted:] *= root
-    bent[rooted:] *= root
-    scale = 1.0 / float(np.sum(weights / np.sqrt(x)))
-    outer = (shift[:, None] * shift).transpose(2, 0, 1)
+    tangents[:, rooted:] *= root
+    scale = 1.0 / float(np.sum(program.weights / np.sqrt(x)))
     update_excess()
     slack = np.maximum(-g, 0.1)
     mu = 1.0 / g.size
     dual = mu / slack
     missing = 1.0
     short = 0
-    hessian = np.empty((len(weights), 3, 3))
-    force = np.empty((len(weights), 3))
     for iteration in range(MAX_ITERATIONS):
         if effort.used_up:
             break
         effort.spend(NEWTON_STEP_US + ROW_US * g.size)
-        np.add(rows[0, rooted:], 0.5 * root * y[0] ** -1.5, out=bent[rooted:])
-        tangents = (bent, rows[1], rows[2])
-        slope, curvature = _cost(program, x)
+        np.add(rows[0, rooted:], 0.5 * root * y[0] ** -1.5, out=tangents[0, rooted:])
+        slope, curvature = cost(x)
         np.divide(dual, slack, out=stiffness)
+        np.multiply(stiffness, tangents, out=weighted[:3])
         # dual + (mu - slack · dual + dual · (g + slack)) / slack
-        np.divide(mu, slack, out=push)
+        push = np.divide(mu, slack, out=weighted[3])
         push += dual
         push += np.multiply(stiffness, g, out=spare)
-        for i in range(3):
-            np.multiply(stiffness, tangents[i], out=spare)
-            for j in range(i, 3):
-                hessian[:, i, j] = hessian[:, j, i] = _row_sums(spare, tangents[j])
-            force[:, i] = _row_sums(push, tangents[i])
-        hessian += (scale * curvature)[:, None, None] * outer
-        force += (scale * slope * shift).T
-        solved = solve_pentadiagonal(
-            *_bands(basis.transpose(0, 2, 1) @ hessian @ basis, three, size, free),
-            -_sum(three, (force[:, None, :] @ basis)[:, 0], size)[free],
-        )
+        sums = np.einsum('arm,brm->abm', weighted, tangents)
+        hessian = sums[:3] + scale * curvature * outer
+        force = sums[3] + scale * slope * shift
+        blocks = np.einsum('kim,kjm->ijm', basis, np.einsum('klm,ljm->kjm', hessian, basis))
+        right = np.einsum('km,kjm->jm', -force, basis)
+        parts = np.concatenate([blocks[_UPPER], right]).ravel()
+        solved = solve_pentadiagonal(*np.bincount(place, parts, 4 * size).reshape(4, -1)[:, free])
         if solved is None:
             return None
         step = np.zeros(size)
         step[free] = solved
         change = values(step)
         # -(g + slack) - tangents · change
-        along(bent, change, d_slack)
+        np.einsum('krm,km->rm', tangents, change, out=d_slack)
         d_slack += g
         d_slack += slack
         np.negative(d_slack, out=d_slack)
@@ -186,33 +180,15 @@ def minimise(
     return c if g.max() < ACCEPTED_ROW_EXCESS else None
 
 
-def _row_sums(one: Array, other: Array) -> Array:
-    """Return the sums over the rows of products, shapes (r, m) to (m,)."""
-    sums: Array = np.einsum('rm,rm->m', one, other)
-    return sums
+def _cost(program: Program) -> Callable[[Array], tuple[Array, Array]]:
+    """Return what gives first and second derivative by x of what is minimised, shapes (m,)."""
+    wanted, weights, p = program.wanted, program.weights, SPEED_COST_EXPONENT
+    of_time = 0.5 * weights
+    of_speed, of_speeding = of_time / wanted**3, (p - 1) * of_time / wanted**5
 
+    def cost(x: Array) -> tuple[Array, Array]:
+        over = np.minimum(x / wanted**2, 1e3)
+        power, time = over ** (p - 2), of_time * x**-1.5
+        return of_speed * power * over - time, 1.5 * time / x + of_speeding * power
 
-def _cost(program: Program, x: Array) -> tuple[Array, Array]:
-    """Return first and second derivative by x of what is minimised, shapes (m,)."""
-    wanted, p = program.wanted, SPEED_COST_EXPONENT
-    over = np.minimum(x / wanted**2, 1e3)
-    slope = 0.5 * (over ** (p - 1) / wanted**3 - x**-1.5)
-    curvature = 0.75 * x**-2.5 + 0.5 * (p - 1) * over ** (p - 2) / wanted**5
-    return program.weights * slope, program.weights * curvature
-
-
-def _bands(
-    blocks: Array, three: npt.NDArray[np.intp], size: int, free: slice
-) -> tuple[Array, Array, Array]:
-    """Return the diagonals of the sum of blocks, shape (m, 3, 3), on the coefficients `three`."""
-    main, second, third = (
-        _sum(three[:, : 3 - k], blocks[:, np.arange(3 - k), np.arange(k, 3)], size)[free]
-        for k in range(3)
-    )
-    return main, second, third
-
-
-def _sum(where: npt.NDArray[np.intp], values: Array, size: int) -> Array:
-    """Return the sums of the values that belong to each of `size` places."""
-    sums: Array = np.bincount(where.ravel(), values.ravel(), size).astype(float)
-    return sums
+    return cost

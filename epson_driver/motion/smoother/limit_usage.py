@@ -245,7 +245,6 @@ def _bernstein(derivative: int) -> Array:
 _POSITION = _bernstein(0)
 _DERIVATIVES = np.concatenate([_bernstein(order) for order in (1, 2, 3)], axis=1)
 _PARTS = np.cumsum([0] + [3 * DEGREE + 1 - order for order in (1, 2, 3)])
-_FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 
 
 def _powers(spans: _Spans) -> tuple[Array, Array]:
@@ -285,18 +284,17 @@ class _Use:
 
 def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[np.bool_]) -> _Use:
     powers, half = _powers(spans)
-    slopes = path.derivatives(spans.segment, spans.offset)  # (m, 6, n)
-    taylor = (slopes / _FACTORIALS[:, None]).transpose(0, 2, 1)
+    taylor = path.taylor(spans.segment, spans.offset).transpose(0, 2, 1)  # (m, n, 6)
     t = spans.duration
-    coefficients = taylor[:, :, 1:] @ (powers @ _DERIVATIVES)  # (m, n, 15 + 14 + 13)
+    by_s = (powers.reshape(-1, 3 * DEGREE) @ _DERIVATIVES).reshape(len(t), DEGREE, -1)
+    coefficients = taylor[:, :, 1:] @ by_s  # (m, n, 15 + 14 + 13)
     np.abs(coefficients, out=coefficients)
-    hull, ends = np.empty((len(t), 3)), np.empty((len(t), 3))
-    for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk)):
-        part = coefficients[:, :, _PARTS[order] : _PARTS[order + 1]]
-        scale = t ** (order + 1)
-        hull[:, order] = np.max(part.max(axis=2) / limit, axis=1) / scale
-        corner = np.maximum(part[:, :, 0], part[:, :, -1])
-        ends[:, order] = np.max(corner / limit, axis=1) / scale
+    most_by_s = np.maximum.reduceat(coefficients, _PARTS[:-1], axis=2)  # (m, n, 3)
+    at_ends = np.maximum(coefficients[:, :, _PARTS[:-1]], coefficients[:, :, _PARTS[1:] - 1])
+    limit = np.stack([limits.velocity, limits.acceleration, limits.jerk], axis=1)
+    scale = np.stack([t, t**2, t**3], axis=1)
+    hull = (most_by_s / limit).max(axis=1) / scale
+    ends = (at_ends / limit).max(axis=1) / scale
     most = 1.0 + LIMIT_TOLERANCE_SHARE
     exceeded = (ends > most) & (hull <= TIGHT_HULL_RATIO * ends)
     undecided = np.any((hull > most) & ~exceeded, axis=1)

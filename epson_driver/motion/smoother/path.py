@@ -44,6 +44,10 @@ _HULLS = np.concatenate(
     [_hull_of(i / HULL_PARTS, (i + 1) / HULL_PARTS) for i in range(HULL_PARTS)]
 )
 
+_BINOMIALS = np.array([[comb(n, k) for n in range(DEGREE + 1)] for k in range(DEGREE + 1)], float)
+_SHIFT_EXPONENTS = np.maximum(np.subtract.outer(range(DEGREE + 1), range(DEGREE + 1)).T, 0)
+"""(x + s)ⁿ has binomial(n, k) sⁿ⁻ᵏ with xᵏ: in row k, column n."""
+
 POSITION_TOLERANCE = 5e-13
 """How far outside a position limit counts as on it, rad."""
 
@@ -93,7 +97,7 @@ class Knots:
 class Path:
     """The path through knots, two or more."""
 
-    __slots__ = ('_coefficients', '_lengths', 'knots')
+    __slots__ = ('_by_exponent', '_coefficients', '_lengths', 'knots')
 
     def __init__(self, knots: Knots) -> None:
         self.knots = knots
@@ -103,6 +107,7 @@ class Path:
             (knots.position[:-1], knots.first[:-1] * h, knots.second[:-1] * h**2),
             (knots.position[1:], knots.first[1:] * h, knots.second[1:] * h**2),
         )  # (k - 1, 6, n)
+        self._by_exponent = np.ascontiguousarray(self._coefficients.transpose(1, 0, 2))
 
     @property
     def end(self) -> float:
@@ -137,9 +142,11 @@ class Path:
         """
         after = self.knots.u.searchsorted(us, side='left' if before else 'right')
         index = np.clip(after - 1, 0, len(self._lengths) - 1)
-        h = self._lengths[index][:, None]
-        s = (us[:, None] - self.knots.u[index][:, None]) / h
-        c0, c1, c2, c3, c4, c5 = np.moveaxis(self._coefficients[index], 1, 0)
+        h = self._lengths[index]
+        # each coefficient, and s and h for every joint, in an array of its own: that is faster
+        c0, c1, c2, c3, c4, c5 = self._by_exponent.take(index, axis=1)
+        s = ((us - self.knots.u[index]) / h)[:, None].repeat(c0.shape[1], axis=1)
+        h = h[:, None].repeat(c0.shape[1], axis=1)
         return (
             c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
             (c1 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
@@ -147,22 +154,18 @@ class Path:
             (6.0 * c3 + s * (24.0 * c4 + s * 60.0 * c5)) / h**3,
         )
 
-    def derivatives(self, segment: npt.NDArray[np.intp], offset: Array) -> Array:
-        """Return position and five derivatives by u in given segments, shape (m, 6, n).
+    def taylor(self, segment: npt.NDArray[np.intp], offset: Array) -> Array:
+        """Return the polynomials of given segments about a place in each, shape (m, 6, n).
 
-        offset: u from the segment's first knot; both of shape (m,).
+        offset: u of the place from the segment's first knot; both of shape (m,). The result has
+        the coefficients of (u - place)⁰, (u - place)¹ ….
         """
-        h = self._lengths[segment][:, None]
-        s = offset[:, None] / h
-        c = np.moveaxis(self._coefficients[segment], 1, 0)
-        result = np.empty((len(segment), DEGREE + 1, c.shape[2]))
-        for order in range(DEGREE + 1):
-            value = c[-1]
-            for coefficient in c[-2::-1]:
-                value = coefficient + s * value
-            result[:, order] = value / h**order
-            c = c[1:] * np.arange(1.0, len(c))[:, None, None]
-        return result
+        h = self._lengths[segment]
+        powers = np.vander(offset / h, DEGREE + 1, increasing=True)
+        shift = powers[:, _SHIFT_EXPONENTS] * _BINOMIALS
+        shift *= np.vander(1.0 / h, DEGREE + 1, increasing=True)[:, :, None]
+        shifted: Array = shift @ self._coefficients[segment]
+        return shifted
 
     def hulls(self) -> Array:
         """Return six positions for each segment whose hull it does not leave, (k - 1, 6, n)."""
