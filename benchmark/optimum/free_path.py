@@ -10,7 +10,6 @@ optimum, and either may be the faster one. What is used of the limits is found o
 smoother's verification.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -22,7 +21,7 @@ from benchmark.spline_path import SplinePath, merged
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import optimal
 from epson_driver.motion.smoother.effort import Effort
-from epson_driver.motion.smoother.path import DEGREE, Knots, Path, through
+from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
 from epson_driver.motion.smoother.refinement import refined
 from epson_driver.motion.smoother.refinement_rows import BEND_RATIO, Freedom

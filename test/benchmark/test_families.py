@@ -25,8 +25,14 @@ HARD = (
 @cache
 def four_members(name: str) -> families.FamilyFigures:
     """Run four trajectories of a family: of fewer plans a share says little."""
-    figures = families.run_family(name, range(4))
+    figures, costs = families.run_family(name, range(4))
     assert figures.runs == 12
+    before = list(costs.seconds)
+    costs.time_again()
+    numbers = {number for number, _, _ in costs.slowest}
+    assert min(before[number] for number in numbers) >= np.percentile(before, 95)
+    for number, (now, then) in enumerate(zip(costs.seconds, before, strict=True)):
+        assert 0.0 < now <= then if number in numbers else now == then
     assert figures.plans > 50
     return figures
 

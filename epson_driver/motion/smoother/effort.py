@@ -7,16 +7,16 @@ The unit is a µs of one core of a PC of 2024, by the counts that the time goes 
 
 from dataclasses import dataclass
 
-MAX_EFFORT_US = 48_000
+MAX_EFFORT_US = 46_000
 """The effort of a plan, but for what is done once and always: the path, and its speed bounds."""
 
-MAX_EFFORT_BESIDE_US = 95_000
+MAX_EFFORT_BESIDE_US = 90_000
 """The same from rest, where the path may pass beside its points: there is more to choose."""
 
-NEWTON_STEP_US, ROW_US = 130, 0.042
+NEWTON_STEP_US, ROW_US = 90, 0.032
 """A Newton step of `interior_point`, and each of its rows."""
 
-VERIFICATION_US, PIECE_US = 800, 4
+VERIFICATION_US, PIECE_US = 600, 2.5
 """The verification of a timing, and of each of its pieces."""
 
 REFINEMENT_STEP_US, REFINEMENT_ROW_US = 350, 0.28
