@@ -230,7 +230,8 @@ class Replanning:
             else:
                 execution.clock_start = None
         known = len(route)
-        more = self._extend(route, horizon)
+        reached = route[0].clock if plan is None else plan.clock(begin)
+        more = self._extend(route, reached + horizon)
         if older is not None and len(older.u) > len(route):
             older = former = None  # that plan goes on to points that are not planned for now
         points = [point.position for point in route[known:]]
@@ -257,8 +258,11 @@ class Replanning:
         )
         return PendingRequest(request, route, more)
 
-    def _extend(self, route: list[Waypoint], horizon: float) -> bool:
-        """Add the waypoints to plan for, up to the next rest; return whether more are known."""
+    def _extend(self, route: list[Waypoint], end: float) -> bool:
+        """Add the waypoints to plan for, up to the next rest; return whether more are known.
+
+        end: how far at least, by their clock, s.
+        """
         waypoints = self._waypoints
         known = len(route)
         if route[-1].rest is not None and route[-1] is not waypoints.origin:
@@ -267,7 +271,7 @@ class Replanning:
             if point.index <= route[-1].index:
                 continue
             enough = len(route) >= known + MIN_POINTS
-            if enough and point.clock - route[0].clock > horizon:
+            if enough and point.clock > end:
                 return True
             route.append(point)
             if point.rest is not None:
