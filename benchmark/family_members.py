@@ -14,7 +14,7 @@ import numpy as np
 from benchmark.limit_sets import limit_set
 from epson_driver.motion import Array, JointLimits
 
-WORK_SEEDS, MEASURED_SEEDS = range(8), range(9000, 9008)
+WORK_SEEDS, MEASURED_SEEDS = range(8), range(11000, 11008)
 """Seeds to work with, and others, with which nothing was chosen, for what is reported."""
 
 MAX_BORDER_DISTANCE_RAD = 0.1

@@ -94,26 +94,23 @@ def _catch_up(
 ) -> Array:
     """Return the factor on the commanded speed at each knot that makes up for lost time."""
     knots = path.knots.u
-    late = np.full(len(knots), request.lag)
-    if request.lag < 0.0:
-        # too early: slower until that is given back
-        clock = request.clock[: len(knots)]
-        now = float(np.interp(request.state[0], knots, clock))
-        late[clock - now > -request.lag / (CATCH_UP_RATIO - 1.0)] = 0.0
-    elif guess is not None:
-        # faster until the guess, which is faster all the way, is in time
+    clock = request.clock[: len(knots)]
+    now = float(np.interp(request.state[0], knots, clock))
+    late = np.full(len(knots), max(request.lag, 0.0))
+    if guess is not None:
+        # faster where the guess, which is faster all the way, is not in time
         ahead = knots > request.state[0]
-        clock = request.clock[: len(knots)]
-        now = float(np.interp(request.state[0], knots, clock))
         arrival = np.interp(knots[ahead], guess.positions, guess.times)
         # on the way there is only the half of it that comes from the start
         arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
-        late[ahead] += arrival - (clock[ahead] - now) / (request.scale or 1.0)
-        late[np.logical_or.accumulate(ahead & (late <= 0.0))] = 0.0
+        lost = request.lag + arrival - (clock[ahead] - now) / (request.scale or 1.0)
+        late[ahead] = np.maximum(lost, 0.0)
         late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
-    spare = float(request.clock[-1]) - float(
-        np.interp(request.state[0], knots, request.clock[: len(knots)])
-    )
+    if request.lag < 0.0:
+        # too early: slower until that is given back
+        early = clock - now <= -request.lag / (CATCH_UP_RATIO - 1.0)
+        late[early & (late == 0.0)] = request.lag
+    spare = float(request.clock[-1]) - now
     # with less known than a stop takes, the time that was lost would be lost again in a stop
     share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
     share = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * share)
