@@ -47,8 +47,9 @@ times: time-optimal with all known and with 3·A/J, and time-preserving with 3·
 share of plans for which none was found, so that the one before went on. **/ pt to pt**: the worst
 time with all known. **/ commanded**: the worst where the commanded time is 1.2 times that or more.
 **v, a, j**: multiples of the limits by exact extrema; the largest in samples each ms. **plan**:
-CPU time of one; the slowest 3 % are timed twice more with nothing beside, the least counts. Wanted:
-failed ≤ 2 %, no stops, times ≤ 1 and ≤ 1.2, v, a, j ≤ 1, plan ≤ 60 ms at the 99th percentile."""
+CPU time of one; the slowest 3 % are timed twice more with nothing beside, and the least counts.
+Wanted: failed ≤ 2 %, no stops, times ≤ 1 and ≤ 1.2, v, a, j ≤ 1, plan ≤ 60 ms at the 99th
+percentile."""
 
 
 def report(
