@@ -52,6 +52,13 @@ def test_plans_are_found(name: str) -> None:
     assert four_members(name).failed_share <= 0.02
 
 
+def test_time_that_steps_too_small_for_theirs_take_is_made_up_for() -> None:
+    """Also by a motion that is a little early before them."""
+    figures, _ = families.run_family('mixed_sizes', (9003, 9005))
+    assert 0.0 < figures.commanded_ratio <= 1.2
+    assert figures.stops == figures.failed == 0
+
+
 @pytest.mark.parametrize('name', family_members.FAMILIES)
 def test_every_member_lies_within_the_position_limits(name: str) -> None:
     for member in family_members.members(name):

@@ -144,6 +144,20 @@ def test_a_short_move_keeps_the_time_that_the_limits_leave(
     assert taken / durations.sum() <= 1.2
 
 
+def test_behind_a_long_slow_way_as_much_is_looked_at_as_anywhere() -> None:
+    """The horizon begins where the arm is, not where that way began."""
+    known = 0.5
+    positions = np.zeros((30, 6))
+    positions[1:, 0] = 0.9 + 0.02 * np.arange(29)
+    durations = np.append(2.0, np.full(28, 0.04))
+    _, asked = move(ARM, positions, durations, known)
+    moving = [request for request, _ in asked if len(request.kept.u) > 1]
+    assert len(moving) > 3
+    for request in moving:
+        now = float(np.interp(request.state[0], request.kept.u, request.clock[:2]))
+        assert request.clock[-1] - now > 0.8 * min(known, float(durations.sum()) - now)
+
+
 def test_a_plan_to_points_that_are_not_planned_for_now_is_no_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
