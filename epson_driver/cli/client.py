@@ -7,7 +7,6 @@ import asyncio
 import gc
 import logging
 import os
-import signal
 import sys
 import threading
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.interrupt import end_of_signals, ignore_interrupts
+from epson_driver.cli.interrupt import ended_by_signals, ignore_interrupts
 from epson_driver.inputs import printable
 from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_log import RosLogHandler
@@ -131,11 +130,11 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node]) -> bool:
 
 def _run(nodes: Sequence[Node]) -> int:
     """Serve ROS in one thread and drive the controllers in this one; return the exit code."""
-    with asyncio.Runner() as runner:
-        loop = runner.get_loop()
-        signaled = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, signaled.set)
+    signaled = asyncio.Event()
+    with (
+        asyncio.Runner() as runner,
+        ended_by_signals(loop := runner.get_loop(), signaled.set),
+    ):
         failures = Failures(loop)
         loop.set_exception_handler(failures.in_loop)
         threading.excepthook = failures.on_thread_end
@@ -150,7 +149,6 @@ def _run(nodes: Sequence[Node]) -> int:
             except BaseException as error:  # noqa: BLE001 - it is reported
                 # asyncio lets the SystemExit of a callback or a task out at once
                 failures.tell('the event loop was left', error)
-        end_of_signals()
     ignore_interrupts()  # the arms are at rest, and the rest takes a moment
     for client in clients:
         client.end()

@@ -1,15 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C where nothing needs to be stopped: before an executable has begun and after its end."""
+"""Ctrl-C before an executable has begun, while its event loop runs, and after its end."""
 
+import asyncio
 import os
 import signal
-from collections.abc import Iterator, Sequence
+import socket
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NoReturn
 
 INTERRUPTED = 130
 """The exit code after SIGINT, as shells have it: 128 and the number of the signal."""
+
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def leave_at_interrupt() -> None:
@@ -57,13 +61,40 @@ def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
             signal.raise_signal(waiting[0])
 
 
-def end_of_signals() -> None:
-    """Have signals do nothing while an event loop closes, which has stopped all that it ran.
+@contextmanager
+def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object]) -> Iterator[None]:
+    """Have SIGINT and SIGTERM call `end` in an event loop during the block.
 
-    It closes the socket that wakes it up before it takes its handlers back: a signal between the
-    two would be reported as an exception.
+    After the block, when all has been stopped, SIGINT does nothing any more. (What
+    `loop.add_signal_handler` sets is taken back while the loop closes: another Ctrl-C in that
+    moment is a KeyboardInterrupt wherever the process just is.)
+
+    To be used in the main thread, before the loop closes.
     """
-    signal.set_wakeup_fd(-1)
+    signaled, tell = socket.socketpair()
+    with signaled, tell:
+        for each in (signaled, tell):
+            each.setblocking(False)
+
+        def read() -> None:
+            signaled.recv(4096)
+            end()
+
+        loop.add_reader(signaled, read)
+        signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
+        for number in END_SIGNALS:
+            signal.signal(number, _nothing)
+            signal.siginterrupt(number, False)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            signal.set_wakeup_fd(-1)
+            loop.remove_reader(signaled)
+
+
+def _nothing(_number: int, _frame: object) -> None:
+    """Leave a signal to who is woken up by it."""
 
 
 def _leave(_number: int, _frame: object) -> NoReturn:

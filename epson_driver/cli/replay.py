@@ -6,13 +6,13 @@ import argparse
 import asyncio
 import contextlib
 import functools
-import signal
 import socket
 import struct
 import sys
 from pathlib import Path
 
 from epson_driver.cli.arguments import FREE_PORT, argument, host, if_in_use
+from epson_driver.cli.interrupt import ended_by_signals
 from epson_driver.inputs import InputError, number, printable
 from epson_driver.socket_errors import reason
 from epson_driver.trace.pcap import PcapError
@@ -55,25 +55,24 @@ def main() -> int:
 async def _run(player: Player, script: Script, host: str, ports: dict[str, int]) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for each in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(each, stop.set)
-    playback = _Playback(player, stop)
-    servers: dict[str, asyncio.Server] = {}
-    for role, port in ports.items():
-        connection = functools.partial(_Connection, playback, script.ports[role])
-        try:
-            servers[role] = await loop.create_server(connection, host, port)
-        except OSError as error:
-            raise OSError(f'{role} port {host}:{port}: {reason(error)}') from error
-    open_ports = {role: each.sockets[0].getsockname()[1] for role, each in servers.items()}
-    print('listening', *(f'{role}={port}' for role, port in open_ports.items()), flush=True)
-    telling = asyncio.create_task(_tell_what_is_missing(player))
-    await stop.wait()
-    telling.cancel()
-    for server in servers.values():
-        server.close()
-    playback.close()
-    await asyncio.sleep(0)  # let the transports close
+    with ended_by_signals(loop, stop.set):
+        playback = _Playback(player, stop)
+        servers: dict[str, asyncio.Server] = {}
+        for role, port in ports.items():
+            connection = functools.partial(_Connection, playback, script.ports[role])
+            try:
+                servers[role] = await loop.create_server(connection, host, port)
+            except OSError as error:
+                raise OSError(f'{role} port {host}:{port}: {reason(error)}') from error
+        open_ports = {role: each.sockets[0].getsockname()[1] for role, each in servers.items()}
+        print('listening', *(f'{role}={port}' for role, port in open_ports.items()), flush=True)
+        telling = asyncio.create_task(_tell_what_is_missing(player))
+        await stop.wait()
+        telling.cancel()
+        for server in servers.values():
+            server.close()
+        playback.close()
+        await asyncio.sleep(0)  # let the transports close
 
 
 async def _tell_what_is_missing(player: Player) -> None:

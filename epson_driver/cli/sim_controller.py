@@ -9,7 +9,6 @@ import dataclasses
 import gc
 import logging
 import os
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -18,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from epson_driver.cli.arguments import FREE_PORT, PORT, argument, define, host, if_in_use
-from epson_driver.cli.interrupt import end_of_signals
+from epson_driver.cli.interrupt import ended_by_signals
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile import (
@@ -146,37 +145,36 @@ async def _run(
     until_stdin_ends: bool,
     panel: bool,
 ) -> int:
-    loop = asyncio.get_running_loop()
     stop = asyncio.Event()
-    for each in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(each, stop.set)
-    if until_stdin_ends:
-        _watch_stdin(stop)
-    servers = new_servers()
-    try:
-        ports = await servers.open(host, ports)
-    except (OSError, PlannerError) as error:
-        advice = if_in_use(error.__cause__)
-        print(f'epson_driver sim_controller: {error}{advice}', file=sys.stderr)
-        return 1
-    gc.collect()
-    gc.freeze()  # objects made at start-up are never freed: do not scan them in the motion cycle
-    print('listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True)
-    beside = await asyncio.create_subprocess_exec(*PANEL) if panel else None
-    moving = asyncio.create_task(servers.run())
-    stopped = asyncio.create_task(stop.wait())
-    try:
-        await asyncio.wait((moving, stopped), return_when=asyncio.FIRST_COMPLETED)
-        if moving.done():
-            await moving  # it ends only with an error, which is raised here
-    finally:
-        moving.cancel()
-        if beside is not None:
-            with contextlib.suppress(ProcessLookupError):  # it has ended, and said why
-                beside.terminate()
-            await beside.wait()
-        await servers.close()
-        end_of_signals()
+    with ended_by_signals(asyncio.get_running_loop(), stop.set):
+        if until_stdin_ends:
+            _watch_stdin(stop)
+        servers = new_servers()
+        try:
+            ports = await servers.open(host, ports)
+        except (OSError, PlannerError) as error:
+            advice = if_in_use(error.__cause__)
+            print(f'epson_driver sim_controller: {error}{advice}', file=sys.stderr)
+            return 1
+        gc.collect()
+        gc.freeze()  # made at start-up, never freed: not to be scanned in the motion cycle
+        print(
+            'listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True
+        )
+        beside = await asyncio.create_subprocess_exec(*PANEL) if panel else None
+        moving = asyncio.create_task(servers.run())
+        stopped = asyncio.create_task(stop.wait())
+        try:
+            await asyncio.wait((moving, stopped), return_when=asyncio.FIRST_COMPLETED)
+            if moving.done():
+                await moving  # it ends only with an error, which is raised here
+        finally:
+            moving.cancel()
+            if beside is not None:
+                with contextlib.suppress(ProcessLookupError):  # it has ended, and said why
+                    beside.terminate()
+                await beside.wait()
+            await servers.close()
     return 0
 
 

@@ -73,6 +73,36 @@ def test_ctrl_c_before_an_executable_handles_it_itself() -> None:
     assert (run.returncode, run.stdout, run.stderr) == (130, '', '')
 
 
+def test_ctrl_c_ends_a_loop_and_does_nothing_from_then_on() -> None:
+    """Not even in the moment in which the loop closes, wherever the process is then."""
+    code = (
+        'import asyncio, os, signal\n'
+        'from epson_driver.cli.interrupt import ended_by_signals\n'
+        'def interrupt(): os.kill(os.getpid(), signal.SIGINT)\n'
+        'async def main():\n'
+        '    loop, end = asyncio.get_running_loop(), asyncio.Event()\n'
+        '    with ended_by_signals(loop, end.set):\n'
+        '        loop.call_soon(interrupt)\n'
+        '        await end.wait()\n'
+        '        interrupt()\n'
+        '    close = loop.close\n'
+        '    def interrupted_close(): interrupt(); close(); interrupt()\n'
+        '    loop.close = interrupted_close\n'
+        '    interrupt()\n'
+        'asyncio.run(main())\n'
+        'interrupt()\n'
+        "print('ended', signal.getsignal(signal.SIGTERM) is signal.SIG_DFL)"
+    )
+    run = subprocess.run(
+        [sys.executable, '-c', code],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=obey_interrupts,
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (0, 'ended True\n', '')
+
+
 def interrupted(process: subprocess.Popen[str]) -> str:
     """Send SIGINT until the process has ended; return what it said after that began."""
     until = time.monotonic() + PATIENCE
