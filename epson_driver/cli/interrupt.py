@@ -5,15 +5,12 @@
 import asyncio
 import os
 import signal
-import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NoReturn
 
 INTERRUPTED = 130
 """The exit code after SIGINT, as shells have it: 128 and the number of the signal."""
-
-END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def leave_at_interrupt() -> None:
@@ -63,38 +60,28 @@ def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
 
 @contextmanager
 def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object]) -> Iterator[None]:
-    """Have SIGINT and SIGTERM call `end` in an event loop during the block.
+    """Have SIGINT and SIGTERM call `end` in an event loop until all has been stopped.
 
-    After the block, when all has been stopped, SIGINT does nothing any more. (What
-    `loop.add_signal_handler` sets is taken back while the loop closes: another Ctrl-C in that
-    moment is a KeyboardInterrupt wherever the process just is.)
+    SIGINT calls it to the loop's end, and does nothing from then on. (With a handler of the
+    loop's own, which it takes back while it closes, another Ctrl-C in that moment would be a
+    KeyboardInterrupt wherever the process just is.)
 
     To be used in the main thread, before the loop closes.
     """
-    signaled, tell = socket.socketpair()
-    with signaled, tell:
-        for each in (signaled, tell):
-            each.setblocking(False)
 
-        def read() -> None:
-            signaled.recv(4096)
-            end()
+    def interrupt(_number: int, _frame: object) -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(end)
 
-        loop.add_reader(signaled, read)
-        signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
-        for number in END_SIGNALS:
-            signal.signal(number, _nothing)
-            signal.siginterrupt(number, False)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            signal.set_wakeup_fd(-1)
-            loop.remove_reader(signaled)
-
-
-def _nothing(_number: int, _frame: object) -> None:
-    """Leave a signal to who is woken up by it."""
+    loop.add_signal_handler(signal.SIGTERM, end)  # and each signal wakes the loop up
+    signal.signal(signal.SIGINT, interrupt)
+    signal.siginterrupt(signal.SIGINT, False)
+    try:
+        yield
+    finally:
+        # the loop closes the socket that wakes it up before it takes its handler back: a signal
+        # between the two would be reported as an exception
+        signal.set_wakeup_fd(-1)
 
 
 def _leave(_number: int, _frame: object) -> NoReturn:
