@@ -162,14 +162,9 @@ async def _run(
             'listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True
         )
         beside = await asyncio.create_subprocess_exec(*PANEL) if panel else None
-        moving = asyncio.create_task(servers.run())
-        stopped = asyncio.create_task(stop.wait())
         try:
-            await asyncio.wait((moving, stopped), return_when=asyncio.FIRST_COMPLETED)
-            if moving.done():
-                await moving  # it ends only with an error, which is raised here
+            await servers.run_until(stop)
         finally:
-            moving.cancel()
             if beside is not None:
                 with contextlib.suppress(ProcessLookupError):  # it has ended, and said why
                     beside.terminate()

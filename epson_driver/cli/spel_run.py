@@ -97,15 +97,9 @@ async def _run(
 
     controller.clock.every(LOOK_S, look, first=LOOK_S)
     _read_stdin(console, servers)
-    passing = asyncio.create_task(servers.run())
-    ending = asyncio.create_task(over.wait())
     try:
-        await asyncio.wait((passing, ending), return_when=asyncio.FIRST_COMPLETED)
-        if passing.done():
-            await passing  # it ends only with an error, which is raised here
+        await servers.run_until(over)
     finally:
-        for task in (passing, ending):
-            task.cancel()
         await servers.close()
     return _ended(controller, _exit_code(controller))
 

@@ -101,6 +101,17 @@ class ControllerServers:
                     self._planner.run(self._controller.planner_failed, self.pacer.present)
                 )
 
+    async def run_until(self, over: asyncio.Event) -> None:
+        """Let the controller's time pass until an event. Raises the error that ends it before."""
+        running, ending = asyncio.create_task(self.run()), asyncio.create_task(over.wait())
+        try:
+            await asyncio.wait((running, ending), return_when=asyncio.FIRST_COMPLETED)
+            if running.done():
+                await running  # it ends only with an error, which is raised here
+        finally:
+            running.cancel()
+            ending.cancel()
+
     async def close(self) -> None:
         """Stop listening, disconnect everybody and end the planner."""
         for server in self._servers:
