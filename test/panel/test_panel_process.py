@@ -22,6 +22,8 @@ from websockets.exceptions import InvalidStatus
 
 from epson_driver.cli import processes
 
+ENABLED, SENT = '~/enable: the arm is enabled', 'goal sent: swing'
+
 
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
@@ -52,6 +54,7 @@ def moving(cell: Cell, panel: PanelProcess) -> PanelClient:
     client = panel.armed()
     enable(client)
     client.click('Execute')
+    client.wait_for_log(SENT, after=ENABLED)
     cell.peer.wait_for_motion()
     return client
 
@@ -59,7 +62,7 @@ def moving(cell: Cell, panel: PanelProcess) -> PanelClient:
 def enable(client: PanelClient) -> None:
     """Press Enable and wait for the answer, which comes before the lamp changes."""
     client.click('Enable')
-    client.wait(lambda: '~/enable: the arm is enabled' in client.newest_log(), 'enabled')
+    client.wait(lambda: ENABLED in client.newest_log(), 'enabled')
 
 
 def back(cell: Cell, start: list[float] = START) -> None:
@@ -133,9 +136,9 @@ def test_one_window_cannot_press_the_buttons_of_another(cell: Cell, panel: Panel
 def test_any_window_stops_the_arm_at_once(cell: Cell, panel: PanelProcess) -> None:
     with moving(cell, panel) as client, panel.window() as other:
         other.click('STOP')
-        client.wait_for_log('swing: ')
+        client.wait_for_log('swing: ', after=SENT)
         cell.peer.assert_still()
-        client.wait_for_log('~/stop: ')
+        client.wait_for_log('~/stop: ', after=SENT)
     back(cell)
 
 
@@ -143,8 +146,8 @@ def test_any_window_stops_the_arm_at_once(cell: Cell, panel: PanelProcess) -> No
 def test_a_window_that_is_gone_takes_its_goal_with_it(cell: Cell, panel: PanelProcess) -> None:
     moving(cell, panel).close()
     with panel.window() as other:
-        other.wait_for_log('the armed window of the panel is gone')
-        other.wait_for_log('swing: ')
+        other.wait_for_log('the armed window of the panel is gone', after=SENT)
+        other.wait_for_log('swing: ', after=SENT)
         cell.peer.assert_still()
         assert other.disabled('Execute')
     back(cell)
@@ -176,10 +179,11 @@ def test_a_controller_that_vanishes_turns_the_lamps_and_disarms(
     cell: Cell, panel: PanelProcess
 ) -> None:
     with panel.armed() as client:
+        before = client.newest_log()
         cell.controller.kill()
         client.wait_for_lamp('Link', 'bad')
         client.wait_for_lamp('Door', 'unknown')
-        client.wait_for_log('panel disarmed')
+        client.wait_for_log('panel disarmed', after=before)
         client.wait(lambda: client.disabled('Enable'), 'disarmed')
         cell.restart_controller()
         cell.peer.wait_until_ready()
@@ -348,7 +352,7 @@ def test_the_program_for_real_controllers_is_driven_in_the_same_way(tmp_path: Pa
         try:
             with moving(cell, panel) as client:
                 client.click('STOP')
-                client.wait_for_log('swing: ')
+                client.wait_for_log('swing: ', after=SENT)
                 cell.peer.assert_still()
                 client.set('E-stop', 'press')
                 client.wait_for_lamp('E-stop', 'bad')

@@ -120,8 +120,17 @@ class PanelClient:
     def wait_for_lamp(self, name: str, colour: str) -> None:
         self.wait(lambda: self.lamp(name) == colour, f'{name} is {colour}')
 
-    def wait_for_log(self, text: str) -> None:
-        self.wait(lambda: text in self.html('log'), f'{text!r} in the log')
+    def wait_for_log(self, text: str, after: str = '') -> None:
+        """Wait for a line of the log, newer than the newest one with `after`.
+
+        The log is that of the panel: other windows may have written the same line before.
+        """
+
+        def newer() -> str:
+            log = self.html('log')  # the newest line is the first
+            return log.partition(after)[0] if after else log
+
+        self.wait(lambda: text in newer(), f'{text!r} in the log, after {after!r}')
 
     def wait_for_notification(self, text: str) -> None:
         self.wait(
