@@ -101,13 +101,7 @@ def test_trajectory_topic_executes_and_an_empty_one_stops(shared_cell: Cell) -> 
     peer.trajectory_topic.publish(trajectory((0.0, A), (LASTS, FAR)))
     peer.wait_for_motion()
     peer.trajectory_topic.publish(trajectory())
-    peer.wait_for(
-        lambda: (
-            not any(peer.joint_states[-1].velocity) and not peer.robot_status[-1].in_motion.val
-        ),
-        'standstill',
-    )
-    position = peer.assert_still()
+    position = peer.wait_until_still()
     assert 0.2 < position[0] < 1.4
     back = trajectory((0.0, position.tolist()), (0.5, START))
     assert peer.goal(back).result()[0] == 'succeeded'
@@ -248,8 +242,7 @@ def test_goal_time_tolerance_ends_a_late_goal(shared_cell: Cell) -> None:
     ended, code, text = late.result()
     assert (ended, code) == ('aborted', -5), text
     assert 'goal_time' in text
-    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
-    position = peer.assert_still()
+    position = peer.wait_until_still()
     assert np.abs(position - plan.positions[-1]).max() > 0.1
     assert peer.goal(trajectory((1.0, START))).result()[0] == 'succeeded'
 

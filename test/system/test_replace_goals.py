@@ -53,8 +53,7 @@ def test_invariant_4_an_estop_after_the_change_stops_the_arm_for_good(
     ended, _, text = new.result()
     assert ended == 'aborted'
     assert 'E-stop' in text
-    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
-    stands = peer.assert_still()
+    stands = peer.wait_until_still()
     replacing_cell.pendant('estop', 'release')
     assert peer.call('reset_error')[0]
     peer.wait_for(lambda: peer.robot_status[-1].e_stopped.val == 0, 'E-stop reset')

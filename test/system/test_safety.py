@@ -81,7 +81,7 @@ def test_estop_in_mid_motion(cell: Cell) -> None:
     assert status.mode.val == 2
     assert status.drives_powered.val == 0
     assert list(status.error_codes) == [2261]
-    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
+    peer.wait_until_still()
     assert_disabled(cell, 'E-stop')
     success, message = peer.call('enable')
     assert not success
@@ -182,18 +182,9 @@ def test_silent_controller_is_noticed(make_cell: Any, program: str) -> None:
     ended, code, text = goal.result()
     assert (ended, code) == ('aborted', -4)
     assert 'silent for 3 s' in text
-    statuses, states = len(peer.robot_status), len(peer.joint_states)
     cell.controller.send(signal.SIGCONT)
     peer.wait_for(lambda: peer.link_states[-1] == 'connected', 'connected again')
-    peer.wait_for(
-        lambda: (
-            len(peer.joint_states) > states
-            and len(peer.robot_status) > statuses
-            and peer.robot_status[-1].in_motion.val == 0
-            and not any(peer.joint_states[-1].velocity)
-        ),
-        'standstill, on the STOP that the driver sent over the motion link',
-    )
+    peer.wait_until_still()  # on the STOP that the driver sent over the motion link
     assert_disabled(cell, 'silent')
     assert_works_after_enable(cell)
 

@@ -46,7 +46,7 @@ def servo_cell(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def rest(cell: Cell) -> np.ndarray:
     """Wait until the stream is over, and return where the arm stands then."""
     peer = cell.peer
-    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
+    peer.wait_until_still()
     while values(cell)['stream followed'] != 'none':
         pass  # once a second
     return peer.assert_still()

@@ -74,8 +74,7 @@ def test_invariant_4_estop_in_mid_motion(smooth_cell: Cell) -> None:
     ended, _, text = goal.result()
     assert ended == 'aborted'
     assert 'E-stop' in text
-    peer.wait_for(lambda: not any(peer.joint_states[-1].velocity), 'standstill')
-    stands = peer.assert_still()
+    stands = peer.wait_until_still()
     assert stands[0] < 1.4
     smooth_cell.pendant('estop', 'release')
     assert peer.call('reset_error')[0]
