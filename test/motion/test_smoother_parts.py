@@ -47,7 +47,7 @@ def bow(count: int = 20) -> Path:
 
 
 def unbound(path: Path) -> Problem:
-    return Problem(path, (0.0, 0.0, 0.0), LIMITS, np.full(len(path.knots.u), 1e6))
+    return Problem(path, (0.0, 0.0, 0.0), LIMITS)
 
 
 def test_a_path_that_may_go_on_points_less_steeply_at_the_border_than_one_that_ends() -> None:

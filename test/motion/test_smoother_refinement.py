@@ -19,7 +19,7 @@ from epson_driver.motion.smoothed import retimed, smoothed
 from epson_driver.motion.smoother import Mode, Smoother, optimal, planner, refinement, sparse
 from epson_driver.motion.smoother.effort import Effort
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.refinement_rows import BEND_RATIO, MIN_BEND, Freedom
 from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -83,8 +83,7 @@ def assert_within(limits: JointLimits, smoother: Recorded, start: Array) -> None
 
 
 def problem_on(path: Path, limits: JointLimits) -> Problem:
-    speeds = np.full(len(path.knots.u), UNBOUND_SPEED)
-    return Problem(path, (0.0, 0.0, 0.0), limits, speeds, effort=Effort(1e9))
+    return Problem(path, (0.0, 0.0, 0.0), limits, effort=Effort(1e9))
 
 
 def spline_through(points: Array, limits: JointLimits) -> Path:

@@ -3,15 +3,19 @@
 """What a request's clock asks for: the speeds that keep it, and how lost time is made up for."""
 
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import filtered, ruckig_move
 from epson_driver.motion.smoother.effort import OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Path
-from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.request import Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+
+UNBOUND_SPEED = 1e6
+"""Where no time is commanded: a speed that no limit of a joint allows."""
 
 CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
 """How much faster than commanded the motion may be to make up for lost time; at most, where it
@@ -128,23 +132,45 @@ def problem_of(
 ) -> Problem:
     """Return the problem on a path, with so many times the commanded speed (at each knot)."""
     scale = request.scale or 1.0
-    speeds = _commanded_speeds(request, path) * factor * scale
+    commanded = _commanded(request, path, factor * scale)
     slowing: TimeParametrisation | None = None
     if request.state[1] > 0.0 and (request.timed.any() or scale < 1.0):
         slowing = ruckig_move.gentle_stop(request.state, path, limits)
-    return Problem(path, request.state, limits, speeds, scale, slowing, effort, request.former)
+    return Problem(path, request.state, limits, commanded, scale, slowing, effort, request.former)
 
 
-def _commanded_speeds(request: Request, path: Path) -> Array:
-    """Return u̇ at the knots as the clock commands it, or UNBOUND_SPEED, shape (k,)."""
+def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Array, Array] | None:
+    """Return u at the knots and halfway between, and u̇² there as the clock commands it, or None.
+
+    Shape (2 k - 1,). factor: on the speeds; at each knot, shape (k,), or everywhere. The speeds at
+    the ends of a segment may be those of short steps beside it, which are far too slow for a long
+    one: halfway, the speed is what lets all of it take its commanded time.
+    """
     u = path.knots.u
-    speeds = np.full(len(u), UNBOUND_SPEED)
     steps = np.diff(request.clock[: len(u)])
     timed = request.timed[1 : len(u)] & (steps > 0.0)
     if not timed.any():
-        return speeds
+        return None
+    factor = np.broadcast_to(factor, len(u))
     mean = np.full(len(steps), UNBOUND_SPEED)
     mean[timed] = np.diff(u)[timed] / steps[timed]
+    speeds = factor * _speeds_at_knots(mean, steps, timed)
+    begin, end = speeds[:-1], speeds[1:]
+    mean *= (factor[:-1] + factor[1:]) / 2.0
+    # with u̇² linear in both halves, each takes its way by the mean of the speeds at its ends
+    middle = mean - (begin + end) / 2.0 + np.hypot(mean, (begin - end) / 2.0)
+    squares, places = np.empty(2 * len(u) - 1), np.empty(2 * len(u) - 1)
+    squares[::2], squares[1::2] = speeds**2, np.maximum(middle**2, (begin**2 + end**2) / 2.0)
+    places[::2], places[1::2] = u, (u[:-1] + u[1:]) / 2.0
+    return places, squares
+
+
+def _speeds_at_knots(mean: Array, steps: Array, timed: npt.NDArray[np.bool_]) -> Array:
+    """Return u̇ at the knots, shape (k,): UNBOUND_SPEED where no time is commanded.
+
+    mean, steps, timed: of the segments, shape (k - 1,); mean: u̇, UNBOUND_SPEED unless timed.
+    """
+    speeds = np.full(len(steps) + 1, UNBOUND_SPEED)
     # at a knot, as a parabola through it and its neighbours would have it
     inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / (steps[:-1] + steps[1:])
     speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, np.minimum(mean[:-1], mean[1:]))

@@ -12,7 +12,7 @@ from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.smoother.joint_motion import JointMotion, fastest_stop
 from epson_driver.motion.smoother.output_guard import Motion
-from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
 
@@ -203,5 +203,4 @@ class Execution:
     def _stop_on(self, plan: ActivePlan) -> TimeParametrisation | None:
         """Return the fastest verified stop on the path from now on, or None."""
         state = plan.timing.at(self.now - plan.begin)
-        speeds = np.full(len(plan.route), UNBOUND_SPEED)
-        return ruckig_move.stop(Problem(plan.path, state, self._waypoints.limits, speeds))
+        return ruckig_move.stop(Problem(plan.path, state, self._waypoints.limits))

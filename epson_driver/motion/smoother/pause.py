@@ -12,7 +12,7 @@ import numpy as np
 
 from epson_driver.motion.smoother import optimal, ruckig_move
 from epson_driver.motion.smoother.path import Knots, Path
-from epson_driver.motion.smoother.problem import UNBOUND_SPEED, Problem
+from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
@@ -44,8 +44,7 @@ def propose(problem: Problem) -> TimeParametrisation | None:
 
 def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
     """Return the fastest timing to the end of a part of the path."""
-    speeds = np.full(len(path.knots.u), UNBOUND_SPEED)
-    shorter = dataclasses.replace(problem, path=path, speeds=speeds, slowing=None)
+    shorter = dataclasses.replace(problem, path=path, commanded=None, slowing=None)
     timing = optimal.propose(shorter, SpeedBounds(shorter))
     if timing is None or not problem.usage(timing).allowed:
         return None

@@ -12,9 +12,6 @@ from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
-UNBOUND_SPEED = 1e6
-"""A speed that no limit of a joint allows."""
-
 SLOWING_SLACK_SHARE = 0.02
 """How much faster than `slowing` a motion may be, relative."""
 
@@ -23,17 +20,17 @@ SLOWING_SLACK_SHARE = 0.02
 class Problem:
     """From `start` to rest at the path's end, as fast as the speeds and the limits allow.
 
-    speeds: the most that u̇ should be at each knot of the path (u̇² is linear between them), shape
-    (k,); UNBOUND_SPEED where only the limits count. scale: share (0, 1] of the velocity limits to
-    use. slowing: a stop from the start: no speed below the stop's is asked for, so that a start
-    that is too fast for `speeds` and `scale` has time. effort: what may be computed for it.
+    commanded: places u, increasing, and the most that u̇² should be there (linear between them),
+    shape (c,) each; None where only the limits count. scale: share (0, 1] of the velocity limits
+    to use. slowing: a stop from the start: no speed below the stop's is asked for, so that a start
+    that is too fast for `commanded` and `scale` has time. effort: what may be computed for it.
     former: what the plan so far does from the start on, if there is one: to search from.
     """
 
     path: Path
     start: State
     limits: JointLimits
-    speeds: Array
+    commanded: tuple[Array, Array] | None = None
     scale: float = 1.0
     slowing: TimeParametrisation | None = None
     effort: Effort = field(default_factory=Effort)
@@ -57,8 +54,10 @@ class Problem:
 
     def wanted(self, us: Array, first: Array) -> Array:
         """Return u̇ as it is asked for at every u, shape (m,), where the path has q′ = `first`."""
-        cap = np.sqrt(np.interp(us, self.path.knots.u, self.speeds**2))
-        return np.minimum(self.scale * self.fastest(first), cap)
+        fastest: Array = self.scale * self.fastest(first)
+        if self.commanded is None:
+            return fastest
+        return np.minimum(fastest, np.sqrt(np.interp(us, *self.commanded)))
 
     def speed_bounds(self, us: Array, first: Array) -> Array:
         """Return the highest u̇ to plan with at every u, shape (m,): wanted, or slowing down."""

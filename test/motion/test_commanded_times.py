@@ -1,0 +1,76 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the commanded times ask of the speed along a path."""
+
+import numpy as np
+import pytest
+from support.smoother_harness import ARM
+
+from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother import Mode, Smoother
+from epson_driver.motion.smoother.commanded_times import problem_of
+from epson_driver.motion.smoother.effort import Effort
+from epson_driver.motion.smoother.path import through
+
+PLACES = 20_000
+"""Per segment, for the time that it takes."""
+
+LONG_S, SHORT_S = 0.17, 0.013
+
+
+def commanded(
+    positions: Array, durations: list[float | None], factor: float = 1.0
+) -> tuple[Array, Array]:
+    """Return how long each segment that is planned takes at the speeds that are asked for, s.
+
+    And how long it should, by the clock: no faster than the joints can.
+    """
+    smoother = Smoother(ARM, positions[0], Mode.TIME_PRESERVING, planner=None)
+    for position, duration in zip(positions[1:], durations, strict=True):
+        smoother.append(position, duration)
+    smoother.finish()
+    request = smoother.request()
+    assert request is not None
+    path = through(request.kept, request.points, ARM, clamped=False)
+    problem = problem_of(request, path, ARM, factor, Effort())
+    assert problem.commanded is not None
+    taken = []
+    for begin, end in zip(path.knots.u[:-1], path.knots.u[1:], strict=True):
+        us = begin + (end - begin) * (np.arange(PLACES) + 0.5) / PLACES
+        slowness = 1.0 / np.sqrt(np.interp(us, *problem.commanded))
+        taken.append(float((end - begin) * slowness.mean()))
+    return np.array(taken), np.diff(request.clock)
+
+
+@pytest.mark.parametrize('factor', [1.0, 0.5])
+@pytest.mark.parametrize('seed', range(6))
+def test_no_segment_is_slower_than_commanded(seed: int, factor: float) -> None:
+    rng = np.random.default_rng(seed)
+    steps = 10.0 ** rng.uniform(-3.0, -0.5, (8, 1)) * rng.normal(size=(8, 6))
+    positions = np.vstack([np.zeros(6), 0.2 * np.cumsum(steps, axis=0)])
+    durations = (10.0 ** rng.uniform(-2.0, 0.0, 8)).tolist()
+    taken, wanted = commanded(positions, durations, factor)
+    assert len(taken) > 2
+    assert np.all(factor * taken <= wanted * (1.0 + 1e-4))
+
+
+def test_at_an_even_pace_each_segment_takes_its_time() -> None:
+    positions = np.zeros((9, 6))
+    positions[:, 0] = 0.1 * np.arange(9)
+    taken, _ = commanded(positions, [0.2] * 8)
+    assert taken == pytest.approx(0.2)
+
+
+def test_a_long_way_between_short_steps_is_not_taken_at_their_pace() -> None:
+    positions = np.zeros((4, 6))
+    positions[1:, 0] = np.cumsum([0.002, 0.3, 0.002])
+    taken, _ = commanded(positions, [SHORT_S, LONG_S, SHORT_S])
+    assert taken[1] == pytest.approx(LONG_S, rel=1e-3)
+
+
+def test_a_way_without_a_time_is_as_fast_as_the_limits_allow() -> None:
+    """Though what is before and behind it is slow."""
+    positions = np.zeros((4, 6))
+    positions[1:, 0] = np.cumsum([0.02, 0.3, 0.02])
+    taken, _ = commanded(positions, [1.0, None, 1.0])
+    assert taken[1] < 0.01
