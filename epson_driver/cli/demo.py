@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -40,6 +40,7 @@ from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.inputs import InputError, count, printable
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
+from epson_driver.report.figures import Figures as PageFigures
 from epson_driver.report.figures import figures
 from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
 from epson_driver.report.run import Run as WireRun
@@ -305,6 +306,16 @@ class Run:
         return faults
 
 
+def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
+    """Return the figures of a run with the stops that its page tells of, if those are more.
+
+    What came over ROS and what went over the wire can differ about a rest behind a slow beginning.
+    """
+    return replace(
+        numbers, stops=max([numbers.stops, *(each.stops or 0 for each in page.motions)])
+    )
+
+
 class _GoalError(RunError):
     """The goal was not reached; meanwhile the controller missed so many deadlines."""
 
@@ -361,7 +372,8 @@ def _executed(
                 raise _GoalError(f'the goal was not reached: {text}', missed, wire)
             latencies = user.reply_latencies()
             run = user.recording()
-            numbers = measure(trajectory, run, model.limits.rad_per_unit)
+            metric = model.limits.rad_per_unit
+            numbers = as_on_page(measure(trajectory, run, metric), figures(wire, metric))
             done = Run(motion, run, numbers, text, latencies, round_trips, missed, wire)
             if staying:
                 yield done, partial(stay, driver, panel, console)

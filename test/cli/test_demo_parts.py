@@ -76,6 +76,15 @@ def test_what_was_not_as_planned_is_a_sentence_each(figures, faults):
     assert executed(**figures).faults == faults
 
 
+@pytest.mark.parametrize(
+    ('found', 'on_page', 'told'),
+    [(0, [2], 2), (1, [0], 1), (0, [None], 0), (0, [], 0), (0, [0, 3], 3)],
+)
+def test_the_verdict_and_the_page_tell_of_the_same_stops(found, on_page, told):
+    page = SimpleNamespace(motions=[SimpleNamespace(stops=each) for each in on_page])
+    assert demo.as_on_page(executed(stops=found).figures, page).stops == told
+
+
 def test_stops_that_the_plan_asks_for_are_told_apart():
     plan = demo._fitting(FILE, MODEL)
     rows = dict(demo._rows(MODEL, plan, executed(stops=1, commanded_stops=2)))
