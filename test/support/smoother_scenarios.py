@@ -160,8 +160,12 @@ def random_scenario(seed: int) -> tuple[Scenario, Extrema]:
 
 
 def assert_kept(seed: int) -> None:
-    """Check that a scenario keeps all limits at every instant, and ends at its last point."""
-    scenario, exact = random_scenario(seed)
+    """Check that a scenario keeps all limits at every instant, and ends at its last point.
+
+    Nor may any number of a plan become NaN.
+    """
+    with np.errstate(invalid='raise'):
+        scenario, exact = random_scenario(seed)
     smoother = scenario.smoother
     what = f'seed {seed}, {", ".join(scenario.done)}: {exact}'
     assert exact.worst <= 1.0 + 1e-6, what

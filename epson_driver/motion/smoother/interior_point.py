@@ -171,6 +171,8 @@ def minimise(
         dual += np.multiply(d_dual, dual_ahead, out=spare)
         y = values(c)
         x = counted(y)
+        if min(x.min(), y[0].min()) <= 0.0:
+            return None  # by rounding, where x is all but 0
         update_excess()
         np.maximum(slack, np.negative(g, out=spare), out=slack)
         gap = float(np.multiply(slack, dual, out=spare).sum())
