@@ -288,8 +288,8 @@ class Run:
     round_trips: list[float]
     missed: int
     """Deadlines that the controller missed meanwhile."""
-    wire: WireRun
-    """What went over the wire: of it the page is made."""
+    page: tuple[WireRun, PageFigures]
+    """What went over the wire, and its figures: of them the page is made."""
 
     @property
     def faults(self) -> list[str]:
@@ -309,11 +309,11 @@ class Run:
 def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
     """Return the figures of a run with the stops that its page tells of, if those are more.
 
-    What came over ROS and what went over the wire can differ about a rest behind a slow beginning.
+    `measure` goes by shares of the typical speed: behind a slow beginning it takes the whole of
+    that for a standstill. The page tells of each standstill, and how long it was.
     """
-    return replace(
-        numbers, stops=max([numbers.stops, *(each.stops or 0 for each in page.motions)])
-    )
+    stood = len(page.stops) - numbers.commanded_stops
+    return replace(numbers, stops=max(numbers.stops, stood, *(m.stops or 0 for m in page.motions)))
 
 
 class _GoalError(RunError):
@@ -373,8 +373,9 @@ def _executed(
             latencies = user.reply_latencies()
             run = user.recording()
             metric = model.limits.rad_per_unit
-            numbers = as_on_page(measure(trajectory, run, metric), figures(wire, metric))
-            done = Run(motion, run, numbers, text, latencies, round_trips, missed, wire)
+            page = figures(wire, metric)
+            numbers = as_on_page(measure(trajectory, run, metric), page)
+            done = Run(motion, run, numbers, text, latencies, round_trips, missed, (wire, page))
             if staying:
                 yield done, partial(stay, driver, panel, console)
                 return
@@ -393,7 +394,7 @@ def _report(
     drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
     draw(arguments.picture, trajectory, drawn, model.limits)
     console.print(f'picture: {arguments.picture}', highlight=False)
-    _write_report(arguments.report, model, *(run.wire for run in runs))
+    write_report([run.page for run in runs], model, arguments.report)
     faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
     gap = max(run.figures.longest_gap for run in runs)
     return _judged(console, faults, sum(run.missed for run in runs), gap)
@@ -402,15 +403,11 @@ def _report(
 def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Console) -> int:
     """Report what went over the wire until the goal failed: it shows why."""
     try:
-        _write_report(report, model, error.wire)
+        shown = figures(error.wire, model.limits.rad_per_unit)
+        write_report([(error.wire, shown)], model, report)
     except OSError as why:
         console.print(f'no report: {escape(printable(why))}', highlight=False)
     return _judged(console, [str(error)], error.missed, 0.0)
-
-
-def _write_report(report: Path, model: RobotModel, *runs: WireRun) -> None:
-    metric = model.limits.rad_per_unit
-    write_report([(run, figures(run, metric)) for run in runs], model, report)
 
 
 def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int:

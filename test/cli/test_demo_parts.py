@@ -20,7 +20,10 @@ from epson_driver.cli.demo_verdict import TOO_BUSY
 from epson_driver.cli.panel import INSTALL
 from epson_driver.cli.processes import Ports, RunError
 from epson_driver.inputs import InputError
-from epson_driver.report.measure import Figures, Recording
+from epson_driver.motion import Trajectory
+from epson_driver.report.figures import figures
+from epson_driver.report.measure import Figures, Recording, measure
+from epson_driver.report.run import Plan, Run
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 
@@ -57,7 +60,7 @@ def executed(**figures):
     fields = {each.name: 0 for each in dataclasses.fields(Figures)}
     found = Figures(**fields | {'planned': 1.0} | figures)
     still = Recording(np.array([0.0, 1.0]), np.zeros((2, 6)), np.zeros((2, 6)))
-    return demo.Run('smooth', still, found, 'there', {}, [1e-3], 0, None)
+    return demo.Run('smooth', still, found, 'there', {}, [1e-3], 0, (None, None))
 
 
 @pytest.mark.parametrize(
@@ -77,12 +80,41 @@ def test_what_was_not_as_planned_is_a_sentence_each(figures, faults):
 
 
 @pytest.mark.parametrize(
-    ('found', 'on_page', 'told'),
-    [(0, [2], 2), (1, [0], 1), (0, [None], 0), (0, [], 0), (0, [0, 3], 3)],
+    ('found', 'commanded', 'motions', 'standstills', 'told'),
+    [
+        (0, 0, [2], 0, 2),
+        (1, 0, [0], 0, 1),
+        (0, 0, [None], 0, 0),
+        (0, 0, [], 1, 1),
+        (0, 2, [0], 2, 0),
+        (0, 1, [0], 3, 2),
+    ],
 )
-def test_the_verdict_and_the_page_tell_of_the_same_stops(found, on_page, told):
-    page = SimpleNamespace(motions=[SimpleNamespace(stops=each) for each in on_page])
-    assert demo.as_on_page(executed(stops=found).figures, page).stops == told
+def test_the_verdict_tells_of_the_stops_that_the_page_tells_of(
+    found, commanded, motions, standstills, told
+):
+    numbers = executed(stops=found, commanded_stops=commanded).figures
+    stood = [(0.1, 0.08)] * standstills
+    page = SimpleNamespace(motions=[SimpleNamespace(stops=m) for m in motions], stops=stood)
+    assert demo.as_on_page(numbers, page).stops == told
+
+
+def test_a_rest_behind_a_slow_beginning_is_a_stop():
+    """As it was once on a busy machine: the points came late behind the first one."""
+    times = np.arange(0.0, 3.0, 0.0055)
+    speed = np.interp(
+        times,
+        [0.1, 0.13, 0.32, 0.35, 0.45, 0.5, 1.5, 2.5],
+        [0.0, 0.05, 0.05, 0.0, 0.0, 0.3, 1.2, 0.0],
+    )
+    positions = np.zeros((len(times), 6))
+    positions[:, 0] = np.cumsum(speed) * 0.0055
+    plan = Trajectory(MODEL.joint_names, np.array([0.0, 2.5]), positions[[0, -1]])
+    found = measure(plan, Recording(times, positions, np.zeros_like(positions)))
+    sent = Plan(0.05, plan.times, plan.positions)
+    page = figures(Run('busy', 0, MODEL.joint_names, times, positions, plans=[sent]))
+    assert found.stops == 0
+    assert demo.as_on_page(found, page).stops == 1
 
 
 def test_stops_that_the_plan_asks_for_are_told_apart():
@@ -96,7 +128,8 @@ def test_a_report_that_cannot_be_written_hides_no_verdict(monkeypatch):
     def fails(*_):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr(demo, '_write_report', fails)
+    monkeypatch.setattr(demo, 'figures', lambda *_: None)
+    monkeypatch.setattr(demo, 'write_report', fails)
     out = console()
     error = demo._GoalError('goal aborted: E-stop', 0, None)
     code = demo._unfinished(error, MODEL, Path('demo.html'), out)

@@ -129,16 +129,18 @@ def off_the_ways(motion, points):
     return worst
 
 
-def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times():
+@pytest.mark.parametrize(('spacing', 'others'), [(0.12, 0), (0.15, 1), (0.2, 0), (0.25, 0)])
+def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times(spacing, others):
+    """There are `others` only where the plan's own would be more than twice the spacing apart."""
     dense = smoothed(PLAN, LIMITS, period=0.02)
-    few = thinned(dense, LIMITS, 0.15)
+    few = thinned(dense, LIMITS, spacing)
     gaps = np.diff(few.times)
-    assert gaps.min() >= 0.15 - 1e-9
-    assert gaps.max() <= 0.3 + 0.02
-    own = np.abs(few.positions[:, None] - dense.positions).max(axis=2).min(axis=1)
-    others = np.flatnonzero(own > 1e-5)  # only where there would be too few without them
-    assert np.all(few.times[others + 1] - few.times[others - 1] > 2.0 * 0.15)
-    assert len(others) < 2
+    assert gaps.min() >= spacing - 1e-9
+    assert gaps.max() <= 2.0 * spacing + 0.02
+    beside = np.abs(few.positions[:, None] - dense.positions).max(axis=2).min(axis=1)
+    not_own = np.flatnonzero(beside > 1e-5)
+    assert len(not_own) == others
+    assert np.all(few.times[not_own + 1] - few.times[not_own - 1] > 2.0 * spacing)
     assert few.duration == pytest.approx(dense.duration, abs=0.1)
     assert np.array_equal(few.positions[[0, -1]], dense.positions[[0, -1]])
     assert np.abs(few.velocities[[0, -1]]).max() == 0.0
